@@ -1,0 +1,28 @@
+"""jaxsph: a differentiable SPH solver for wave energy converters, in JAX.
+
+Names are imported when they are first used, so that `jaxsph --help` need not wait for JAX.
+"""
+
+import importlib
+from typing import Any
+
+_ROOMS = {
+    "case": ("Case", "build", "built_in_cases", "check", "load_case", "make_probes"),
+    "errors": ("CaseError", "FileError", "JaxsphError", "SimulationError"),
+    "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
+    "simulate": ("restore", "resume", "run", "simulate"),
+    "state": ("Model", "Solution", "State"),
+}
+_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'jaxsph' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"jaxsph.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__
