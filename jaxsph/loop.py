@@ -1,0 +1,42 @@
+"""The only owner of the time loop: blocks of steps between two searches, and what is kept of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+__all__ = ["blocks", "steps"]
+
+
+def steps(step: Callable[[S], S], state: S, n: int) -> S:
+    """`step` applied n times."""
+    state, _ = jax.lax.scan(lambda s, _: (step(s), None), state, length=n)
+    return state
+
+
+def blocks(
+    prepare: Callable[[S], tuple[S, T]],
+    measure: Callable[[S, T], tuple[S, Any]],
+    step: Callable[[S, T], S],
+    state: S,
+    n_blocks: int,
+    steps_per_block: int,
+) -> tuple[S, Any]:
+    """n_blocks times: `prepare` tables, `measure` with them, then the steps of the block.
+
+    Readings belong to the start of their block, so that a run cut at any block continues exactly.
+    The block is rematerialised in reverse mode: memory grows with the number of blocks, not of steps.
+    """
+
+    @jax.checkpoint
+    def block(s, _):
+        s, tables = prepare(s)
+        s, reading = measure(s, tables)
+        return steps(lambda a: step(a, tables), s, steps_per_block), reading
+
+    return jax.lax.scan(block, state, length=n_blocks)
