@@ -1,0 +1,334 @@
+"""Files of a run: whole after every interruption, exact, and readable by others."""
+
+import os
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxsph import io
+from jaxsph.errors import FileError, JaxsphError, SimulationError
+from jaxsph.io import RunFile, Variable, export_vtkhdf
+
+CASE = 'name = "sample"\ndx = 0.1\n'
+GAUGES = {"gauge_x": ("gauge", np.array([1.0, 2.5]), "m", "distance from the paddle")}
+VARIABLES = {
+    "eta": Variable("m", "surface elevation", "gauge"),
+    "P_a": Variable("Pa", "air pressure"),
+    "kinetic": Variable("J m-1", "kinetic energy"),
+}
+
+
+def _create(folder, **options):
+    return RunFile.create(folder / "run.h5", CASE, {"capacity": 60}, GAUGES, **options)
+
+
+def _snapshot(k, n=6, dim=2):
+    rng = np.random.default_rng(k)
+    return {
+        "time": 0.5 * (k + 1),
+        "step": 10 * (k + 1),
+        "paddle": 0.01 * k,
+        "x": rng.normal(size=(n, dim)).astype(np.float32),
+        "u": rng.normal(size=(n, dim)).astype(np.float32),
+        "p": rng.normal(size=n).astype(np.float32),
+        "id": rng.permutation(n).astype(np.int32),
+    }
+
+
+def _series(k):
+    t = 0.5 * k + 0.1 * np.arange(5)
+    eta = np.stack([t, -t], 1).astype(np.float32)
+    return {"time": t, "eta": eta, "P_a": 2.0 * t, "kinetic": 3.0 * t}
+
+
+def _append(run, k, snapshot=True, checkpoint=None):
+    run.append(
+        _series(k),
+        VARIABLES,
+        {"kinetic"},
+        _snapshot(k) if snapshot else None,
+        checkpoint if checkpoint is not None else {"particles.x": np.full(3, k, np.float32)},
+        {"wall_seconds": float(k)},
+    )
+
+
+@pytest.fixture
+def run(tmp_path):
+    run = _create(tmp_path)
+    for k in range(3):
+        _append(run, k)
+    return run
+
+
+# --- what goes in comes out
+
+
+def test_everything_is_read_back(run):
+    run.finish({"xi": 0.5})
+    found = RunFile.open(run.path)
+    assert found.case_toml == CASE
+    assert found.settings == {"capacity": 60}
+    assert found.progress() == {"wall_seconds": 2.0}
+    assert found.results() == {"xi": 0.5}
+    assert found.variables() == VARIABLES | {"time": Variable("s", "time")}
+    series = found.series()
+    for name in _series(0):
+        expected = np.concatenate([_series(k)[name] for k in range(3)])
+        assert series[name].dtype == expected.dtype
+        np.testing.assert_array_equal(series[name], expected)
+    dim, x, units, _ = found.coordinates()["gauge_x"]
+    assert (dim, units, x.tolist()) == ("gauge", "m", [1.0, 2.5])
+
+
+def test_snapshots_are_read_back(run):
+    assert run.snapshot_count == 3
+    np.testing.assert_array_equal(run.snapshot_times(), [0.5, 1.0, 1.5])
+    for i in (0, 2, -1):
+        found, expected = run.snapshot(i), _snapshot(i % 3)
+        assert found.keys() == expected.keys()
+        for name in expected:
+            np.testing.assert_array_equal(found[name], expected[name])
+    with pytest.raises(IndexError, match="holds 3"):
+        run.snapshot(3)
+
+
+def test_new_file_is_empty(tmp_path):
+    run = _create(tmp_path)
+    assert run.series() == {} and run.checkpoint() == {} and run.snapshot_count == 0
+
+
+def test_file_does_not_grow_with_its_checkpoints(tmp_path):
+    run, big = _create(tmp_path), {"a": np.arange(50_000.0)}
+    sizes = []
+    for k in range(5):
+        _append(run, k, snapshot=False, checkpoint=big)
+        sizes.append(run.path.stat().st_size)
+    assert sizes[-1] - sizes[0] < big["a"].nbytes  # HDF5 gives back no room by itself
+
+
+@st.composite
+def _arrays(draw):
+    dtype = draw(st.sampled_from(["f4", "f8", "f2", "i4", "i8", "u4", "u1", "?", "c8", ">f4"]))
+    shape = draw(hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    raw = np.frombuffer(draw(st.binary(min_size=size, max_size=size)), np.uint8)
+    if dtype == "?":
+        raw = raw % 2
+    return raw.view(dtype).reshape(shape) if size else np.zeros(shape, dtype)
+
+
+@settings(max_examples=25, deadline=None)
+@given(first=st.lists(_arrays(), max_size=3), second=st.lists(_arrays(), max_size=3))
+def test_checkpoint_is_exact_to_the_bit(tmp_path_factory, first, second):
+    run = _create(tmp_path_factory.mktemp("bits"))
+    for k, arrays in enumerate((first, second, second)):
+        saved = {f"state.leaf.{i}": a for i, a in enumerate(arrays)}
+        _append(run, k, snapshot=False, checkpoint=saved)
+        found = run.checkpoint()
+        assert found.keys() == saved.keys()
+        for name, a in saved.items():
+            b = found[name]
+            assert (b.dtype, b.shape, b.tobytes()) == (a.dtype, a.shape, a.tobytes())
+
+
+def test_xarray_opens_both_groups(run):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    with xarray.open_dataset(run.path, group="series", engine="h5netcdf") as data:
+        assert data.sizes == {"time": 15, "gauge": 2}
+        assert data["eta"].dims == ("time", "gauge")
+        assert data["eta"].attrs["units"] == "m"
+        assert data["eta"].attrs["long_name"] == "surface elevation"
+        assert data["time"].attrs["units"] == "s" and data["time"].dtype == float
+        np.testing.assert_array_equal(data["eta"].coords["gauge_x"], [1.0, 2.5])
+        np.testing.assert_array_equal(data["P_a"], run.series()["P_a"])
+    with xarray.open_dataset(run.path, group="energy", engine="h5netcdf") as data:
+        assert set(data.data_vars) == {"kinetic"} and data["kinetic"].dims == ("time",)
+
+
+# --- interruptions
+
+
+def _crash(*_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("name", ["replace", "fsync"])
+def test_crash_while_writing_leaves_the_old_file(run, monkeypatch, name):
+    before = run.path.read_bytes()
+    monkeypatch.setattr(os, name, _crash)
+    with pytest.raises(KeyboardInterrupt):
+        _append(run, 3)
+    with pytest.raises(KeyboardInterrupt):
+        _create(run.path.parent, overwrite=True)
+    monkeypatch.undo()
+    assert run.path.read_bytes() == before
+    assert os.listdir(run.path.parent) == ["run.h5"]
+    _append(run, 3)
+    assert len(run.series()["time"]) == 20
+
+
+def test_crash_in_the_middle_of_a_write_leaves_the_old_file(run, monkeypatch):
+    before = run.path.read_bytes()
+    monkeypatch.setattr(io, "_replace_arrays", _crash)
+    with pytest.raises(KeyboardInterrupt):
+        _append(run, 3)
+    assert run.path.read_bytes() == before
+
+
+def test_full_disk_is_explained_and_leaves_the_old_file(run, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    before = run.path.read_bytes()
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(FileError, match="No space left.*unchanged"):
+        _append(run, 3)
+    assert run.path.read_bytes() == before
+
+
+def test_copies_of_killed_runs_are_removed_when_old(run):
+    folder = run.path.parent
+    old, new = folder / ".run.h5.1.part", folder / ".run.h5.2.part"
+    for part in (old, new):
+        part.write_bytes(b"unfinished")
+    os.utime(old, (0, 0))
+    _append(run, 3)
+    assert not old.exists() and new.exists()
+
+
+def test_two_runs_on_one_file_are_noticed(run):
+    with pytest.raises(FileError, match="another run writes"):
+        _append(run, 1)
+
+
+# --- wrong files
+
+
+def test_existing_file_is_kept(run):
+    before = run.path.read_bytes()
+    with pytest.raises(FileError, match="--overwrite.*jaxsph resume"):
+        _create(run.path.parent)
+    assert run.path.read_bytes() == before
+    assert _create(run.path.parent, overwrite=True).series() == {}
+
+
+def test_folders_are_made(tmp_path):
+    assert RunFile.create(tmp_path / "a" / "b" / "c.h5", CASE, {}, {}).path.exists()
+
+
+def test_path_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="could not be written"):
+        RunFile.create(tmp_path / "file" / "run.h5", CASE, {}, {})
+    with pytest.raises(FileError, match="is a folder"):
+        RunFile.create(tmp_path, CASE, {}, {})
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(FileError, match="no such file"):
+        RunFile.open(tmp_path / "no.h5")
+    with pytest.raises(FileError, match="is a folder"):
+        RunFile.open(tmp_path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.0001, 0.3, 0.999])
+def test_truncated_file(run, share):
+    whole = run.path.read_bytes()
+    run.path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(FileError, match="cut short"):
+        RunFile.open(run.path)
+
+
+def test_foreign_files(tmp_path):
+    text, other = tmp_path / "notes.h5", tmp_path / "other.h5"
+    text.write_text("not this one")
+    with pytest.raises(FileError, match="not an HDF5 file"):
+        RunFile.open(text)
+    with h5py.File(other, "w") as file:
+        file["x"] = 1.0
+    with pytest.raises(FileError, match="not one of jaxsph"):
+        RunFile.open(other)
+
+
+def test_file_of_a_newer_version(run):
+    with h5py.File(run.path, "r+") as file:
+        file.attrs["schema"] = io.SCHEMA + 1
+    with pytest.raises(FileError, match="newer jaxsph"):
+        RunFile.open(run.path)
+
+
+def test_series_that_do_not_belong_together(run):
+    before = run.path.read_bytes()
+    for change in (
+        {"time": None},
+        {"P_a": np.zeros(4)},
+        {"eta": np.zeros((5, 3))},
+        {"unknown": np.zeros(5)},
+    ):
+        series = {k: v for k, v in (_series(3) | change).items() if v is not None}
+        with pytest.raises(ValueError):
+            run.append(series, VARIABLES, set(), None, {}, {})
+    with pytest.raises(ValueError, match="slash"):
+        _append(run, 3, checkpoint={"a/b": np.zeros(1)})
+    assert run.path.read_bytes() == before
+
+
+def test_errors_carry_their_place():
+    error = SimulationError("stopped", step=3, time=0.1, where=(1.0, 2.0))
+    assert isinstance(error, JaxsphError)
+    assert (error.step, error.time, error.where) == (3, 0.1, (1.0, 2.0))
+
+
+# --- ParaView
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_vtkhdf_layout(tmp_path, dim):
+    run = _create(tmp_path)
+    sizes = [6, 6, 4]
+    snapshots = [_snapshot(k, n, dim) for k, n in enumerate(sizes)]
+    for k, snapshot in enumerate(snapshots):
+        run.append(_series(k), VARIABLES, {"kinetic"}, snapshot, {}, {})
+    path = export_vtkhdf(run, tmp_path / "out" / "run.vtkhdf")
+    with h5py.File(path) as file:
+        root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+        assert root.attrs["Version"][0] == 2
+        kind = root.attrs.get_id("Type").get_type()
+        assert root.attrs["Type"] == b"PolyData" and not kind.is_variable_str()
+        assert steps.attrs["NSteps"] == 3
+        np.testing.assert_array_equal(steps["Values"], [0.5, 1.0, 1.5])
+        np.testing.assert_array_equal(root["NumberOfPoints"], sizes)
+        np.testing.assert_array_equal(root["Vertices/NumberOfCells"], sizes)
+        assert root["Points"].shape == (sum(sizes), 3)
+        assert root["PointData/velocity"].shape == (sum(sizes), 3)
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            assert steps[name].shape == (3, 4) and not np.any(steps[name])
+        for name in ("Lines", "Polygons", "Strips"):
+            assert not np.any(root[name]["NumberOfCells"]) and len(root[name]["Offsets"]) == 1
+        assert len(root["Vertices/Offsets"]) == len(root["Vertices/Connectivity"]) + 1
+        for i, snapshot in enumerate(snapshots):
+            start = steps["PointOffsets"][i]
+            order = np.argsort(snapshot["id"])
+            rows = slice(start, start + sizes[i])
+            x, p, u = (snapshot[name][order] for name in "xpu")
+            np.testing.assert_array_equal(root["Points"][rows, :dim], x)
+            np.testing.assert_array_equal(root["PointData/pressure"][rows], p)
+            np.testing.assert_array_equal(root["PointData/velocity"][rows, :dim], u)
+            np.testing.assert_array_equal(root["PointData/id"][rows], np.arange(sizes[i]))
+            assert steps["PointDataOffsets/pressure"][i] == start
+    export_vtkhdf(run, path)  # again, over its own
+
+
+def test_export_spares_other_files(run, tmp_path):
+    before = run.path.read_bytes()
+    with pytest.raises(FileError, match="not an earlier export"):
+        export_vtkhdf(run, run.path)
+    assert run.path.read_bytes() == before
+    empty = RunFile.create(tmp_path / "empty.h5", CASE, {}, {})
+    with pytest.raises(FileError, match="no snapshots"):
+        export_vtkhdf(empty, tmp_path / "a.vtkhdf")

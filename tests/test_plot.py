@@ -1,0 +1,185 @@
+"""Pictures: there when their data are, not blank, and drawn to scale."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
+
+from jaxsph import plot
+from jaxsph.errors import FileError
+from jaxsph.io import RunFile, Variable
+
+CASE = """
+name = "little owc"
+dx = 0.05
+[tank]
+length = 3.0
+depth = 0.3
+[device]
+chamber_length = 0.2
+wall_thickness = 0.05
+draught = 0.1
+"""
+SCALARS = {
+    "chamber_level": "m",
+    "flow": "m2 s-1",
+    "P_a": "Pa",
+    "power_pto": "W m-1",
+    "kinetic": "J m-1",
+    "potential": "J m-1",
+    "compression": "J m-1",
+    "power_paddle": "W m-1",
+    "power_sponge": "W m-1",
+    "loss_viscous": "W m-1",
+    "loss_diffusive": "W m-1",
+}
+STILLS = [
+    "chamber.png",
+    "energy.png",
+    "gauges.png",
+    "particles_pressure.png",
+    "particles_speed.png",
+    "pressure_sensors.png",
+]
+
+
+def _lattice(dim=2):
+    ends = [3.0, 0.3] if dim == 2 else [3.0, 0.2, 0.3]
+    axes = [np.arange(0.025, end, 0.05) for end in ends]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
+
+
+def _series(k):
+    t = 0.1 * k + 0.01 * np.arange(10)
+    series = {name: np.sin(t) ** 2 for name in SCALARS}
+    series["eta"] = np.stack([np.sin(t), np.cos(t)], 1)
+    series["pressure"] = 1000.0 + series["eta"][:, :1]
+    return {"time": t} | series
+
+
+def _make(path, case=CASE, snapshots=3, dim=2, drop=()):
+    """A run with every series but those dropped, and snapshots of a hydrostatic lattice."""
+    gauge = {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "x")}
+    sensor = {f"sensor_{c}": ("sensor", np.array([0.1]), "m", c) for c in "xz"}
+    run = RunFile.create(path, case, {}, gauge | sensor)
+    variables = {name: Variable(units, name) for name, units in SCALARS.items()}
+    variables |= {"eta": Variable("m", "eta", "gauge"), "pressure": Variable("Pa", "p", "sensor")}
+    x = _lattice(dim)
+    for k in range(max(snapshots, 1)):
+        series = {name: v for name, v in _series(k).items() if name not in drop}
+        snapshot = {
+            "time": 0.1 * (k + 1),
+            "paddle": 0.02 * k,
+            "x": x,
+            "u": x,
+            "p": 9810.0 * (0.3 - x[:, -1]),
+            "id": np.arange(len(x)),
+        }
+        run.append(series, variables, {"kinetic"}, snapshot if snapshots else None, {}, {})
+    return run
+
+
+def _pixels(figure):
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def test_every_picture_is_written_and_none_is_blank(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    run = _make(tmp_path / "run.h5")
+    written = plot.plot_run(run.path)
+    assert {p.parent for p in written} == {tmp_path / "run_plots"}
+    assert sorted(p.name for p in written if p.suffix == ".png") == STILLS
+    for path in written:
+        if path.suffix == ".png":
+            with image.open(path) as picture:
+                assert np.ptp(np.asarray(picture.convert("L"))) > 150
+    with image.open(tmp_path / "run_plots" / "animation.gif") as movie:
+        assert movie.n_frames == 3
+        assert movie.info["duration"] == pytest.approx(100, abs=10)  # ms: in real time
+        first = np.asarray(movie.convert("L")).astype(int)
+        movie.seek(2)
+        last = np.asarray(movie.convert("L")).astype(int)
+        assert first.shape == last.shape and np.any(first != last)
+
+
+def test_pictures_without_data_are_left_out(tmp_path):
+    bare = RunFile.create(tmp_path / "bare.h5", "", {}, {})
+    assert plot.plot_run(bare) == [] and not (tmp_path / "bare_plots").exists()
+    some = _make(tmp_path / "some.h5", snapshots=0, drop=(*SCALARS, "pressure"))
+    assert [p.name for p in plot.plot_run(some, folder=tmp_path / "here")] == ["gauges.png"]
+    one = _make(tmp_path / "one.h5", snapshots=1)
+    assert plot.animate(one, tmp_path / "a") == []
+
+
+def test_foreign_file(tmp_path):
+    with pytest.raises(FileError):
+        plot.plot_run(tmp_path / "none.h5")
+
+
+@pytest.mark.parametrize("case", [CASE, "dx = 0.05", "", "[tank]\nlength = 3.0"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_particles_are_drawn_to_scale_whatever_the_case_says(tmp_path, case, dim):
+    run = _make(tmp_path / "run.h5", case, snapshots=1, dim=dim)
+    figure = plot.particles(run)
+    pixels = _pixels(figure)
+    collections = [c for ax in figure.axes for c in ax.collections]
+    dots = [c for c in collections if isinstance(c, PathCollection)]  # the colour bar has others
+    assert dots
+    for dot in dots:
+        ax = dot.axes
+        a, b = ax.transData.transform([(0.0, 0.0), (0.05, 0.05)])
+        across, up = b - a
+        assert across == pytest.approx(up, rel=0.02)  # equal axes, to a pixel or so
+        diameter = np.sqrt(dot.get_sizes()[0]) * figure.dpi / 72
+        # Tiles: more than the spacing and less than two, also where it is guessed.
+        assert 1.0 < diameter / across < 2.0
+    assert np.ptp(pixels) > 150
+
+
+def test_long_tank_has_strips_and_the_device_enlarged(tmp_path):
+    run = _make(tmp_path / "run.h5", snapshots=1)
+    titles = [ax.get_title(loc="left") for ax in plot.particles(run).axes]
+    assert "the OWC, enlarged" in titles
+    long = _make(tmp_path / "long.h5", CASE.replace("3.0", "12.0"), snapshots=1)
+    assert len(plot.particles(long).axes) > len(titles)
+
+
+def test_plate_is_snapped_as_the_case_is_built(tmp_path):
+    text = CASE.replace("0.2\n", "0.19\n")
+    tank = plot._Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
+    assert tank.plate == pytest.approx((2.75, 2.8, 0.2))
+
+
+def test_overlay_is_drawn_at_each_gauge(tmp_path):
+    seen = []
+
+    def theory(t, x):
+        seen.append(x)
+        return 0.0 * t
+
+    figure = plot.gauges(_make(tmp_path / "run.h5"), theory)
+    assert seen == [1.0, 2.0]
+    assert [len(ax.lines) for ax in figure.axes] == [2, 2]
+
+
+def test_energy_areas_end_at_the_budget(tmp_path):
+    run = _make(tmp_path / "run.h5")
+    terms = plot._energy_terms(run.series())
+    from jaxsph import analysis
+
+    budget = analysis.energy_budget(run.series())
+    total = sum(values[-1] for _, values, _ in terms)
+    assert total == pytest.approx(budget["paddle"] - budget["residual"], rel=1e-12)
+    assert "%" in plot.energy(run).axes[0].get_title(loc="left")
+
+
+def test_energy_where_the_device_does_work_on_the_water(tmp_path, monkeypatch):
+    run = _make(tmp_path / "run.h5")
+    series = run.series()
+    series["power_pto"] = -series["power_pto"]
+    series["power_paddle"] *= 0.0
+    monkeypatch.setattr(RunFile, "series", lambda self: series)
+    ax = plot.energy(run).axes[0]
+    assert len(ax.lines) > 3 and "largest kinetic energy" in ax.get_title(loc="left")
