@@ -1,0 +1,622 @@
+"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
+
+A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
+velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
+from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
+into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
+set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import cKDTree
+
+from jaxsph import laws
+from jaxsph._typing import Array, Components, Float, Int, Scalar, columns, dot, stacked
+from jaxsph.pairs import (
+    Pair,
+    Smoothing,
+    outer_upper,
+    pair_sum,
+    symmetric_inverse,
+    symmetric_product,
+)
+
+__all__ = [
+    "AbstractDivision",
+    "AbstractThinWall",
+    "Box",
+    "DiagonalDivision",
+    "FivePartDivision",
+    "FreeSlip",
+    "Ghosts",
+    "HorizontalDivision",
+    "MultiNodeGhosts",
+    "NoSlip",
+    "NodeFit",
+    "Regions",
+    "RegionalGhosts",
+    "WallPlate",
+    "wall_normals",
+]
+
+PLAIN = 1 << 8
+"""Kind bit of an ordinary wall's ghosts: every region sees them."""
+
+
+# --------------------------------------------------------------------------- what a wall does to u
+
+
+class FreeSlip(eqx.Module):
+    """The tangential velocity is carried to the ghost as it is."""
+
+    tangential: float = eqx.field(static=True, default=1.0)
+
+
+class NoSlip(eqx.Module):
+    """The tangential velocity is reversed, so that it vanishes at the wall."""
+
+    tangential: float = eqx.field(static=True, default=-1.0)
+
+
+# --------------------------------------------------------------------------- regions of a thin wall
+
+
+@dataclass(frozen=True)
+class WallPlate:
+    """A vertical plate that pierces the surface: x0 <= x <= x1, from its tip upwards (m)."""
+
+    x0: float
+    x1: float
+    tip: float
+
+    @property
+    def thickness(self) -> float:
+        """Plate thickness, m."""
+        return self.x1 - self.x0
+
+
+SETS = ("left", "right", "tip")
+"""Ghost sets of a thin wall, one per face."""
+
+
+class AbstractDivision(eqx.Module):
+    """A division of the water around a plate into regions (section 2.4.1.2; the figure is missing from
+    the recovered text, so each reading is stated).
+
+    `region` gives a particle's region; the matrices say which regions see each other, which ghost sets a
+    region sees, and which regions the interpolation nodes of a set may use.
+    """
+
+    regions: eqx.AbstractClassVar[tuple[str, ...]]
+    water: eqx.AbstractClassVar[tuple[str, ...]]
+    """For every region, the regions it sees."""
+    ghosts: eqx.AbstractClassVar[tuple[str, ...]]
+    """For every region, the set it sees."""
+    nodes: eqx.AbstractClassVar[tuple[tuple[str, ...], ...]]
+    """For every set of `SETS`, the regions its nodes use."""
+
+    @abc.abstractmethod
+    def region(self, x: Components, plate: WallPlate) -> Int[Array, " N"]:
+        """Index into `regions`."""
+
+    def water_mask(self) -> np.ndarray:
+        """Regions x regions: True where two particles may interact. Symmetric."""
+        return np.array([[b in seen.split() for b in self.regions] for seen in self.water])
+
+    def ghost_mask(self) -> np.ndarray:
+        """Regions x sets: True where a particle sees a ghost."""
+        return np.array([[s == seen for s in SETS] for seen in self.ghosts])
+
+    def node_mask(self) -> np.ndarray:
+        """Sets x regions: True where a node uses a particle."""
+        return np.array([[r in used for r in self.regions] for used in self.nodes])
+
+
+class HorizontalDivision(AbstractDivision):
+    """(b), the default: left and right of the plate above its tip; all water below the tip is one region."""
+
+    regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
+    water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
+    ghosts: ClassVar[tuple[str, ...]] = ("left", "right", "tip")
+    nodes: ClassVar[tuple[tuple[str, ...], ...]] = (("left",), ("right",), ("below",))
+
+    def region(self, x, plate):
+        """See `AbstractDivision`."""
+        middle = 0.5 * (plate.x0 + plate.x1)
+        side = jnp.where(x[0] < middle, 0, 1)
+        return jnp.where(x[-1] < plate.tip, 2, side).astype(jnp.int32)
+
+
+class DiagonalDivision(AbstractDivision):
+    """(a): the region below is the wedge between the bisectors of the tip's two corners."""
+
+    regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
+    water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
+    ghosts: ClassVar[tuple[str, ...]] = ("left", "right", "tip")
+    nodes: ClassVar[tuple[tuple[str, ...], ...]] = (("left",), ("right",), ("below",))
+
+    def region(self, x, plate):
+        """See `AbstractDivision`."""
+        middle = 0.5 * (plate.x0 + plate.x1)
+        beside = jnp.abs(x[0] - middle) - 0.5 * plate.thickness
+        side = jnp.where(x[0] < middle, 0, 1)
+        return jnp.where(beside < plate.tip - x[-1], 2, side).astype(jnp.int32)
+
+
+class FivePartDivision(AbstractDivision):
+    """(c): above the tip left and right; below it left, right, and the narrow strip under the plate."""
+
+    regions: ClassVar[tuple[str, ...]] = ("left", "right", "below", "below_left", "below_right")
+    water: ClassVar[tuple[str, ...]] = (
+        "left below below_left",
+        "right below below_right",
+        "left right below below_left below_right",
+        "left below below_left below_right",
+        "right below below_left below_right",
+    )
+    ghosts: ClassVar[tuple[str, ...]] = ("left", "right", "tip", "left", "right")
+    nodes: ClassVar[tuple[tuple[str, ...], ...]] = (("left",), ("right",), ("below",))
+
+    def region(self, x, plate):
+        """See `AbstractDivision`."""
+        middle = 0.5 * (plate.x0 + plate.x1)
+        above = jnp.where(x[0] < middle, 0, 1)
+        below = jnp.where(x[0] < plate.x0, 3, jnp.where(x[0] > plate.x1, 4, 2))
+        return jnp.where(x[-1] < plate.tip, below, above).astype(jnp.int32)
+
+
+class Regions(eqx.Module):
+    """Who sees whom, as static tables of bits. Without a plate there is one region."""
+
+    plate: WallPlate | None = eqx.field(static=True)
+    division: AbstractDivision | None
+
+    def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
+        """Region of every particle."""
+        if self.plate is None:
+            return jnp.zeros(x.shape[0], jnp.int32)
+        return self.division.region(columns(x), self.plate)
+
+    def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
+        """Kind bit of particles."""
+        return jnp.left_shift(jnp.int32(1), region)
+
+    def sees(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
+        """Bits of the particles and ghosts that a particle sees."""
+        return jnp.asarray(self._packed())[region]
+
+    def _packed(self) -> np.ndarray:
+        if self.plate is None:
+            return np.array([1 | PLAIN], np.int32)
+        count = len(self.division.regions)
+        bits = np.concatenate([self.division.water_mask(), self.division.ghost_mask()], axis=1)
+        return (bits @ (1 << np.arange(count + len(SETS))) | PLAIN).astype(np.int32)
+
+    def set_kind(self, which: int) -> int:
+        """Kind bit of a thin wall's ghost set."""
+        return 1 << (len(self.division.regions) + which)
+
+    def node_sees(self, which: int) -> int:
+        """Bits of the particles that the nodes of a set use."""
+        return int(self.division.node_mask()[which] @ (1 << np.arange(len(self.division.regions))))
+
+
+class AbstractThinWall(eqx.Module):
+    """How the ghosts of a plate are placed."""
+
+    division: eqx.AbstractVar[AbstractDivision]
+
+    @abc.abstractmethod
+    def check(self, plate: WallPlate, dx: float, layers: int) -> None:
+        """Raises ValueError where the plate is too thin for this method at this spacing."""
+
+    @abc.abstractmethod
+    def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
+        """For each of `SETS`, the extent (m) that its ghosts fill behind their face."""
+
+
+class RegionalGhosts(AbstractThinWall):
+    """Each face has its own full depth of ghosts, which may stand in the plate, in the water behind it
+    and over each other: only their own region sees them, so the plate may be one spacing thin."""
+
+    division: AbstractDivision = HorizontalDivision()
+
+    def check(self, plate, dx, layers):
+        """See `AbstractThinWall`."""
+        if plate.thickness < 0.99 * dx:
+            raise ValueError(
+                f"wall_thickness = {plate.thickness:g} m is less than one spacing (dx = {dx:g} m): "
+                "the lattice cannot hold the wall; use dx of at most the thickness"
+            )
+
+    def body(self, plate, dx, layers):
+        """See `AbstractThinWall`."""
+        depth = layers * dx
+        return ((depth, np.inf), (depth, np.inf), (plate.thickness, depth))
+
+
+class MultiNodeGhosts(AbstractThinWall):
+    """Ghosts only inside the plate, each with a node per face (Meringolo et al. 2015): the plate needs
+    as many layers as the kernel reaches."""
+
+    division: AbstractDivision = HorizontalDivision()
+
+    def check(self, plate, dx, layers):
+        """See `AbstractThinWall`."""
+        needed = layers - 1
+        if plate.thickness < (needed - 0.01) * dx:
+            raise ValueError(
+                f"wall_thickness = {plate.thickness:g} m holds {plate.thickness / dx:.1f} layers of "
+                f"ghosts at dx = {dx:g} m; multi-node ghosts need {needed}: use dx of at most "
+                f"{plate.thickness / needed:.4g} m, or regional ghosts"
+            )
+
+    def body(self, plate, dx, layers):
+        """See `AbstractThinWall`."""
+        return ((plate.thickness, np.inf), (plate.thickness, np.inf), (plate.thickness, layers * dx))
+
+
+# --------------------------------------------------------------------------- ghosts on the host
+
+
+@dataclass(frozen=True)
+class Box:
+    """The tank: walls at low and high on every axis but the top of the last, which is open.
+
+    `top` (m) is how high the walls reach; `paddle` says that the first axis' low wall moves.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    paddle: bool = False
+    stroke: float = 0.0
+    """Largest displacement of the paddle towards negative x, m: the bed reaches that far."""
+
+
+class _Lattice(NamedTuple):
+    x: np.ndarray
+    node: np.ndarray
+    mirror: np.ndarray
+    kind: np.ndarray
+    node_sees: np.ndarray
+    moves: np.ndarray
+
+
+def _box_ghosts(box: Box, dx: float, layers: int, slip: FreeSlip | NoSlip) -> _Lattice:
+    """Ghosts on the lattice outside the box; a corner's are mirrored in every wall they are behind."""
+    dim = len(box.low)
+    low, high = np.array(box.low), np.array(box.high)
+    behind = int(np.ceil(box.stroke / dx)) if box.paddle else 0
+    axes = []
+    for axis in range(dim):
+        count = int(round((high[axis] - low[axis]) / dx))
+        first = -layers - (behind if axis == 0 else 0)
+        last = count + (0 if axis == dim - 1 else layers)
+        axes.append(low[axis] + (np.arange(first, last) + 0.5) * dx)
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
+    under, over = x < low, x > high
+    outside = (under | over).any(axis=1)
+    # the paddle carries its own corner; the bed goes on behind it for as far as it may withdraw
+    x, under, over = x[outside], under[outside], over[outside]
+    node = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))
+    normal = under | over
+    mirror = np.where(normal, -1.0, slip.tangential)
+    moves = np.zeros(len(x), bool)
+    keep = np.ones(len(x), bool)
+    extra: list[_Lattice] = []
+    if box.paddle:
+        at_paddle = under[:, 0]
+        others = normal[:, 1:].any(axis=1)
+        near = x[:, 0] > low[0] - layers * dx
+        moves = at_paddle & near
+        keep = ~at_paddle | near
+        # bed (and side walls) under the withdrawn paddle: mirrored in the bed alone
+        bed = at_paddle & others
+        if behind:
+            sub = x[bed]
+            node_bed = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))[bed]
+            node_bed[:, 0] = sub[:, 0]
+            mirror_bed = mirror[bed].copy()
+            mirror_bed[:, 0] = slip.tangential
+            n = len(sub)
+            plain = np.full(n, PLAIN, np.int32)
+            extra.append(_Lattice(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool)))
+        # The paddle's wall is free-slip whatever the tank's is (section 2.4).
+        mirror[moves] = np.where(normal[moves], -1.0, 1.0)
+    plain = np.full(len(x), PLAIN, np.int32)
+    whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves)
+    whole = _Lattice(*(a[keep] for a in whole))
+    return _Lattice(*(np.concatenate(parts) for parts in zip(whole, *extra, strict=True)))
+
+
+def _plate_ghosts(
+    box: Box,
+    plate: WallPlate,
+    wall: AbstractThinWall,
+    regions: Regions,
+    dx: float,
+    layers: int,
+    slip: FreeSlip | NoSlip,
+) -> _Lattice:
+    wall.check(plate, dx, layers)
+    top = box.high[-1]
+    depth = wall.body(plate, dx, layers)
+    rows = plate.tip + (np.arange(int(round((top - plate.tip) / dx))) + 0.5) * dx
+    parts = []
+    for which, (across, up) in enumerate(depth):
+        n_across = int(round(across / dx))
+        if which == 0:
+            xs = plate.x0 + (np.arange(n_across) + 0.5) * dx
+        elif which == 1:
+            xs = plate.x1 - (np.arange(n_across) + 0.5) * dx
+        else:
+            xs = plate.x0 + (np.arange(n_across) + 0.5) * dx
+        zs = rows[rows < plate.tip + up]
+        middle = [np.arange(lo + dx / 2, hi, dx) for lo, hi in _inner_axes(box)]
+        x = np.stack(np.meshgrid(xs, *middle, zs, indexing="ij"), -1).reshape(-1, len(box.low))
+        node = x.copy()
+        mirror = np.full(x.shape, slip.tangential)
+        axis = -1 if which == 2 else 0
+        face = (plate.x0, plate.x1, plate.tip)[which]
+        node[:, axis] = 2 * face - x[:, axis]
+        mirror[:, axis] = -1.0
+        n = len(x)
+        parts.append(
+            _Lattice(
+                x,
+                node,
+                mirror,
+                np.full(n, regions.set_kind(which), np.int32),
+                np.full(n, regions.node_sees(which)),
+                np.zeros(n, bool),
+            )
+        )
+    return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+
+
+def _inner_axes(box: Box) -> list[tuple[float, float]]:
+    return [(box.low[k], box.high[k]) for k in range(1, len(box.low) - 1)]
+
+
+def _fill(points: np.ndarray, water: np.ndarray, h: float, reach: float, dx: float) -> np.ndarray:
+    """sum V W at points for a tank full of water to the brim (Gaussian weights are near enough)."""
+    dim = points.shape[1]
+    tree = cKDTree(water)
+    norm = dx**dim / (np.pi ** (dim / 2) * h**dim)
+    total = np.empty(len(points))
+    for i, near in enumerate(tree.query_ball_point(points, reach * h)):
+        r2 = ((water[near] - points[i]) ** 2).sum(axis=1)
+        total[i] = norm * np.exp(-r2 / h**2).sum()
+    return total
+
+
+# --------------------------------------------------------------------------- ghosts in the loop
+
+
+class NodeFit(NamedTuple):
+    """Weights of an interpolation that is exact for linear fields: sum_j w_j (a + b.r_j) f_j."""
+
+    a: Float[Array, " G"]
+    b: Components
+    offset: Components
+    """Weighted mean of x_j - x_node that is left, m: zero except where too little water is near."""
+    wet: Float[Array, " G"]
+    """1 where the node is in water, 0 where it is dry, smooth between."""
+
+
+class Ghosts(eqx.Module):
+    """Ghost particles of all walls, their nodes, and how to fill them.
+
+    Leaves are static in the sense of never evolving: positions at rest, masks, mirror factors. A moving
+    paddle shifts its ghosts and nodes by its displacement (`moved`).
+    """
+
+    x: Float[Array, "G D"]
+    node: Float[Array, "G D"]
+    mirror: Float[Array, "G D"]
+    """-1 for components normal to the wall, the slip factor for tangential ones."""
+    moves: Float[Array, " G"]
+    """1 for the paddle's ghosts."""
+    full: Float[Array, " G"]
+    """sum V W at the node were the tank full."""
+    volume: Scalar
+    kind: Int[Array, " G"]
+    node_sees: Int[Array, " G"]
+    regions: Regions
+    paddle: tuple[int, ...] = eqx.field(static=True)
+    """First and last index of the paddle's ghosts (they are stored together); () without one."""
+    low: tuple[float, ...] = eqx.field(static=True)
+    high: tuple[float, ...] = eqx.field(static=True)
+
+    @classmethod
+    def build(
+        cls,
+        box: Box,
+        dx: float,
+        smoothing: Smoothing,
+        slip: FreeSlip | NoSlip,
+        plate: WallPlate | None = None,
+        thin_wall: AbstractThinWall | None = None,
+        dtype: np.dtype | type = np.float32,
+    ) -> Ghosts:
+        """Places the ghosts of a tank and of a plate in it, on the host.
+
+        **Raises** ValueError for a plate too thin for the method chosen.
+        """
+        reach, h = smoothing.kernel.reach, float(smoothing.h)
+        layers = int(np.ceil(reach * h / dx - 0.5))
+        regions = Regions(plate, thin_wall.division if plate is not None else None)
+        parts = [_box_ghosts(box, dx, layers, slip)]
+        if plate is not None:
+            parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers, slip))
+        ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+        # the paddle's first, then by column: a gather from neighbours in memory is cheaper
+        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves))
+        ghosts = _Lattice(*(a[order] for a in ghosts))
+        own = np.asarray(regions.index(jnp.asarray(ghosts.node, jnp.float32)))
+        water_bits = (1 << 5) - 1
+        plain = np.asarray(regions.sees(jnp.asarray(own))) & water_bits
+        node_sees = np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
+
+        brim = cls._brim(box, plate, dx, layers)
+        full = np.zeros(len(ghosts.x))
+        brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
+        for mask in np.unique(node_sees):
+            of = node_sees == mask
+            full[of] = _fill(ghosts.node[of], brim[(brim_kind & mask) != 0], h, reach, dx)
+        count = int(ghosts.moves.sum())
+        return cls(
+            x=jnp.asarray(ghosts.x, dtype),
+            node=jnp.asarray(ghosts.node, dtype),
+            mirror=jnp.asarray(ghosts.mirror, dtype),
+            moves=jnp.asarray(ghosts.moves, dtype),
+            full=jnp.asarray(np.maximum(full, 0.05), dtype),
+            volume=jnp.asarray(dx ** len(box.low), dtype),
+            kind=jnp.asarray(ghosts.kind, jnp.int32),
+            node_sees=jnp.asarray(node_sees, jnp.int32),
+            regions=regions,
+            paddle=(0, count) if count else (),
+            low=box.low,
+            high=box.high,
+        )
+
+    @staticmethod
+    def _brim(box: Box, plate: WallPlate | None, dx: float, layers: int) -> np.ndarray:
+        """Lattice of a tank full to the brim and a little over it."""
+        axes = [np.arange(lo + dx / 2, hi, dx) for lo, hi in zip(box.low, box.high, strict=True)]
+        over = axes[-1][-1] + dx * np.arange(1, 2 * layers)
+        axes[-1] = np.concatenate([axes[-1], over])
+        if box.paddle:
+            axes[0] = np.concatenate([box.low[0] - dx * (np.arange(0) + 0.5), axes[0]])
+        x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(box.low))
+        if plate is not None:
+            inside = (x[:, 0] > plate.x0) & (x[:, 0] < plate.x1) & (x[:, -1] > plate.tip)
+            x = x[~inside]
+        return x
+
+    @property
+    def count(self) -> int:
+        """Number of ghosts."""
+        return self.x.shape[0]
+
+    def moved(self, displacement: Scalar) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
+        """Positions of ghosts and nodes with the paddle displaced by so much (m)."""
+        shift = jnp.zeros_like(self.x).at[:, 0].set(self.moves * displacement)
+        return self.x + shift, self.node + shift
+
+    def behind_paddle(self, x: Float[Array, "G D"], displacement: Scalar, dx: Scalar) -> Array:
+        """1 for ghosts in front of the paddle's face or part of it, 0 for the bed behind it."""
+        if not self.paddle:
+            return jnp.ones(self.count, x.dtype)
+        front = jnp.clip((x[:, 0] - self.low[0] - displacement) / dx + 0.5, 0.0, 1.0)
+        return jnp.maximum(self.moves, front)
+
+    def fit(
+        self,
+        nodes: Float[Array, "G D"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ) -> NodeFit:
+        """Interpolation weights at the nodes, exact for linear fields where enough water is near.
+
+        Moving least squares of first order in the place of Eq. 18's Shepard sum, which is wrong by a
+        slope times the offset of the weighted centre wherever the kernel is cut: at corners, the tip
+        and the surface. Where the second moments are too flat for a slope, Shepard's sum is left.
+        """
+        dim = nodes.shape[1]
+        h = smoothing.h
+
+        def moments(pair: Pair, i, j):
+            w = laws.volume(j) * pair.W
+            r = tuple(-c / h for c in pair.r)  # from the node to the particle
+            return w, tuple(w * c for c in r), outer_upper(r, tuple(w * c for c in r))
+
+        zeroth, first, second = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
+        norm = 1.0 / jnp.maximum(zeroth, 1e-6)
+        mean = tuple(c * norm for c in first)
+        product = outer_upper(mean, mean)
+        covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
+        determinant, inverse = _flat_inverse(covariance)
+        ratio = zeroth / self.full
+        # A fully supported Gaussian has covariance 1/2 per axis; below a tenth of that volume, or for a
+        # node farther from its water than that water is wide, a slope would be extrapolated from noise.
+        slope = symmetric_product(inverse, mean)
+        sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
+        a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))
+        b = tuple(-norm * jnp.where(sound, c, 0.0) for c in slope)
+        offset = tuple(jnp.where(sound, 0.0, c * h) for c in mean)
+        wet = jnp.clip((ratio - 0.3) / 0.4, 0.0, 1.0)
+        return NodeFit(a, b, offset, wet)
+
+    def at_nodes(
+        self,
+        law,
+        fit: NodeFit,
+        nodes: Float[Array, "G D"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ):
+        """Interpolated values of `law(j)` (a pytree of fields of the water) at the nodes."""
+        h = smoothing.h
+
+        def weighted(pair: Pair, i, j):
+            r = tuple(-c / h for c in pair.r)
+            w = laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
+            return jax.tree.map(lambda f: w * f, law(j))
+
+        targets = {"x": columns(nodes), "a": fit.a, "b": fit.b}
+        return pair_sum(weighted, smoothing, targets, water, table)
+
+    def pressure(
+        self,
+        fit: NodeFit,
+        at_node: Float[Array, " G"],
+        x: Float[Array, "G D"],
+        nodes: Float[Array, "G D"],
+        body_force: Float[Array, "G D"],
+    ) -> Float[Array, " G"]:
+        """Eq. 19-20: the node's pressure plus the slope that balances the body force, Pa.
+
+        `body_force` is rho0 (f - a_wall), N/m3.
+        """
+        reach = tuple(g - n - o for g, n, o in zip(columns(x), columns(nodes), fit.offset, strict=True))
+        return at_node + dot(columns(body_force), reach)
+
+    def velocity(self, at_node: Components, wall: Components) -> Float[Array, "G D"]:
+        """u_ghost = mirror u_node + (1 - mirror) u_wall, component by component (section 2.4)."""
+        return stacked(
+            [m * u + (1.0 - m) * w for m, u, w in zip(columns(self.mirror), at_node, wall, strict=True)]
+        )
+
+
+def _flat_inverse(C: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    """Determinant and inverse of covariances of order one half; see `symmetric_inverse`."""
+    scaled = tuple(2.0 * c for c in C)
+    if len(C) == 3:
+        determinant = scaled[0] * scaled[2] - scaled[1] ** 2
+        dim = 2
+    else:
+        xx, xy, xz, yy, yz, zz = scaled
+        determinant = xx * (yy * zz - yz * yz) - xy * (xy * zz - xz * yz) + xz * (xy * yz - xz * yy)
+        dim = 3
+    return determinant * 0.5**dim, tuple(2.0 * c for c in symmetric_inverse(scaled))
+
+
+def wall_normals(
+    ghosts: Float[Array, "G D"], water: dict, smoothing: Smoothing, table: Int[Array, "K G"]
+) -> Float[Array, "G D"]:
+    """Eq. 21: unit normals from the kernel's gradient over the water, pointing into it."""
+    raw = pair_sum(laws.surface_vector, smoothing, {"x": columns(ghosts)}, water, table)
+    length = jnp.sqrt(dot(raw, raw) + 1e-20)
+    return stacked([c / length for c in raw])

@@ -1,0 +1,148 @@
+"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from jaxsph import laws
+from jaxsph._typing import Array, Float, Scalar, columns, dot
+from jaxsph.devices import column_depth
+from jaxsph.state import AbstractProbe, Model, State
+
+__all__ = ["ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"]
+
+
+def _volumes(model: Model, state: State) -> Float[Array, " N"]:
+    p = state.particles
+    return p.m / (model.scheme.rho0 + p.rho)
+
+
+class WaveGauge(AbstractProbe):
+    """Surface elevation over the still level at any x: the volume of a column of water."""
+
+    x: Float[Array, " k"]
+    still: Float[Array, " k"]
+    """Depth read in the initial state, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        x, V = columns(state.particles.x), _volumes(model, state)
+        depth = jax.vmap(lambda at: column_depth(x, V, at, 3.0 * model.dx))(self.x)
+        return {"eta": depth - self.still}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"eta": ("m", "surface elevation over the still water level")}
+
+
+class PressureProbe(AbstractProbe):
+    """Gauge pressure at fixed points: the water's, interpolated; zero where no water is near."""
+
+    x: Float[Array, "k D"]
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        p, V = state.particles, _volumes(model, state)
+        smoothing = model.scheme.smoothing
+        pressure = laws.pressure(p.rho, model.scheme.c0)
+
+        def at(point):
+            r = point - p.x
+            r2 = jnp.sum(r * r, axis=1)
+            w = jnp.where(
+                r2 < smoothing.radius**2,
+                V * smoothing.kernel.value(r2, smoothing.h, p.x.shape[1]),
+                0.0,
+            )
+            # each particle's pressure is first carried to the sensor's height
+            total = jnp.sum(w * (pressure + model.scheme.rho0 * (r @ model.g)))
+            near = jnp.sum(w)
+            return jnp.where(near > 0.2, total / jnp.maximum(near, 0.2), 0.0)
+
+        return {"pressure": jax.vmap(at)(self.x)}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"pressure": ("Pa", "gauge pressure at the sensor")}
+
+
+class ChamberProbe(AbstractProbe):
+    """Level, volume, flow, air pressure and power of the OWC."""
+
+    sample_dt: Scalar
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        x, V = columns(state.particles.x), _volumes(model, state)
+        chamber = model.chamber
+        return {
+            "chamber_level": chamber.level(x, V, model.dx),
+            "chamber_volume": chamber.volume(x, V, model.dx),
+            "P_a": state.air[0],
+            "flow": state.air[1],
+            "flow_mean": state.work.flow / self.sample_dt,
+            "power_pto": state.work.pto / self.sample_dt,
+        }
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {
+            "chamber_level": ("m", "mean elevation of the chamber's surface over the still level"),
+            "chamber_volume": ("m2", "water in the chamber above the level where flow is measured"),
+            "P_a": ("Pa", "gauge pressure of the chamber's air, positive when compressed"),
+            "flow": ("m2 s-1", "flow of air out of the chamber per unit width"),
+            "flow_mean": ("m2 s-1", "flow out of the chamber, mean since the last sample"),
+            "power_pto": ("W m-1", "power taken by the PTO, mean since the last sample"),
+        }
+
+
+class EnergyProbe(AbstractProbe):
+    """Stored energies over the initial state, exchanged and dissipated powers, the largest speed.
+
+    Powers of paddle, PTO and sponge are sums over every step since the last sample; those of viscosity
+    and density diffusion are taken at the sample.
+    """
+
+    sample_dt: Scalar
+    compression0: Scalar
+    """Compression energy of the initial state, J (J/m in 2-D)."""
+
+    @staticmethod
+    def compression(model: Model, state: State) -> Scalar:
+        """Energy stored by compression, sum m c0^2 (ln(rho/rho0) + rho0/rho - 1)."""
+        p = state.particles
+        # Series of the exact expression: in float32 that is a difference of ones.
+        s = p.rho / model.scheme.rho0
+        return jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * model.scheme.c0**2
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        p = state.particles
+        speed2 = dot(columns(p.u), columns(p.u))
+        lost = model.scheme.dissipation(model, state, tables)
+        return {
+            "kinetic": 0.5 * jnp.sum(p.m * speed2),
+            "potential": -jnp.sum(p.m * model.g[-1] * (p.x[:, -1] - model.z0[p.id])),
+            "compression": self.compression(model, state) - self.compression0,
+            "power_paddle": state.work.paddle / self.sample_dt,
+            "power_sponge": state.work.sponge / self.sample_dt,
+            "loss_viscous": lost.viscous,
+            "loss_diffusive": lost.diffusive,
+            "max_speed": jnp.sqrt(jnp.max(speed2)),
+            "paddle": state.paddle[0],
+        }
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {
+            "kinetic": ("J m-1", "kinetic energy"),
+            "potential": ("J m-1", "potential energy over the initial state"),
+            "compression": ("J m-1", "compression energy over the initial state"),
+            "power_paddle": ("W m-1", "power of the paddle on the water, mean since the last sample"),
+            "power_sponge": ("W m-1", "power taken by the sponge, mean since the last sample"),
+            "loss_viscous": ("W m-1", "viscous dissipation"),
+            "loss_diffusive": ("W m-1", "dissipation by the density diffusion"),
+            "max_speed": ("m s-1", "largest speed of a particle"),
+            "paddle": ("m", "displacement of the paddle"),
+        }

@@ -1,0 +1,231 @@
+"""Types: what evolves (`State`), what stays (`Model`), what comes out (`Solution`), and the interfaces.
+
+SI units. x runs along the tank from the wavemaker's rest position; the last axis points up and z = 0 is
+the bed. In two dimensions everything is per metre of width.
+"""
+
+from __future__ import annotations
+
+import abc
+import enum
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph._typing import Array, Float, Int, Scalar
+from jaxsph.neighbours import Grid
+
+__all__ = [
+    "AbstractPTO",
+    "AbstractProbe",
+    "AbstractScheme",
+    "Failure",
+    "Model",
+    "Particles",
+    "Search",
+    "Solution",
+    "State",
+    "Status",
+    "Tables",
+    "Work",
+]
+
+
+class Particles(eqx.Module):
+    """The fluid's particles at time t, in the order of the last sort by cell."""
+
+    x: Float[Array, "N D"]
+    """Positions, m."""
+    x_carry: Float[Array, "N D"]
+    """What rounding x to its type has lost so far, m (compensated summation)."""
+    u: Float[Array, "N D"]
+    """Velocities, m/s."""
+    rho: Float[Array, " N"]
+    """Deviation of the density from rho0, kg/m3: a float32 of the whole would lose the pressure."""
+    m: Float[Array, " N"]
+    """Masses, kg (kg/m in two dimensions)."""
+    id: Int[Array, " N"]
+    """Place in the initial lattice: follows a particle through the sorts."""
+
+
+class Work(eqx.Module):
+    """Energy exchanged since the last sample, J (J/m in 2-D), summed over every step."""
+
+    paddle: Scalar
+    """Done by the paddle on the water."""
+    pto: Scalar
+    """Taken by the power take-off from the water."""
+    sponge: Scalar
+    """Taken by the sponge."""
+    flow: Scalar
+    """Volume of air driven out of the chamber, m3 (m2 in 2-D)."""
+
+    @classmethod
+    def zero(cls, dtype: Any) -> Work:
+        """Nothing exchanged yet."""
+        return cls(*(jnp.zeros((), dtype) for _ in range(4)))
+
+
+class Failure(enum.IntFlag):
+    """What can go wrong inside the loop; reported once, outside it."""
+
+    NEIGHBOUR_OVERFLOW = 1
+    STALE_TABLE = 2
+    NON_FINITE = 4
+    THROUGH_WALL = 8
+    CHAMBER_OVERFLOW = 16
+    TOO_FAST = 32
+
+
+class Status(eqx.Module):
+    """Failures so far, and where the first one was."""
+
+    bits: Int[Array, ""]
+    step: Int[Array, ""]
+    where: Float[Array, " D"]
+
+    @classmethod
+    def sound(cls, dim: int, dtype: Any) -> Status:
+        """No failure."""
+        return cls(jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32), jnp.zeros(dim, dtype))
+
+    def flag(self, failure: Failure, failed: jax.Array, step: jax.Array, where: jax.Array) -> Status:
+        """Adds a failure; the step and place of the first one are kept."""
+        first = failed & (self.bits == 0)
+        return Status(
+            self.bits | jnp.where(failed, int(failure), 0).astype(self.bits.dtype),
+            jnp.where(first, step, self.step),
+            jnp.where(first, where, self.where),
+        )
+
+
+class State(eqx.Module):
+    """All that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
+
+    particles: Particles
+    paddle: Float[Array, "3"]
+    """Displacement (m) and velocity (m/s) of the wavemaker, and its filtered absorption error (m)."""
+    air: Float[Array, "2"]
+    """Gauge pressure of the chamber's air (Pa) and flow out of it (m3/s, m2/s in 2-D)."""
+    work: Work
+    step: Int[Array, ""]
+    status: Status
+
+
+class Search(eqx.Module):
+    """What fixes the neighbour tables' shapes and cadence; found in `build`, grown by `run`."""
+
+    grid: Grid
+    capacity: int = eqx.field(static=True)
+    """Slots per fluid particle."""
+    node_capacity: int = eqx.field(static=True)
+    """Slots per interpolation node."""
+    chamber_capacity: int = eqx.field(static=True)
+    """Particles under the chamber's air pressure, at most."""
+    rebuild_every: int = eqx.field(static=True)
+    """Steps between searches."""
+    skin: float = eqx.field(static=True)
+    """What the search radius adds to the support, m."""
+
+
+class Tables(eqx.Module):
+    """Neighbour tables of one rebuild block, and the positions they were made for."""
+
+    fluid: Int[Array, "K N"]
+    nodes: Int[Array, "Kn G"]
+    paddle: Int[Array, "Kp P"] | None
+    """Fluid around each ghost of the paddle, for the force on it."""
+    chamber: Int[Array, " C"] | None
+    """Particles that may feel the chamber's air; N stands for none."""
+    x: Float[Array, "N D"]
+
+
+class AbstractPTO(eqx.Module):
+    """Law between the chamber's flow and its air pressure."""
+
+    @abc.abstractmethod
+    def pressure(self, q_free: Scalar, compliance: Scalar, t: Scalar) -> Scalar:
+        """Gauge pressure P_a (Pa) at the end of a step.
+
+        **Arguments**: `q_free`: flow out of the chamber (m2/s) were P_a zero over the step;
+        `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; t (s).
+        """
+
+
+class AbstractScheme(eqx.Module):
+    """A way to advance the fluid."""
+
+    @abc.abstractmethod
+    def prepare(self, model: Model, state: State) -> tuple[State, Tables]:
+        """Sorts the particles and searches their neighbours; flags overflow."""
+
+    @abc.abstractmethod
+    def step(self, model: Model, state: State, tables: Tables) -> State:
+        """One time step."""
+
+
+class AbstractProbe(eqx.Module):
+    """Something measured in the loop."""
+
+    @abc.abstractmethod
+    def measure(self, model: Model, state: State, tables: Tables) -> Mapping[str, jax.Array]:
+        """Named readings at the state's time."""
+
+    @abc.abstractmethod
+    def describe(self) -> Mapping[str, tuple[str, str]]:
+        """(units, long name) of every reading."""
+
+
+class Model(eqx.Module):
+    """All that stays constant in the loop. Every float is an array leaf: traceable, differentiable."""
+
+    scheme: AbstractScheme
+    walls: Any
+    """`boundaries.Ghosts`."""
+    wavemaker: Any
+    """`devices.Wavemaker` or None."""
+    sponge: Any
+    """`waves.Sponge` or None."""
+    chamber: Any
+    """`devices.Chamber` or None."""
+    g: Float[Array, " D"]
+    dx: Scalar
+    dt: Scalar
+    t0: Scalar
+    depth: Scalar
+    z0: Float[Array, " N"]
+    """Initial height of each particle by id, m: energies are counted from there."""
+    search: Search
+
+    def time(self, state: State) -> Scalar:
+        """Physical time of a state, s."""
+        return self.t0 + state.step.astype(self.dt.dtype) * self.dt
+
+
+class Solution(eqx.Module):
+    """What a run gives: the samples as numpy arrays, the last state, and what to call things."""
+
+    series: dict[str, np.ndarray]
+    """Each reading at every sample, `[T]` or `[T, k]`; "time" among them."""
+    units: dict[str, tuple[str, str]] = eqx.field(static=True)
+    """(units, long name) of each reading."""
+    model: Model
+    state: State
+    case: Any = None
+    results: dict[str, float] | None = None
+    """Scalars made from the series: efficiency, powers, reflection (see `analysis`)."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Sample times, s."""
+        return self.series["time"]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The reading called `name`."""
+        if name not in self.series:
+            raise KeyError(f"no reading {name!r}; there are {', '.join(sorted(self.series))}")
+        return self.series[name]
