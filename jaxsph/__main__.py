@@ -1,0 +1,271 @@
+"""The `jaxsph` command: run, resume, plot, check, cases."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsph.errors import CaseError, JaxsphError, SimulationError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="jaxsph",
+    help="SPH of wave energy converters, on JAX: run a case, resume it, look at it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+RESULTS = {
+    "t_end": ("end of the run", "s"),
+    "steps": ("time steps", ""),
+    "wall_seconds": ("wall time", "s"),
+    "particle_steps_per_second": ("particle steps per second", "1/s"),
+    "energy_paddle": ("work of the paddle", "J/m"),
+    "energy_stored": ("  stored in the water", "J/m"),
+    "energy_pto": ("  taken by the PTO", "J/m"),
+    "energy_sponge": ("  taken by the sponge", "J/m"),
+    "energy_viscous": ("  viscous loss", "J/m"),
+    "energy_diffusive": ("  loss by density diffusion", "J/m"),
+    "energy_residual": ("  not accounted for", "J/m"),
+    "energy_residual_share": ("  not accounted for, share", ""),
+    "periods": ("periods averaged", ""),
+    "P_inc": ("incident power", "W/m"),
+    "P_owc": ("absorbed power", "W/m"),
+    "xi": ("hydrodynamic efficiency", ""),
+    "xi_scatter": ("  from period to period", ""),
+    "reflection": ("reflection coefficient", ""),
+    "incident_height": ("incident wave height", "m"),
+}
+"""Words and units of the scalar results, in the order of the table."""
+
+CaseName = Annotated[str, typer.Argument(metavar="CASE", help="A TOML file or a built-in name.")]
+RunName = Annotated[Path, typer.Argument(metavar="FILE", help="The file of a run.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change one value, e.g. --set pto.K_dm=300; repeatable. No value removes the key.",
+    ),
+]
+EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of the run, s.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Pictures = Annotated[bool, typer.Option("--plot/--no-plot", help="Make pictures after the run.")]
+
+
+@app.command()
+def run(
+    case: CaseName,
+    settings: Settings = None,
+    t1: EndTime = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
+    plot: Pictures = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case and record it into one HDF5 file."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
+        if not quiet:
+            for notice in loaded.notices():
+                typer.echo(f"note: {notice}", err=True)
+        with _resumable(out):
+            solution = js.run(loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet)
+        _report(solution, out, plot, quiet)
+
+
+@app.command()
+def resume(file: RunName, t1: EndTime = None, plot: Pictures = True, quiet: Quiet = False) -> None:
+    """Go on with a run from its last checkpoint."""
+    import jaxsph as js
+    from jaxsph.io import RunFile
+
+    with _explained():
+        stored = tomllib.loads(RunFile.open(file).case_toml)
+        _match_precision(stored.get("precision"))
+        with _resumable(file):
+            solution = js.resume(file, t1=t1, progress=not quiet)
+        _report(solution, file, plot, quiet)
+
+
+@app.command()
+def plot(
+    file: RunName,
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder; default: FILE without .h5, _plots.")
+    ] = None,
+    animation: Annotated[
+        bool, typer.Option("--animation/--no-animation", help="Animate the snapshots.")
+    ] = True,
+    vtk: Annotated[
+        Path | None, typer.Option("--vtk", metavar="FILE", help="Also export for ParaView.")
+    ] = None,
+) -> None:
+    """Make pictures of a run, finished or not, and export its particles."""
+    from jaxsph import io
+    from jaxsph.plot import plot_run
+
+    with _explained():
+        opened = io.RunFile.open(file)
+        for path in plot_run(opened, folder=folder, animation=animation):
+            typer.echo(path)
+        if vtk is not None:
+            typer.echo(io.export_vtkhdf(opened, vtk))
+
+
+@app.command()
+def check(case: CaseName, settings: Settings = None) -> None:
+    """Validate a case and say what its run will be."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        _table(js.check(loaded))
+        for notice in loaded.notices():
+            typer.echo(f"note: {notice}", err=True)
+
+
+@app.command()
+def cases() -> None:
+    """List the built-in cases."""
+    import jaxsph as js
+
+    _table(list(js.built_in_cases().items()))
+
+
+# --------------------------------------------------------------------------- input
+
+
+def _load(name: str, settings: list[str] | None) -> Any:
+    import jaxsph as js
+
+    case = js.load_case(name)
+    if settings:
+        case = case.replace(dict(_setting(text) for text in settings))
+    _match_precision(getattr(case, "precision", None))
+    return case
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """("a.b", value) from "a.b=value", the value being TOML, or else plain text."""
+    key, equals, value = text.partition("=")
+    key, value = key.strip(), value.strip()
+    if not key or not equals:
+        raise CaseError(f"--set {text!r}: must be KEY=VALUE, such as --set pto.K_dm=300")
+    if not value:
+        return key, None
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
+def _match_precision(precision: str | None) -> None:
+    """float64 has to be switched on before the first array is made."""
+    if precision == "float64":
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+
+
+# --------------------------------------------------------------------------- output
+
+
+def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
+    if not quiet:
+        for notice in getattr(solution, "notices", None) or []:
+            typer.echo(f"note: {notice}", err=True)
+        _table(_rows(getattr(solution, "results", None) or {}))
+        typer.echo(f"recorded in {path}")
+    if not pictures:
+        return
+    from jaxsph.plot import plot_run
+
+    written = plot_run(path)
+    if written and not quiet:
+        typer.echo(f"{len(written)} pictures in {written[0].parent}")
+
+
+def _rows(results: dict[str, float]) -> list[tuple[str, str]]:
+    """Labels and values in the order of RESULTS; then whatever it does not know."""
+    names = [name for name in RESULTS if name in results]
+    names += [name for name in results if name not in RESULTS]
+    rows = []
+    for name in names:
+        label, unit = RESULTS.get(name, (name, ""))
+        rows.append((label, f"{_number(results[name]):>10} {unit}".rstrip()))
+    return rows
+
+
+def _number(value: float) -> str:
+    if float(value).is_integer() and abs(value) < 1e9:
+        return f"{int(value)}"
+    return f"{value:.4g}"
+
+
+def _table(rows: list[tuple[str, str]]) -> None:
+    width = max((len(label) for label, _ in rows), default=0)
+    for label, value in rows:
+        typer.echo(f"{label:<{width}}  {value}")
+
+
+# --------------------------------------------------------------------------- failure
+
+
+@contextlib.contextmanager
+def _explained() -> Iterator[None]:
+    """Turns what a user can act on into a message and an exit code: 2 for input, 1 for a run."""
+    try:
+        yield
+    except JaxsphError as error:
+        typer.echo(f"jaxsph: error: {error}", err=True)
+        raise typer.Exit(1 if isinstance(error, SimulationError) else 2) from None
+    except KeyboardInterrupt:
+        typer.echo("jaxsph: interrupted", err=True)
+        raise typer.Exit(130) from None
+
+
+@contextlib.contextmanager
+def _resumable(path: Path) -> Iterator[None]:
+    """Says after an interrupted or failed run what is left of it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(f"\njaxsph: interrupted. {_what_is_left(path)}", err=True)
+        raise typer.Exit(130) from None
+    except SimulationError as error:
+        raise SimulationError(
+            f"{error}\n{_what_is_left(path)}", error.step, error.time, error.where
+        ) from None
+
+
+def _what_is_left(path: Path) -> str:
+    from jaxsph.io import RunFile
+
+    with contextlib.suppress(JaxsphError):
+        if RunFile.open(path).checkpoint():
+            return f"{path} is whole up to its last checkpoint; go on with: jaxsph resume {path}"
+    return f"There was no checkpoint yet; begin again with --overwrite ({path})"
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,787 @@
+"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
+
+Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
+spacing dx, and `Case.notices` says what became of each.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from jaxsph import boundaries, devices, kernels, laws, neighbours, probes, waves, wcsph
+from jaxsph.errors import CaseError
+from jaxsph.pairs import Smoothing
+from jaxsph.state import Model, Particles, Search, State, Status, Work
+
+__all__ = ["Case", "Geometry", "build", "built_in_cases", "check", "load_case", "make_probes"]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Fluid(_Section):
+    """The water."""
+
+    rho0: float = Field(1000.0, gt=0)
+    """Density at zero gauge pressure, kg/m3."""
+    nu: float = Field(1.0e-6, ge=0)
+    """Kinematic viscosity of Eq. 6, m2/s; used where `scheme.alpha` is not given."""
+    c0: float | None = Field(None, gt=0)
+    """Numerical speed of sound, m/s; by default from Eq. 2."""
+
+
+class SchemeSection(_Section):
+    """Delta-SPH and its closures."""
+
+    kernel: Literal["gaussian", "wendland"] = "gaussian"
+    h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
+    delta: float = Field(0.1, ge=0, le=1)
+    alpha: float | None = Field(None, ge=0, le=1)
+    """Artificial viscosity of Eq. 4 in the place of nu."""
+    integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
+    cfl: float | None = Field(None, gt=0, le=1.5)
+    """Share of h/c0 for the time step; by default the integrator's own."""
+
+
+class Tank(_Section):
+    """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
+
+    length: float = Field(gt=0)
+    depth: float = Field(gt=0)
+    width: float | None = Field(None, gt=0)
+    """Given, the case is three-dimensional."""
+    height: float | None = Field(None, gt=0)
+    """Top of the walls, m; by default enough for the waves."""
+    slip: Literal["free_slip", "no_slip"] = "free_slip"
+
+
+class WavesSection(_Section):
+    """Regular waves from a piston at x = 0."""
+
+    H: float = Field(gt=0)
+    T: float = Field(gt=0)
+    ramp_periods: float = Field(2.0, ge=0)
+    second_order: bool = True
+    absorption: bool = True
+
+
+class SpongeSection(_Section):
+    """Damping zone at the end of the tank (Eq. 27-28)."""
+
+    length: float = Field(gt=0)
+    strength: float = Field(10.0, gt=0)
+
+
+class Device(_Section):
+    """An onshore OWC: a plate that pierces the surface in front of the end wall."""
+
+    chamber_length: float = Field(gt=0)
+    wall_thickness: float = Field(gt=0)
+    draught: float = Field(gt=0)
+    """Depth of the plate's tip below still water, m."""
+    thin_wall: Literal["regional", "multi_node"] = "regional"
+    division: Literal["a", "b", "c"] = "b"
+    """Regions around the plate (section 2.4.1.2)."""
+
+
+class PTOSection(_Section):
+    """What the chamber's air does: a quadratic damping or a prescribed pressure."""
+
+    K_dm: float | None = Field(None, ge=0, le=1.0e6)
+    """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
+    P_a: float | None = None
+    """Prescribed gauge pressure, Pa."""
+    ramp: float = Field(0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _one_law(self) -> PTOSection:
+        if (self.K_dm is None) == (self.P_a is None):
+            raise ValueError("give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure)")
+        return self
+
+
+class StandingWave(_Section):
+    """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
+
+    amplitude: float = Field(gt=0)
+    mode: int = Field(1, ge=1)
+
+
+class ProbesSection(_Section):
+    """Where to measure."""
+
+    gauges: tuple[float, ...] = ()
+    """x of the wave gauges, m."""
+    pressure: tuple[tuple[float, ...], ...] = ()
+    """Points of the pressure sensors, m."""
+
+
+class Output(_Section):
+    """How often to record."""
+
+    sample_dt: float = Field(0.01, gt=0)
+    snapshot_dt: float = Field(0.2, gt=0)
+    periods: int = Field(10, ge=1)
+    """Whole periods at the end over which power and efficiency are averaged."""
+
+
+class Case(_Section):
+    """A whole case, in SI units. Immutable: `replace` gives a changed copy."""
+
+    name: str = "case"
+    description: str = ""
+    dx: float = Field(gt=0)
+    t1: float = Field(gt=0)
+    g: float = Field(9.81, ge=0)
+    precision: Literal["float32", "float64"] = "float32"
+    fluid: Fluid = Fluid()
+    scheme: SchemeSection = SchemeSection()
+    tank: Tank
+    waves: WavesSection | None = None
+    sponge: SpongeSection | None = None
+    device: Device | None = None
+    pto: PTOSection | None = None
+    start: StandingWave | None = None
+    probes: ProbesSection = ProbesSection()
+    output: Output = Output()
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Case:
+        """Validates a mapping. **Raises** CaseError that names field, value and what is allowed."""
+        _known_keys(data, cls)
+        try:
+            case = cls.model_validate(data)
+        except ValidationError as error:
+            raise CaseError(_readable(error)) from None
+        Geometry.of(case)  # refuses what does not fit the lattice
+        return case
+
+    def replace(self, changes: dict[str, Any]) -> Case:
+        """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`."""
+        data = self.model_dump(exclude_none=True, mode="json")
+        for key, value in changes.items():
+            *path, last = key.split(".")
+            place = data
+            for part in path:
+                place = place.setdefault(part, {})
+                if not isinstance(place, dict):
+                    raise CaseError(f"{key}: {part} is a value, not a section")
+            if value is None:
+                place.pop(last, None)
+            elif key == "pto.K_dm":
+                place.pop("P_a", None)
+                place[last] = value
+            elif key == "pto.P_a":
+                place.pop("K_dm", None)
+                place[last] = value
+            else:
+                place[last] = value
+        return Case.from_dict(data)
+
+    def to_toml(self) -> str:
+        """The whole case as TOML text, defaults included."""
+        return _to_toml(self.model_dump(exclude_none=True, mode="json"))
+
+    def notices(self) -> list[str]:
+        """What was adjusted to the lattice, and limits of theory that the case oversteps."""
+        notes = list(Geometry.of(self).notices)
+        if self.waves is not None:
+            notes += waves.theory_limits(self.waves.H, self.waves.T, self.tank.depth, self.g)
+        if self.waves is not None and self.waves.H < 3 * self.dx:
+            notes.append(
+                f"waves.H = {self.waves.H:g} m is only {self.waves.H / self.dx:.1f} spacings high; "
+                "expect visible decay along the tank (five or more are usual)"
+            )
+        return notes
+
+
+def _known_keys(data: dict[str, Any], section: type[BaseModel], prefix: str = "") -> None:
+    for key, value in data.items():
+        fields = section.model_fields
+        if key not in fields:
+            everything = _all_keys(Case)
+            near = difflib.get_close_matches(prefix + key, everything, n=1, cutoff=0.5)
+            near = near or [k for k in everything if k.rsplit(".", 1)[-1] == key]
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise CaseError(f"unknown key {prefix + key!r}{hint} (keys here: {', '.join(sorted(fields))})")
+        inner = _section_type(fields[key].annotation)
+        if inner is not None and isinstance(value, dict):
+            _known_keys(value, inner, f"{prefix}{key}.")
+
+
+def _section_type(annotation: Any) -> type[BaseModel] | None:
+    for option in getattr(annotation, "__args__", (annotation,)):
+        if isinstance(option, type) and issubclass(option, BaseModel):
+            return option
+    return None
+
+
+def _all_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
+    keys = []
+    for name, field in section.model_fields.items():
+        inner = _section_type(field.annotation)
+        keys.append(prefix + name)
+        if inner is not None:
+            keys += _all_keys(inner, f"{prefix}{name}.")
+    return keys
+
+
+def _readable(error: ValidationError) -> str:
+    lines = []
+    for item in error.errors():
+        field = ".".join(str(part) for part in item["loc"]) or "case"
+        value = (
+            "" if item["type"] == "missing" or isinstance(item["input"], dict) else (f" = {item['input']!r}")
+        )
+        lines.append(f"{field}{value}: {item['msg']}")
+    return "\n".join(lines)
+
+
+def _to_toml(data: dict[str, Any], prefix: str = "") -> str:
+    own = [f"{k} = {_toml_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
+    text = "\n".join(own) + "\n" if own else ""
+    for key, value in data.items():
+        if isinstance(value, dict):
+            text += f"\n[{prefix}{key}]\n" + _to_toml(value, f"{prefix}{key}.")
+    return text
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{escaped}"'
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+    return repr(value)
+
+
+# --------------------------------------------------------------------------- files and built-ins
+
+
+def built_in_cases() -> dict[str, str]:
+    """Name and description of every built-in case."""
+    found = {}
+    for entry in sorted(
+        importlib.resources.files("jaxsph").joinpath("cases").iterdir(), key=lambda e: e.name
+    ):
+        if entry.name.endswith(".toml"):
+            found[entry.name[:-5]] = tomllib.loads(entry.read_text())["description"]
+    return found
+
+
+def load_case(name: str | Path) -> Case:
+    """The case of a TOML file, or a built-in one by its name.
+
+    **Raises** CaseError where there is no such case, or it is not valid.
+    """
+    path = Path(name)
+    if path.suffix == ".toml":
+        if not path.is_file():
+            raise CaseError(f"no case file {str(path)!r}")
+        text, default = path.read_text(), path.stem
+    else:
+        names = built_in_cases()
+        if str(name) not in names:
+            near = difflib.get_close_matches(str(name), names, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise CaseError(
+                f"no built-in case {str(name)!r}{hint} (there are {', '.join(names)}; "
+                "a file's name ends in .toml)"
+            )
+        resource = importlib.resources.files("jaxsph").joinpath("cases", f"{name}.toml")
+        text, default = resource.read_text(), str(name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"{path}: not a TOML file: {error}") from None
+    return Case.from_dict({"name": default} | data)
+
+
+# --------------------------------------------------------------------------- geometry
+
+
+class Geometry:
+    """The case's lengths on the lattice, and what became of each."""
+
+    def __init__(self, dx: float) -> None:
+        """An empty record for spacing dx (m)."""
+        self.dx = dx
+        self.notices: list[str] = []
+        self.length = self.depth = self.height = 0.0
+        self.width: float | None = None
+        self.plate: boundaries.WallPlate | None = None
+        self.chamber_length = 0.0
+
+    def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
+        """`value` as a whole number of spacings; refused where that changes it by more than `slack`."""
+        count = max(int(np.floor(value / self.dx + 0.5 + 1e-9)), least)
+        snapped = count * self.dx
+        if abs(snapped - value) > slack * value:
+            raise CaseError(
+                f"{name} = {value:g} m does not fit dx = {self.dx:g} m: the lattice would make it "
+                f"{snapped:g} m; use dx of at most {value / least:.4g} m that divides it"
+            )
+        if abs(snapped - value) > 1e-6 * value:
+            self.notices.append(
+                f"{name} = {value:g} m is not a whole number of spacings of {self.dx:g} m: "
+                f"it becomes {snapped:.6g} m"
+            )
+        return float(np.round(snapped, 12))
+
+    @classmethod
+    def of(cls, case: Case) -> Geometry:
+        """Snaps every length of the case. **Raises** CaseError for what does not fit."""
+        geometry = cls(case.dx)
+        tank = case.tank
+        geometry.depth = geometry.snap("tank.depth", tank.depth, least=4, slack=0.1)
+        geometry.length = geometry.snap("tank.length", tank.length, least=4, slack=0.1)
+        geometry.width = None
+        if tank.width is not None:
+            geometry.width = geometry.snap("tank.width", tank.width, least=4, slack=0.1)
+        over = 0.1 + (3.0 * case.waves.H if case.waves is not None else 0.1 * tank.depth)
+        height = tank.height if tank.height is not None else tank.depth + max(over, 8 * case.dx)
+        if height <= tank.depth:
+            raise CaseError(
+                f"tank.height = {height:g} m: must be above the water, tank.depth = {tank.depth:g} m"
+            )
+        geometry.height = float(np.ceil(height / case.dx - 1e-9) * case.dx)
+        geometry._device(case)
+        geometry._fits(case)
+        return geometry
+
+    def _device(self, case: Case) -> None:
+        device = case.device
+        if device is None:
+            if case.pto is not None:
+                raise CaseError("pto is given, but there is no device with a chamber")
+            return
+        if self.width is not None:
+            raise CaseError("tank.width: a device needs a two-dimensional tank (no width)")
+        self.chamber_length = self.snap("device.chamber_length", device.chamber_length, 4)
+        draught = self.snap("device.draught", device.draught, 2)
+        if draught > self.depth - 2 * self.dx:
+            raise CaseError(
+                f"device.draught = {device.draught:g} m: the plate must leave at least two spacings "
+                f"of water below it, so at most {self.depth - 2 * self.dx:g} m here"
+            )
+        wall = _thin_wall(device)
+        asked = boundaries.WallPlate(0.0, device.wall_thickness, 0.0)
+        try:
+            wall.check(asked, self.dx * 0.67, _layers(case))  # snapping may thicken it by half
+            thickness = self.snap("device.wall_thickness", device.wall_thickness, slack=0.5)
+            wall.check(boundaries.WallPlate(0.0, thickness, 0.0), self.dx, _layers(case))
+        except ValueError as error:
+            raise CaseError(f"device.{error}") from None
+        x1 = self.length - self.chamber_length
+        self.plate = boundaries.WallPlate(x1 - thickness, x1, self.depth - draught)
+        if self.plate.x0 < 4 * self.dx:
+            raise CaseError(f"tank.length = {case.tank.length:g} m leaves no water in front of the device")
+
+    def _fits(self, case: Case) -> None:
+        for index, x in enumerate(case.probes.gauges):
+            if not 0 <= x <= self.length:
+                raise CaseError(
+                    f"probes.gauges[{index}] = {x:g} m is outside the tank (0 to {self.length:g} m)"
+                )
+        dim = 2 if self.width is None else 3
+        upper = [self.length, self.height] if dim == 2 else [self.length, self.width, self.height]
+        for index, point in enumerate(case.probes.pressure):
+            if len(point) != dim or any(not 0 <= a <= b for a, b in zip(point, upper, strict=False)):
+                raise CaseError(
+                    f"probes.pressure[{index}] = {list(point)} is not a point of the tank "
+                    f"({dim} coordinates between 0 and {upper})"
+                )
+        if case.sponge is not None and case.sponge.length >= self.length:
+            raise CaseError(
+                f"sponge.length = {case.sponge.length:g} m: must be shorter than the tank ({self.length:g} m)"
+            )
+        if case.waves is not None and self.width is not None:
+            raise CaseError("waves in a three-dimensional tank are not built yet: remove tank.width")
+        if case.start is not None and case.waves is not None:
+            raise CaseError("start and waves exclude each other: remove one of the sections")
+
+
+def _thin_wall(device: Device) -> boundaries.AbstractThinWall:
+    division = {
+        "a": boundaries.DiagonalDivision,
+        "b": boundaries.HorizontalDivision,
+        "c": boundaries.FivePartDivision,
+    }[device.division]()
+    return {
+        "regional": boundaries.RegionalGhosts,
+        "multi_node": boundaries.MultiNodeGhosts,
+    }[device.thin_wall](division)
+
+
+def _kernel(case: Case) -> kernels.AbstractKernel:
+    return {"gaussian": kernels.Gaussian, "wendland": kernels.WendlandC2}[case.scheme.kernel]()
+
+
+def _smoothing_length(case: Case) -> float:
+    """h, m. For Wendland's kernel h is half the support; the support is the same 3 h_over_dx dx."""
+    h = case.scheme.h_over_dx * case.dx
+    return h if case.scheme.kernel == "gaussian" else 1.5 * h
+
+
+def _layers(case: Case) -> int:
+    return int(np.ceil(3.0 * case.scheme.h_over_dx - 0.5))
+
+
+# --------------------------------------------------------------------------- build
+
+
+def sound_speed(case: Case) -> float:
+    """Eq. 2: ten times the larger of the wave's and the dam-break speed scale, m/s."""
+    if case.fluid.c0 is not None:
+        return case.fluid.c0
+    return 10.0 * max(_speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
+
+
+def _speed_scale(case: Case) -> float:
+    """Largest speed to expect, m/s."""
+    shallow = float(np.sqrt(case.g * case.tank.depth))
+    if case.start is not None:
+        return 0.1 * shallow
+    if case.waves is None:
+        pressure = abs(case.pto.P_a) if case.pto is not None and case.pto.P_a else 0.0
+        # a level suddenly pushed down by P_a/(rho g) swings with at most g A / omega ~ sqrt(P/rho)
+        return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
+    omega = 2 * np.pi / case.waves.T
+    k = float(waves.wavenumber(omega, case.tank.depth, case.g))
+    surface = 0.5 * case.waves.H * omega / np.tanh(k * case.tank.depth)
+    return float(surface * (2.5 if case.device is not None else 1.5))
+
+
+def _lattice(geometry: Geometry, dim: int) -> np.ndarray:
+    dx = geometry.dx
+    extents = [geometry.length, geometry.depth]
+    if dim == 3:
+        extents = [geometry.length, geometry.width, geometry.depth]
+    axes = [(np.arange(int(round(e / dx))) + 0.5) * dx for e in extents]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
+    plate = geometry.plate
+    if plate is not None:
+        x = x[~((x[:, 0] > plate.x0) & (x[:, 0] < plate.x1) & (x[:, -1] > plate.tip))]
+    return x
+
+
+def _initial_velocity(case: Case, geometry: Geometry, x: np.ndarray) -> np.ndarray:
+    u = np.zeros_like(x)
+    if case.start is None:
+        return u
+    k = case.start.mode * np.pi / geometry.length
+    omega = np.sqrt(case.g * k * np.tanh(k * geometry.depth))
+    scale = case.start.amplitude * omega / np.sinh(k * geometry.depth)
+    u[:, 0] = -scale * np.sin(k * x[:, 0]) * np.cosh(k * x[:, -1])
+    u[:, -1] = scale * np.cos(k * x[:, 0]) * np.sinh(k * x[:, -1])
+    return u
+
+
+def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
+    """Model and initial state of a case.
+
+    `settings` overrides the capacities and the cadence found here (see `state.Search`): a resumed or
+    regrown run passes the ones that it had. **Raises** CaseError for a case that cannot be built.
+    """
+    if case.precision == "float64" and not jax.config.jax_enable_x64:
+        raise CaseError(
+            'precision = "float64" needs jax.config.update("jax_enable_x64", True) at the start of '
+            "the program (the command line does it by itself)"
+        )
+    dtype = np.dtype(case.precision)
+    geometry = Geometry.of(case)
+    dim = 2 if geometry.width is None else 3
+    dx = case.dx
+
+    def leaf(a: Any) -> jax.Array:
+        return jnp.asarray(a, dtype)
+
+    h, c0 = _smoothing_length(case), sound_speed(case)
+    smoothing = Smoothing(_kernel(case), leaf(h))
+    integrator = {
+        "symplectic": wcsph.SymplecticEuler,
+        "predictor_corrector": wcsph.PredictorCorrector,
+    }[case.scheme.integrator]()
+    viscosity = (
+        wcsph.PhysicalViscosity(leaf(case.fluid.nu))
+        if case.scheme.alpha is None
+        else wcsph.ArtificialViscosity(leaf(case.scheme.alpha))
+    )
+    scheme = wcsph.DeltaSPH(
+        smoothing,
+        leaf(c0),
+        leaf(case.fluid.rho0),
+        leaf(case.scheme.delta),
+        viscosity,
+        integrator,
+        background=_tip_background(case, geometry, leaf),
+    )
+    cfl = case.scheme.cfl if case.scheme.cfl is not None else integrator.cfl
+    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
+    dt_limit = wcsph.stable_dt(scheme, case.g, cfl * case.scheme.h_over_dx * dx / h, dim)
+    steps_per_sample = int(np.ceil(case.output.sample_dt / dt_limit))
+    dt = case.output.sample_dt / steps_per_sample
+
+    stroke = 0.0
+    if case.waves is not None:
+        k = float(waves.wavenumber(2 * np.pi / case.waves.T, case.tank.depth, case.g))
+        stroke = case.waves.H / float(waves.biesel(k, case.tank.depth))
+    high = [geometry.length, geometry.height]
+    if dim == 3:
+        high = [geometry.length, geometry.width, geometry.height]
+    box = boundaries.Box((0.0,) * dim, tuple(high), case.waves is not None, 1.5 * stroke + 2 * dx)
+    slip = boundaries.FreeSlip() if case.tank.slip == "free_slip" else boundaries.NoSlip()
+    thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
+    walls = boundaries.Ghosts.build(box, dx, smoothing, slip, geometry.plate, thin_wall, dtype=dtype)
+
+    x = _lattice(geometry, dim)
+    # Hydrostatic: the density of each row's pressure, and the mass that makes its volume dx^dim.
+    rho = case.fluid.rho0 * case.g * (geometry.depth - x[:, -1]) / c0**2
+    m = (case.fluid.rho0 + rho) * dx**dim
+    particles = Particles(
+        x=leaf(x),
+        x_carry=leaf(x - np.asarray(x, dtype)),
+        u=leaf(_initial_velocity(case, geometry, x)),
+        rho=leaf(rho),
+        m=leaf(m),
+        id=jnp.arange(len(x), dtype=jnp.int32),
+    )
+    state = State(
+        particles=particles,
+        paddle=jnp.zeros(3, dtype),
+        air=jnp.zeros(2, dtype),
+        work=Work.zero(dtype),
+        step=jnp.zeros((), jnp.int32),
+        status=Status.sound(dim, dtype),
+    )
+    g = np.zeros(dim)
+    g[-1] = -case.g
+    chamber = _chamber(case, geometry, leaf)
+    wavemaker = _wavemaker(case, geometry, leaf, h)
+    sponge = None
+    if case.sponge is not None:
+        end = geometry.length
+        sponge = waves.Sponge(leaf(end - case.sponge.length), leaf(end + dx), leaf(case.sponge.strength))
+    skin = 0.3 * dx
+    search = _search(
+        walls, x, smoothing, skin, stroke, dt, steps_per_sample, _speed_scale(case), chamber, settings
+    )
+    model = Model(
+        scheme=scheme,
+        walls=walls,
+        wavemaker=wavemaker,
+        sponge=sponge,
+        chamber=chamber,
+        g=leaf(g),
+        dx=leaf(dx),
+        dt=leaf(dt),
+        t0=leaf(0.0),
+        depth=leaf(geometry.depth),
+        z0=leaf(x[:, -1]),
+        search=search,
+    )
+    if wavemaker is not None:
+        V = particles.m / (scheme.rho0 + particles.rho)
+        still = devices.column_depth(
+            (particles.x[:, 0], particles.x[:, 1]), V, wavemaker.gauge, 3.0 * model.dx
+        )
+        model = eqx.tree_at(lambda a: a.wavemaker.still, model, still)
+    return model, state
+
+
+def _chamber(case: Case, geometry: Geometry, leaf: Any) -> devices.Chamber | None:
+    if case.device is None or case.pto is None:
+        return None
+    pto = (
+        devices.PneumaticPTO(leaf(case.pto.K_dm))
+        if case.pto.K_dm is not None
+        else devices.PrescribedPressure(leaf(case.pto.P_a), leaf(case.pto.ramp))
+    )
+    plate = geometry.plate
+    draught = geometry.depth - plate.tip
+    return devices.Chamber(
+        pto,
+        leaf(plate.x1),
+        leaf(geometry.length),
+        leaf(plate.tip),
+        leaf(plate.tip + 0.5 * draught),
+        leaf(geometry.depth),
+    )
+
+
+def _tip_background(case: Case, geometry: Geometry, leaf: Any) -> wcsph.TipBackground | None:
+    plate = geometry.plate
+    if plate is None:
+        return None
+    # Measured on a wall at rest: a plate of one spacing is quiet with about 1.5 spacings of head left
+    # to p'', grows unquiet with none of it (nothing keeps the particles apart) and with much more.
+    outer = min(6.0 * case.dx, 0.9 * (geometry.depth - plate.tip), plate.tip)
+    return wcsph.TipBackground(
+        leaf(0.5 * (plate.x0 + plate.x1)),
+        leaf(plate.tip),
+        leaf(0.5 * plate.thickness),
+        leaf(0.5 * outer),
+        leaf(outer),
+        leaf(case.fluid.rho0 * case.g),
+        leaf(geometry.depth - 1.5 * case.dx),
+    )
+
+
+def _wavemaker(case: Case, geometry: Geometry, leaf: Any, h: float) -> devices.Wavemaker | None:
+    section = case.waves
+    if section is None:
+        return None
+    regular = waves.RegularWaves(
+        leaf(section.H),
+        leaf(section.T),
+        leaf(geometry.depth),
+        leaf(case.g),
+        leaf(section.ramp_periods * section.T),
+        waves.SecondOrderPiston() if section.second_order else None,
+    )
+    distance = 4.0 * h
+    absorption = None
+    if section.absorption:
+        absorption = waves.ActiveAbsorption.at_gauge(regular, distance, drift_rate=0.05)
+        absorption = jax.tree.map(leaf, absorption)
+    return devices.Wavemaker(regular, absorption, leaf(distance), leaf(0.0))
+
+
+def _search(
+    walls: boundaries.Ghosts,
+    x: np.ndarray,
+    smoothing: Smoothing,
+    skin: float,
+    stroke: float,
+    dt: float,
+    steps_per_sample: int,
+    speed: float,
+    chamber: devices.Chamber | None,
+    settings: dict[str, int] | None,
+) -> Search:
+    radius = float(smoothing.radius) + skin
+    low = np.minimum(np.asarray(walls.x).min(axis=0), x.min(axis=0))
+    high = np.maximum(np.asarray(walls.x).max(axis=0), x.max(axis=0))
+    low[0] -= stroke
+    high[0] += stroke
+    grid = neighbours.grid_over(low, high, radius)
+    found = dict(settings or {})
+    if "capacity" not in found:
+        fluid, nodes = _fullest(walls, jnp.asarray(x, walls.x.dtype), grid)
+        found["capacity"] = neighbours.needed_capacity(fluid)
+        found["node_capacity"] = neighbours.needed_capacity(nodes)
+        found["chamber_capacity"] = 1
+        if chamber is not None:
+            _, count = chamber.candidates(jnp.asarray(x, walls.x.dtype), skin, 1)
+            found["chamber_capacity"] = int(1.5 * int(count)) + 32
+        # a table is good while no particle has moved half a skin; the cadence must divide the sample
+        most = max(1, int(0.5 * skin / (speed * dt)))
+        found["rebuild_every"] = max(
+            n for n in range(1, steps_per_sample + 1) if steps_per_sample % n == 0 and n <= most
+        )
+    return Search(
+        grid=grid,
+        capacity=int(found["capacity"]),
+        node_capacity=int(found["node_capacity"]),
+        chamber_capacity=int(found["chamber_capacity"]),
+        rebuild_every=int(found["rebuild_every"]),
+        skin=skin,
+    )
+
+
+def _fullest(walls: boundaries.Ghosts, x: jax.Array, grid: neighbours.Grid) -> tuple[int, int]:
+    """Largest number of neighbours of any particle and of any node in the initial state."""
+    region = walls.regions.index(x)
+    kind = walls.regions.kind(region)
+    count = jax.jit(neighbours.search, static_argnums=(2, 3, 6))
+    fluid = count(
+        x,
+        jnp.concatenate([x, walls.x]),
+        grid,
+        1,
+        walls.regions.sees(region),
+        jnp.concatenate([kind, walls.kind]),
+        True,
+    )
+    nodes = count(walls.node, x, grid, 1, walls.node_sees, kind, False)
+    return int(fluid.most), int(nodes.most)
+
+
+# --------------------------------------------------------------------------- probes and check
+
+
+def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
+    """The probes that a case asks for, zeroed in its initial state."""
+    dtype = model.dt.dtype
+    sample_dt = jnp.asarray(case.output.sample_dt, dtype)
+    energy = probes.EnergyProbe(sample_dt, probes.EnergyProbe.compression(model, state))
+    found: list[Any] = [energy]
+    if case.probes.gauges:
+        at = jnp.asarray(case.probes.gauges, dtype)
+        gauge = probes.WaveGauge(at, jnp.zeros_like(at))
+        still = gauge.measure(model, state, None)["eta"]
+        found.append(probes.WaveGauge(at, still))
+    if case.probes.pressure:
+        found.append(probes.PressureProbe(jnp.asarray(case.probes.pressure, dtype)))
+    if model.chamber is not None:
+        found.append(probes.ChamberProbe(sample_dt))
+    return tuple(found)
+
+
+def steps_per_sample(case: Case, model: Model) -> int:
+    """Steps between two samples (dt was chosen to divide it)."""
+    return int(round(case.output.sample_dt / float(model.dt)))
+
+
+def check(case: Case) -> list[tuple[str, str]]:
+    """What a run of this case will be: labels and values, for people."""
+    model, state = build(case)
+    n, ghosts = state.particles.x.shape[0], model.walls.count
+    steps = int(np.ceil(case.t1 / float(model.dt)))
+    rows = [
+        ("case", f"{case.name}: {case.description}"),
+        ("particles", f"{n:,} of water, {ghosts:,} ghosts, dx = {case.dx:g} m"),
+        ("sound speed", f"{float(model.scheme.c0):.3g} m/s"),
+        ("time step", f"{float(model.dt):.3e} s, {steps:,} steps to t1 = {case.t1:g} s"),
+    ]
+    if case.waves is not None:
+        omega = 2 * np.pi / case.waves.T
+        k = float(waves.wavenumber(omega, case.tank.depth, case.g))
+        power = waves.incident_power(case.waves.H, case.waves.T, case.tank.depth, case.fluid.rho0, case.g)
+        rows += [
+            ("wavelength", f"{2 * np.pi / k:.4g} m (kd = {k * case.tank.depth:.3g})"),
+            ("paddle stroke", f"{case.waves.H / float(waves.biesel(k, case.tank.depth)):.4g} m"),
+            ("incident power", f"{float(power):.4g} W per metre of width"),
+        ]
+    search = model.search
+    rows += [
+        (
+            "neighbours",
+            f"{search.capacity} slots, searched every {search.rebuild_every} steps",
+        ),
+        # 16 ns a pair and 40 pairs a particle: measured for the whole step on one core (README)
+        ("wall time", f"about {_duration(n * steps * 40 * 16e-9)} on one core of a current CPU"),
+    ]
+    return rows
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+_ = laws

@@ -1,0 +1,392 @@
+"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
+
+The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
+one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
+what cannot be mended stops the run with the last good checkpoint in the file.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tqdm import tqdm
+
+from jaxsph import analysis, io, laws, loop, waves
+from jaxsph.case import Case, build, make_probes, steps_per_sample
+from jaxsph.errors import CaseError, FileError, SimulationError
+from jaxsph.state import AbstractProbe, Failure, Model, Solution, State, Work
+
+__all__ = ["restore", "resume", "run", "simulate"]
+
+REPLAYS = 6
+"""Times that one chunk is replayed with larger tables before the run gives up."""
+
+ENERGY = {
+    "kinetic",
+    "potential",
+    "compression",
+    "power_paddle",
+    "power_sponge",
+    "loss_viscous",
+    "loss_diffusive",
+}
+
+
+def simulate(
+    model: Model,
+    state: State,
+    *,
+    n_steps: int,
+    probes: Sequence[AbstractProbe] = (),
+    sample_every: int | None = None,
+) -> tuple[State, dict[str, jax.Array]]:
+    """Advances a state by n_steps. Pure: may be jitted, vmapped and differentiated.
+
+    **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
+    (the default); n_steps is a multiple of it.
+    **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
+    with "time" (s). Failures are bits in `state.status`, never exceptions: look at them.
+    **Raises** ValueError for lengths that do not divide.
+    """
+    every = model.search.rebuild_every
+    sample_every = every if sample_every is None else sample_every
+    if n_steps % sample_every or sample_every % every:
+        raise ValueError(
+            f"n_steps = {n_steps} must be a multiple of sample_every = {sample_every}, and that of the "
+            f"model's rebuild_every = {every}"
+        )
+
+    def read(s, tables):
+        readings = {"time": model.time(s)}
+        for probe in probes:
+            readings |= probe.measure(model, s, tables)
+        return readings
+
+    def measure(s, tables):
+        due = s.step % sample_every == 0
+        blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
+        readings = jax.lax.cond(due, read, lambda s, tables: blank, s, tables)
+        zero = Work.zero(model.dt.dtype)
+        work = jax.tree.map(lambda a, b: jnp.where(due, a, b), zero, s.work)
+        return eqx.tree_at(lambda a: a.work, s, work), readings
+
+    state, readings = loop.blocks(
+        functools.partial(model.scheme.prepare, model),
+        measure,
+        functools.partial(model.scheme.step, model),
+        state,
+        n_steps // every,
+        every,
+    )
+    # the state's step decides which blocks are samples: one in every sample_every // every
+    stride = sample_every // every
+    return state, jax.tree.map(lambda a: a[::stride], readings)
+
+
+# --------------------------------------------------------------------------- host driver
+
+
+@functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
+def _chunk(model, state, probes, n_steps, sample_every):
+    return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)
+
+
+def run(
+    case: Case,
+    t1: float | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    progress: bool = True,
+) -> Solution:
+    """Builds a case and runs it to t1 (s; by default the case's), recording into the file `out`.
+
+    **Returns** the series as numpy arrays with the last state and scalar results.
+    **Raises** CaseError, FileError (the output exists), SimulationError (with what, where, when and
+    what to change; the file then holds the last good checkpoint).
+    """
+    model, state = build(case)
+    file = None
+    if out is not None:
+        file = io.RunFile.create(
+            out, case.to_toml(), _settings(model), _coordinates(case), overwrite=overwrite
+        )
+    return _drive(case, model, state, t1 or case.t1, file, progress)
+
+
+def resume(path: str | Path, t1: float | None = None, progress: bool = True) -> Solution:
+    """Goes on with a run's file from its last checkpoint, to t1 or the case's own end.
+
+    The series are then bit for bit those of an uninterrupted run. **Raises** FileError, as `restore`.
+    """
+    file = io.RunFile.open(path)
+    case, model, state = restore(path)
+    return _drive(case, model, state, t1 or case.t1, file, progress)
+
+
+def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
+    """Case, model and state of a file's last checkpoint.
+
+    **Raises** FileError where the file is not a run's, holds no checkpoint, or belongs to another case
+    than the one given.
+    """
+    file = io.RunFile.open(path)
+    stored = Case.from_dict(_parse(file.case_toml))
+    if case is not None and case != stored:
+        raise FileError(
+            f"{path}: was made by another case than the one given ({stored.name!r} against "
+            f"{case.name!r}, or other values): resume without a case, or run the new one to a new file"
+        )
+    # the progress holds the settings of the last chunk, which may have been regrown since the first
+    known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
+    model, state = build(stored, {k: int(v) for k, v in known.items()})
+    saved = file.checkpoint()
+    if not saved:
+        raise FileError(f"{path}: holds no checkpoint yet: run the case again with --overwrite")
+    return stored, model, _unflatten(state, saved, path)
+
+
+def _parse(text: str) -> dict[str, Any]:
+    import tomllib
+
+    return tomllib.loads(text)
+
+
+def _settings(model: Model) -> dict[str, int]:
+    s = model.search
+    names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
+    return {name: int(getattr(s, name)) for name in names}
+
+
+def _coordinates(case: Case) -> dict[str, tuple[str, np.ndarray, str, str]]:
+    found = {}
+    if case.probes.gauges:
+        x = np.asarray(case.probes.gauges)
+        found["gauge_x"] = ("gauge", x, "m", "distance of the gauge from the paddle at rest")
+    if case.probes.pressure:
+        points = np.asarray(case.probes.pressure)
+        names = "xz" if points.shape[1] == 2 else "xyz"
+        for axis, name in enumerate(names):
+            found[f"sensor_{name}"] = ("sensor", points[:, axis], "m", f"{name} of the sensor")
+    return found
+
+
+def _flatten(state: State) -> dict[str, np.ndarray]:
+    leaves = jax.tree_util.tree_flatten_with_path(state)[0]
+    return {jax.tree_util.keystr(path).lstrip("."): np.asarray(leaf) for path, leaf in leaves}
+
+
+def _unflatten(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
+    leaves, tree = jax.tree_util.tree_flatten_with_path(like)
+    found = []
+    for key, leaf in leaves:
+        name = jax.tree_util.keystr(key).lstrip(".")
+        if name not in saved or saved[name].shape != leaf.shape or saved[name].dtype != leaf.dtype:
+            raise FileError(
+                f"{path}: the checkpoint does not fit the case ({name} is missing or of another "
+                "shape): it was made by another version; run the case again"
+            )
+        found.append(jnp.asarray(saved[name]))
+    return jax.tree_util.tree_unflatten(tree, found)
+
+
+def _drive(
+    case: Case, model: Model, state: State, t1: float, file: io.RunFile | None, progress: bool
+) -> Solution:
+    sample_every = steps_per_sample(case, model)
+    per_chunk = max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
+    first = build(case, _settings(model))[1]
+    probes = make_probes(case, model, first)
+    units = {"time": ("s", "time")}
+    for probe in probes:
+        units |= probe.describe()
+    last = int(round(t1 / case.output.sample_dt)) * sample_every
+    start = int(state.step)
+    if last <= start:
+        raise CaseError(
+            f"t1 = {t1:g} s: the run is already at {start * float(model.dt):g} s; give a larger t1"
+        )
+    record: list[dict[str, np.ndarray]] = []
+    bar = tqdm(
+        total=last, initial=start, unit="step", disable=not progress, dynamic_ncols=True, smoothing=0.1
+    )
+    began = time.perf_counter()
+    try:
+        while int(state.step) < last:
+            n_steps = min(per_chunk, last - int(state.step))
+            model, new, readings = _replayed(case, model, state, probes, n_steps, sample_every, bar)
+            series = {k: np.asarray(v) for k, v in readings.items()}
+            series["time"] = _exact_times(int(state.step), series["time"], case)
+            record.append(series)
+            state = new
+            if file is not None:
+                _save(file, case, model, state, series, units, time.perf_counter() - began)
+            bar.update(n_steps)
+            t = int(state.step) * float(model.dt)
+            speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
+            bar.set_postfix_str(f"t = {t:.2f} s, max |u| = {speed:.2f} m/s, ok")
+    finally:
+        bar.close()
+    series = {k: np.concatenate([r[k] for r in record]) for k in record[0]}
+    if file is not None:
+        series = file.series()
+    solution = Solution(series, units, model, state, case)
+    results = _results(case, solution, time.perf_counter() - began, int(state.step) - start)
+    if file is not None:
+        file.finish(results)
+    return eqx.tree_at(lambda s: s.results, solution, results, is_leaf=lambda x: x is None)
+
+
+def _exact_times(step: int, like: np.ndarray, case: Case) -> np.ndarray:
+    """Sample times in float64: the loop's own are float32."""
+    every = case.output.sample_dt
+    first = np.round(float(like[0]) / every) * every
+    return first + np.arange(len(like)) * every
+
+
+def _replayed(case, model, state, probes, n_steps, sample_every, bar):
+    """One chunk, with tables regrown and the chunk replayed for as often as it takes."""
+    for _ in range(REPLAYS):
+        new, readings = _chunk(model, state, probes, n_steps, sample_every)
+        failed = Failure(int(new.status.bits))
+        if not failed:
+            return model, new, readings
+        changed = _mended(model, failed)
+        if changed is None:
+            break
+        what = ", ".join(f"{k} = {v}" for k, v in changed.items())
+        bar.write(f"tables regrown, chunk replayed: {what}")
+        model = _with_settings(model, changed)
+    raise _explained(case, model, new)
+
+
+def _mended(model: Model, failed: Failure) -> dict[str, int] | None:
+    """Settings that would let the chunk pass, or None where no setting would."""
+    s = _settings(model)
+    mend = {}
+    if failed & Failure.NEIGHBOUR_OVERFLOW:
+        mend |= {"capacity": int(s["capacity"] * 1.25) + 4}
+        mend |= {"node_capacity": int(s["node_capacity"] * 1.25) + 4}
+    if failed & Failure.CHAMBER_OVERFLOW:
+        mend |= {"chamber_capacity": int(s["chamber_capacity"] * 1.5) + 16}
+    # what follows from lost neighbours is not the case's fault: mend the tables first
+    if not mend and failed & Failure.STALE_TABLE and s["rebuild_every"] > 1:
+        smaller = [n for n in range(1, s["rebuild_every"]) if s["rebuild_every"] % n == 0]
+        mend |= {"rebuild_every": smaller[-1]}
+    return mend or None
+
+
+def _with_settings(model: Model, settings: dict[str, int]) -> Model:
+    search = model.search
+    values = {name: getattr(search, name) for name in ("grid", "skin")} | _settings(model) | settings
+    return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
+
+
+def _explained(case: Case, model: Model, state: State) -> SimulationError:
+    """The first failure in words: what, where, when, and what to change."""
+    failed = Failure(int(state.status.bits))
+    step = int(state.status.step)
+    t = step * float(model.dt)
+    where = tuple(float(a) for a in state.status.where)
+    place = ", ".join(f"{a:.3f}" for a in where)
+    if failed & Failure.THROUGH_WALL:
+        what = "a particle has left the tank"
+        remedy = "raise tank.height if it went over the top; else try a smaller scheme.cfl or dx"
+    elif failed & Failure.TOO_FAST:
+        what = "a particle is faster than a third of the speed of sound"
+        remedy = "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which"
+    elif failed & Failure.NON_FINITE:
+        what = "a value is no longer finite"
+        remedy = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
+    else:
+        what = f"the neighbour tables cannot be kept ({failed.name})"
+        remedy = "reduce scheme.cfl or dx"
+    return SimulationError(
+        f"case {case.name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
+        f"What to change: {remedy}.",
+        step=step,
+        time=t,
+        where=where,
+    )
+
+
+def _save(file, case, model, state, series, units, seconds) -> None:
+    p = state.particles
+    order = np.argsort(np.asarray(p.id))
+    snapshot = {
+        "time": int(state.step) / steps_per_sample(case, model) * case.output.sample_dt,
+        "step": int(state.step),
+        "paddle": float(state.paddle[0]),
+        "x": np.asarray(p.x)[order],
+        "u": np.asarray(p.u)[order],
+        "p": np.asarray(laws.pressure(p.rho, model.scheme.c0))[order],
+        "id": np.asarray(p.id)[order],
+    }
+    variables = {name: io.Variable(*units[name], dim=_second_dimension(name)) for name in series}
+    file.append(
+        series,
+        variables,
+        {n for n in series if n in ENERGY},
+        snapshot,
+        _flatten(state),
+        _settings(model) | {"wall_seconds": seconds},
+    )
+
+
+def _second_dimension(name: str) -> str | None:
+    return {"eta": "gauge", "pressure": "sensor"}.get(name)
+
+
+def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict[str, float]:
+    """Scalars of a run: speed, energy balance, and the device's powers where there is one."""
+    results = {
+        "t_end": int(solution.state.step) * float(solution.model.dt),
+        "steps": float(int(solution.state.step)),
+        "wall_seconds": seconds,
+        "particle_steps_per_second": steps * solution.state.particles.x.shape[0] / seconds,
+    }
+    if case.waves is None:
+        budget = analysis.energy_budget(solution.series)
+        return results | {f"energy_{k}": v for k, v in budget.items()}
+    T, d = case.waves.T, float(solution.model.depth)
+    t = solution.t
+    whole = int((t[-1] - _transient(case)) / T + 1e-6)
+    periods = min(case.output.periods, whole)
+    # Over whole periods: the paddle gives and takes back far more than the waves keep.
+    over = analysis.whole_periods(t, T, periods) if periods >= 1 else slice(None)
+    budget = analysis.energy_budget({k: v[over] for k, v in solution.series.items()})
+    results |= {f"energy_{k}": v for k, v in budget.items()}
+    if periods < 1:
+        return results
+    P_inc = float(waves.incident_power(case.waves.H, T, d, case.fluid.rho0, case.g))
+    results |= {"periods": float(periods), "P_inc": P_inc}
+    if "power_pto" in solution.series and case.pto is not None and case.pto.K_dm is not None:
+        efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
+        results |= {
+            "xi": efficiency.xi,
+            "xi_scatter": float(np.std(efficiency.per_period)),
+            "P_owc": efficiency.xi * P_inc,
+        }
+    if "eta" in solution.series and len(case.probes.gauges) >= 4:
+        x = np.asarray(case.probes.gauges)[1:4]
+        last = analysis.whole_periods(t, T, periods)
+        found = analysis.reflection(solution["eta"][last][:, 1:4].T, x, t[last], T, d)
+        results |= {
+            "reflection": found.coefficient,
+            "incident_height": 2 * found.incident,
+        }
+    return results
+
+
+def _transient(case: Case) -> float:
+    """Time for the ramp and for the wave's energy to reach the far end, s."""
+    omega = 2 * np.pi / case.waves.T
+    speed = float(waves.group_velocity(omega, case.tank.depth, case.g))
+    return case.waves.ramp_periods * case.waves.T + case.tank.length / speed

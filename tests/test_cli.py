@@ -1,0 +1,190 @@
+"""The command line, with a fake solver: what is passed on, what is printed, how it exits."""
+
+import types
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import jaxsph as js
+from jaxsph import __main__ as command
+from jaxsph.errors import CaseError, FileError, SimulationError
+from jaxsph.io import RunFile, Variable
+
+
+class _Case:
+    name = "fake"
+    precision = "float32"
+
+    def __init__(self, changes=None):
+        self.changes = changes or {}
+
+    def replace(self, changes):
+        return _Case(changes)
+
+    def notices(self):
+        return ["chamber snapped"]
+
+
+def _record(path, overwrite=False, checkpoint=True):
+    run = RunFile.create(path, 'name = "fake"\nprecision = "float32"\n', {}, {}, overwrite)
+    if checkpoint:
+        series = {"time": np.arange(4.0), "P_a": np.arange(4.0)}
+        saved = {"x": np.zeros(2)}
+        run.append(series, {"P_a": Variable("Pa", "pressure")}, set(), None, saved, {})
+    return run
+
+
+@pytest.fixture
+def calls(monkeypatch, tmp_path):
+    """The solver's part of the API, faked; each call is recorded."""
+    monkeypatch.chdir(tmp_path)
+    found = []
+    solution = types.SimpleNamespace(results={"xi": 0.4871, "steps": 1200.0, "mine": 1.5})
+
+    def load_case(name):
+        if name == "oww":
+            raise CaseError("no built-in case 'oww'; did you mean 'owc'?")
+        return _Case()
+
+    def run(case, **options):
+        found.append((case, options))
+        _record(options["out"], options["overwrite"])
+        return solution
+
+    def resume(path, **options):
+        found.append((path, options))
+        return solution
+
+    monkeypatch.setattr(js, "load_case", load_case, raising=False)
+    monkeypatch.setattr(js, "run", run, raising=False)
+    monkeypatch.setattr(js, "resume", resume, raising=False)
+    monkeypatch.setattr(js, "check", lambda case: [("particles", "8,224")], raising=False)
+    monkeypatch.setattr(js, "built_in_cases", lambda: {"owc": "a column"}, raising=False)
+    return found
+
+
+def _jaxsph(*arguments):
+    return CliRunner().invoke(command.app, [str(a) for a in arguments])
+
+
+def test_run_records_prints_and_plots(calls, tmp_path):
+    result = _jaxsph("run", "owc")
+    assert result.exit_code == 0, result.output
+    _, options = calls[0]
+    assert options["out"].as_posix() == "runs/fake.h5" and options["t1"] is None
+    assert options["overwrite"] is False and options["progress"] is True
+    assert "note: chamber snapped" in result.stderr
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert ["time", "steps", "1200"] in lines
+    assert ["hydrodynamic", "efficiency", "0.4871"] in lines
+    assert ["mine", "1.5"] in lines
+    assert "runs/fake.h5" in result.stdout
+    assert (tmp_path / "runs" / "fake_plots" / "chamber.png").exists()
+
+
+def test_run_passes_its_options_on(calls, tmp_path):
+    result = _jaxsph(
+        "run", "owc", "--set", "pto.K_dm=300", "--set", "name=my owc", "--set", "sponge=",
+        "--set", "probes.gauges=[1.0, 2.0]", "--t1", 2, "--out", "a.h5", "--overwrite",
+        "--no-plot", "--quiet",
+    )  # fmt: skip
+    assert result.exit_code == 0 and result.output == ""
+    case, options = calls[0]
+    assert case.changes == {
+        "pto.K_dm": 300,
+        "name": "my owc",
+        "sponge": None,
+        "probes.gauges": [1.0, 2.0],
+    }
+    assert options["t1"] == 2.0 and options["overwrite"] and not options["progress"]
+    assert not (tmp_path / "a_plots").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("dx=0.01", ("dx", 0.01)),
+        ("a.b = true", ("a.b", True)),
+        ('name="x=y"', ("name", "x=y")),
+        ("scheme.kernel=wendland", ("scheme.kernel", "wendland")),
+    ],
+)
+def test_settings_are_toml_or_text(text, expected):
+    assert command._setting(text) == expected
+
+
+@pytest.mark.parametrize("text", ["dx", "=3", ""])
+def test_setting_without_key_or_value(calls, text):
+    result = _jaxsph("run", "owc", "--set", text)
+    assert result.exit_code == 2 and "KEY=VALUE" in result.stderr and not calls
+
+
+def test_resume(calls, tmp_path):
+    run = _record(tmp_path / "a.h5")
+    result = _jaxsph("resume", run.path, "--t1", 5, "--no-plot")
+    assert result.exit_code == 0 and calls == [(run.path, {"t1": 5.0, "progress": True})]
+    assert _jaxsph("resume", "missing.h5").exit_code == 2
+
+
+def test_check_and_cases(calls):
+    result = _jaxsph("check", "owc")
+    assert result.exit_code == 0 and "particles  8,224" in result.stdout
+    assert "chamber snapped" in result.stderr
+    assert _jaxsph("cases").stdout == "owc  a column\n"
+
+
+def test_plot_and_export(calls, tmp_path):
+    run = _record(tmp_path / "a.h5")
+    result = _jaxsph("plot", run.path, "--no-animation", "--out", tmp_path / "p")
+    assert result.exit_code == 0 and (tmp_path / "p" / "chamber.png").exists()
+    result = _jaxsph("plot", run.path, "--no-animation", "--vtk", tmp_path / "a.vtkhdf")
+    assert result.exit_code == 2 and "no snapshots" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(CaseError("dx = -1"), 2), (FileError("exists"), 2), (SimulationError("not finite"), 1)],
+)
+def test_errors_are_messages_with_a_code(calls, monkeypatch, error, code):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(js, "run", fails)
+    result = _jaxsph("run", "owc")
+    assert result.exit_code == code
+    assert f"jaxsph: error: {error.args[0]}" in result.stderr
+    assert "Traceback" not in result.output
+    assert _jaxsph("run", "oww").exit_code == 2
+
+
+@pytest.mark.parametrize("checkpoint", [True, False])
+def test_interruption_says_how_to_go_on(calls, monkeypatch, tmp_path, checkpoint):
+    def interrupted(case, out, **_):
+        _record(out, checkpoint=checkpoint)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(js, "run", interrupted)
+    result = _jaxsph("run", "owc", "--out", "a.h5")
+    assert result.exit_code == 130 and "Traceback" not in result.output
+    assert ("jaxsph resume a.h5" in result.stderr) == checkpoint
+    assert ("--overwrite" in result.stderr) != checkpoint
+
+
+def test_stopped_run_says_what_is_left(calls, monkeypatch):
+    def stops(case, out, **_):
+        _record(out)
+        raise SimulationError("not finite near (1, 2) m", step=3)
+
+    monkeypatch.setattr(js, "run", stops)
+    result = _jaxsph("run", "owc", "--out", "a.h5")
+    assert result.exit_code == 1 and "not finite" in result.stderr
+    assert "jaxsph resume a.h5" in result.stderr
+
+
+def test_interruption_while_plotting(calls, monkeypatch, tmp_path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jaxsph.plot.plot_run", interrupted)
+    assert _jaxsph("plot", _record(tmp_path / "a.h5").path).exit_code == 130
