@@ -133,7 +133,9 @@ class HorizontalDivision(AbstractDivision):
         """See `AbstractDivision`."""
         middle = 0.5 * (plate.x0 + plate.x1)
         side = jnp.where(x[0] < middle, 0, 1)
-        return jnp.where(x[-1] < plate.tip, 2, side).astype(jnp.int32)
+        # A particle pressed a little into the tip stays under the tip's ghosts, which push it out.
+        under = (x[0] > plate.x0) & (x[0] < plate.x1) & (x[-1] < plate.tip + plate.thickness)
+        return jnp.where(under | (x[-1] < plate.tip), 2, side).astype(jnp.int32)
 
 
 class DiagonalDivision(AbstractDivision):
@@ -512,6 +514,31 @@ class Ghosts(eqx.Module):
         """Positions of ghosts and nodes with the paddle displaced by so much (m)."""
         shift = jnp.zeros_like(self.x).at[:, 0].set(self.moves * displacement)
         return self.x + shift, self.node + shift
+
+    def hold(
+        self, x: Float[Array, "N D"], u: Float[Array, "N D"], paddle: Float[Array, "3"]
+    ) -> Float[Array, "N D"]:
+        """Velocities of particles already inside a wall, no longer pointing deeper into it.
+
+        Ghosts keep the water half a spacing away; what a violent moment brings past a wall's face all
+        the same is stopped here, without a bounce. A particle inside the plate leaves by the nearest face.
+        """
+        low = jnp.asarray(self.low, x.dtype).at[0].add(paddle[0])
+        high = jnp.asarray(self.high, x.dtype)
+        wall = jnp.zeros_like(low).at[0].set(paddle[1] if self.paddle else 0.0)
+        held = jnp.where(x < low, jnp.maximum(u, wall), u)
+        # the last axis has no lid: its high end is only where the walls stop
+        lid = jnp.zeros(x.shape[1], bool).at[-1].set(True)
+        held = jnp.where((x > high) & ~lid, jnp.minimum(held, 0.0), held)
+        plate = self.regions.plate
+        if plate is None:
+            return held
+        left, right, tip = x[:, 0] - plate.x0, plate.x1 - x[:, 0], x[:, -1] - plate.tip
+        inside = (left > 0) & (right > 0) & (tip > 0)
+        below = inside & (tip < left) & (tip < right)
+        ux = jnp.where(left < right, jnp.minimum(held[:, 0], 0.0), jnp.maximum(held[:, 0], 0.0))
+        held = held.at[:, 0].set(jnp.where(inside & ~below, ux, held[:, 0]))
+        return held.at[:, -1].set(jnp.where(below, jnp.minimum(held[:, -1], 0.0), held[:, -1]))
 
     def behind_paddle(self, x: Float[Array, "G D"], displacement: Scalar, dx: Scalar) -> Array:
         """1 for ghosts in front of the paddle's face or part of it, 0 for the bed behind it."""

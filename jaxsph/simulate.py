@@ -258,7 +258,7 @@ def _replayed(case, model, state, probes, n_steps, sample_every, bar):
         failed = Failure(int(new.status.bits))
         if not failed:
             return model, new, readings
-        changed = _mended(model, failed)
+        changed = _mended(model, failed, sample_every)
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
@@ -267,7 +267,7 @@ def _replayed(case, model, state, probes, n_steps, sample_every, bar):
     raise _explained(case, model, new)
 
 
-def _mended(model: Model, failed: Failure) -> dict[str, int] | None:
+def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
     """Settings that would let the chunk pass, or None where no setting would."""
     s = _settings(model)
     mend = {}
@@ -278,7 +278,7 @@ def _mended(model: Model, failed: Failure) -> dict[str, int] | None:
         mend |= {"chamber_capacity": int(s["chamber_capacity"] * 1.5) + 16}
     # what follows from lost neighbours is not the case's fault: mend the tables first
     if not mend and failed & Failure.STALE_TABLE and s["rebuild_every"] > 1:
-        smaller = [n for n in range(1, s["rebuild_every"]) if s["rebuild_every"] % n == 0]
+        smaller = [n for n in range(1, s["rebuild_every"]) if sample_every % n == 0]
         mend |= {"rebuild_every": smaller[-1]}
     return mend or None
 

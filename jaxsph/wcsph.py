@@ -411,6 +411,7 @@ class SymplecticEuler(AbstractIntegrator):
         u = p.u + dt * stacked(rates.acceleration)
         u, air, work = _air(scheme, model, state, tables, sources, u, dt, t)
         u, sponge = _sponge(model, p, u, dt)
+        u = model.walls.hold(p.x, u, paddle)
         state = eqx.tree_at(lambda a: a.paddle, state, state.paddle.at[1].set(paddle[1]))
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, u)
         sources = scheme.sources(ghosts, p, u)
@@ -449,6 +450,7 @@ class PredictorCorrector(AbstractIntegrator):
         u = p0.u + dt * stacked(rates.acceleration)
         u, air, work = _air(scheme, model, start, tables, sources, u, dt, t)
         u, sponge = _sponge(model, p0, u, dt)
+        u = model.walls.hold(p0.x, u, paddle)
         work = _paddle_work(scheme, model, tables, p, ghosts, work, sponge, at.paddle[1], dt)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule

@@ -1,0 +1,82 @@
+"""Coarse cases and compiled functions shared by the tests: compiling takes longer than running them."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+import jaxsph as js
+from jaxsph.simulate import simulate as simulate_
+
+COARSE = {
+    "hydrostatic": {"dx": 0.1, "probes.gauges": [0.2, 0.8]},
+    "hydrostatic_3d": {"dx": 0.125, "tank.width": 0.5, "probes.pressure": None},
+    # The artificial viscosity keeps eight particles across a vessel orderly.
+    "vessel": {"dx": 0.04, "device.wall_thickness": 0.04, "scheme.alpha": 0.02},
+    "owc": {
+        "dx": 0.04,
+        "tank.length": 2.4,
+        "device.wall_thickness": 0.04,
+        "probes": {"gauges": [0.8, 1.0, 1.2, 1.5], "pressure": [[2.38, 0.3]]},
+    },
+    "wave_tank": {"dx": 0.05, "device": None},
+}
+"""Changes that make a built-in case a matter of milliseconds a step."""
+
+
+def enable_x64():
+    """Context in which arrays are float64; its name moved between the versions of jax we support."""
+    if hasattr(jax, "enable_x64"):
+        return jax.enable_x64(True)
+    from jax.experimental import enable_x64 as older
+
+    return older()
+
+
+def coarse(name, changes=None):
+    """A built-in case on a coarse lattice."""
+    return js.load_case(name.removesuffix("_3d")).replace(COARSE[name] | (changes or {}))
+
+
+_advance = jax.jit(simulate_, static_argnames=("n_steps", "sample_every"))
+
+
+def advance(case, model, state, samples):
+    """(state, readings) after so many samples, with the case's own probes."""
+    every = int(round(case.output.sample_dt / float(model.dt)))
+    return _advance(
+        model,
+        state,
+        n_steps=samples * every,
+        probes=js.make_probes(case, model, state),
+        sample_every=every,
+    )
+
+
+def with_velocity(state, u):
+    """The state with other velocities, broadcast to its own."""
+    old = state.particles.u
+    return eqx.tree_at(lambda s: s.particles.u, state, jnp.broadcast_to(jnp.asarray(u, old.dtype), old.shape))
+
+
+def _built(name):
+    case = coarse(name)
+    return case, *js.build(case)
+
+
+@pytest.fixture(scope="session")
+def hydrostatic():
+    """(case, model, state) of a square tank of 10 by 10 particles."""
+    return _built("hydrostatic")
+
+
+@pytest.fixture(scope="session")
+def hydrostatic_3d():
+    """(case, model, state) of a tank of 8 x 4 x 8 particles."""
+    return _built("hydrostatic_3d")
+
+
+@pytest.fixture(scope="session")
+def vessel():
+    """(case, model, state) of the communicating vessels under 1000 Pa."""
+    return _built("vessel")

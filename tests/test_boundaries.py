@@ -1,0 +1,342 @@
+"""Walls: ghosts on linear fields, mirrored velocities, normals, and who sees whom around a thin plate."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import coarse, enable_x64
+
+import jaxsph as js
+from jaxsph.boundaries import (
+    SETS,
+    Box,
+    DiagonalDivision,
+    FivePartDivision,
+    FreeSlip,
+    Ghosts,
+    HorizontalDivision,
+    MultiNodeGhosts,
+    NoSlip,
+    RegionalGhosts,
+    WallPlate,
+    wall_normals,
+)
+from jaxsph.errors import CaseError
+from jaxsph.kernels import Gaussian
+from jaxsph.neighbours import grid_over, search
+from jaxsph.pairs import Smoothing, with_empty
+
+DX = 0.05
+LENGTH, DEPTH, HEIGHT = 1.0, 0.6, 1.0
+PLATE = WallPlate(0.5, 0.55, 0.3)
+DIVISIONS = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}
+SLOPES = {"left": (700.0, -9810.0), "right": (-300.0, -4000.0), "below": (100.0, -7000.0)}
+ORIGINS = {"left": 5000.0, "right": 9000.0, "below": 3000.0}
+
+search_ = jax.jit(search, static_argnames=("grid", "capacity", "same"))
+
+
+def _water(plate=None, jitter=0.2):
+    """A lattice of water, shaken by a share of the spacing."""
+    axes = [np.arange(DX / 2, end, DX) for end in (LENGTH, DEPTH)]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+    if plate is not None:
+        x = x[~((x[:, 0] > plate.x0) & (x[:, 0] < plate.x1) & (x[:, 1] > plate.tip))]
+    return x + jitter * DX * (np.random.default_rng(0).random(x.shape) - 0.5)
+
+
+class _Tank:
+    """Ghosts of a tank, filled from fields given as functions of place; float64."""
+
+    def __init__(self, slip, plate=None, thin_wall=None, paddle=False, jitter=0.2):
+        self.smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
+        box = Box((0.0, 0.0), (LENGTH, HEIGHT), paddle, stroke=2 * DX if paddle else 0.0)
+        self.walls = Ghosts.build(box, DX, self.smoothing, slip, plate, thin_wall, dtype=np.float64)
+        self.x = jnp.asarray(_water(plate, jitter))
+        self.region = self.walls.regions.index(self.x)
+        self.grid = grid_over(np.full(2, -0.5), np.array([1.5, 1.5]), 3.6 * DX)
+        kind = self.walls.regions.kind(self.region)
+        self.table = search_(self.walls.node, self.x, self.grid, 80, self.walls.node_sees, kind, False)
+        assert not self.table.overflow
+        self.ghost = np.asarray(self.walls.x)
+        self.node = np.asarray(self.walls.node)
+
+    def interpolate(self, field):
+        """(fit, field at the nodes) for one array of the water's values."""
+        columns = {"x": tuple(self.x.T), "V": jnp.full(len(self.x), DX**2)}
+        water = with_empty(columns | {"f": jnp.asarray(field)})
+        table = self.table.indices
+        fit = self.walls.fit(self.walls.node, water, self.smoothing, table)
+        law = lambda j: j["f"]  # noqa: E731
+        return fit, self.walls.at_nodes(law, fit, self.walls.node, water, self.smoothing, table)
+
+    def pressure(self, field, slope):
+        """(wet ghosts, their pressure) where the body force balances the field's slope."""
+        fit, at_node = self.interpolate(field)
+        force = jnp.broadcast_to(jnp.asarray(slope), self.walls.x.shape)
+        p = self.walls.pressure(fit, at_node, self.walls.x, self.walls.node, force)
+        return np.asarray(fit.wet) > 0, np.asarray(p)
+
+
+# --- pressure
+
+
+def test_ghosts_of_a_tank_continue_a_linear_pressure():
+    with enable_x64():
+        tank = _Tank(FreeSlip())
+        slope = np.array(SLOPES["left"])
+        wet, p = tank.pressure(4000.0 + tank.x @ slope, slope)
+        exact = 4000.0 + tank.ghost @ slope
+        low, high = tank.ghost < 0, tank.ghost > LENGTH
+        places = {
+            "bed": low[:, 1] & ~low[:, 0] & ~high[:, 0],
+            "side wall": low[:, 0] & ~low[:, 1],
+            "left corner": low[:, 0] & low[:, 1],
+            "right corner": high[:, 0] & low[:, 1],
+        }
+        for name, here in places.items():
+            assert np.count_nonzero(wet & here) >= 9, name
+            # Round-off of 1e-16 in sums of some tens of terms, times the condition of the fit (about 10).
+            np.testing.assert_allclose(p[wet & here], exact[wet & here], atol=1e-11 * 1e4, err_msg=name)
+
+
+def test_hydrostatic_pressure_goes_on_below_the_bed():
+    with enable_x64():
+        tank = _Tank(NoSlip())
+        slope = np.array([0.0, -9810.0])
+        wet, p = tank.pressure(9810.0 * (DEPTH - tank.x[:, 1]), slope)
+        bed = wet & (tank.ghost[:, 1] < 0)
+        # As above; p is 6 to 8 kPa there.
+        np.testing.assert_allclose(p[bed], 9810.0 * (DEPTH - tank.ghost[bed, 1]), rtol=1e-11)
+
+
+@pytest.mark.parametrize("division", list(DIVISIONS))
+def test_each_set_of_a_thin_wall_continues_its_own_water(division):
+    """Three unrelated linear fields in the three regions: no set may mix two of them."""
+    with enable_x64():
+        tank = _Tank(FreeSlip(), PLATE, RegionalGhosts(DIVISIONS[division]()))
+        names = np.array(tank.walls.regions.division.regions)[np.asarray(tank.region)]
+        names = np.char.partition(names, "_")[:, 0]  # the strips beside the tip belong to no set's nodes
+        x = np.asarray(tank.x)
+        field = np.zeros(len(x))
+        for name, slope in SLOPES.items():
+            field[names == name] = ORIGINS[name] + x[names == name] @ np.array(slope)
+        for which, name in enumerate(SETS):
+            region = {"tip": "below"}.get(name, name)
+            wet, p = tank.pressure(field, SLOPES[region])
+            own = wet & (np.asarray(tank.walls.kind) == tank.walls.regions.set_kind(which))
+            exact = ORIGINS[region] + tank.ghost @ np.array(SLOPES[region])
+            assert np.count_nonzero(own) >= 3, name
+            # As for the tank; where the strip of water is thin the fit's condition is about 100.
+            np.testing.assert_allclose(p[own], exact[own], atol=1e-10 * 1e4, err_msg=name)
+
+
+def test_ghosts_in_air_are_dry_and_finite():
+    with enable_x64():
+        tank = _Tank(FreeSlip())
+        wet, p = tank.pressure(np.ones(len(tank.x)), (0.0, 0.0))
+        high = tank.ghost[:, 1] > DEPTH + 4 * DX
+        assert high.any() and not np.any(wet[high]) and np.all(np.isfinite(p))
+
+
+# --- velocity
+
+
+@pytest.mark.parametrize("slip", [FreeSlip(), NoSlip()])
+def test_velocities_are_mirrored(slip):
+    with enable_x64():
+        tank = _Tank(slip, paddle=True)
+        U = 0.7
+
+        def flow(x):
+            return np.stack([1.0 + 2.0 * x[:, 0] - x[:, 1], -0.5 + x[:, 0] + 3.0 * x[:, 1]], -1)
+
+        u = flow(np.asarray(tank.x))
+        fit, ux = tank.interpolate(u[:, 0])
+        _, uz = tank.interpolate(u[:, 1])
+        zero = jnp.zeros_like(ux)
+        found = np.asarray(tank.walls.velocity((ux, uz), (U * tank.walls.moves, zero)))
+        at_node = flow(tank.node)
+        exact = (np.asarray(fit.wet) > 0) & ~np.any(np.stack(fit.offset), axis=0)
+        x, moves = tank.ghost, np.asarray(tank.walls.moves) > 0
+        inner = (x[:, 0] > 0) & (x[:, 0] < LENGTH)
+        bed = exact & (x[:, 1] < 0) & inner
+        wall = exact & (x[:, 0] > LENGTH) & (x[:, 1] > 0)
+        paddle = exact & moves & (x[:, 1] > 0)
+        assert min(map(np.count_nonzero, (bed, wall, paddle))) > 9
+        s = slip.tangential
+        # The interpolation is exact for linear fields to round-off (see the pressure).
+        close = dict(rtol=0, atol=1e-11)
+        np.testing.assert_allclose(found[bed], at_node[bed] * [s, -1.0], **close)
+        np.testing.assert_allclose(found[wall], at_node[wall] * [-1.0, s], **close)
+        # A moving wall mirrors relative to itself; it is free-slip whatever the tank's walls are.
+        mirrored = np.stack([2 * U - at_node[:, 0], at_node[:, 1]], -1)
+        np.testing.assert_allclose(found[paddle], mirrored[paddle], **close)
+
+
+def test_moved_shifts_the_paddle_alone():
+    walls = _Tank32().walls
+    x, node = walls.moved(jnp.float32(0.02))
+    shift = np.asarray(walls.moves)[:, None] * np.array([0.02, 0.0])
+    # One addition of float32 at coordinates of order one.
+    np.testing.assert_allclose(x - walls.x, shift, atol=2e-7)
+    np.testing.assert_allclose(node - walls.node, shift, atol=2e-7)
+    assert 0 < walls.moves.sum() < walls.count
+
+
+class _Tank32:
+    def __init__(self, plate=None):
+        box = Box((0.0, 0.0), (LENGTH, HEIGHT), plate is None, stroke=2 * DX)
+        smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
+        thin_wall = RegionalGhosts() if plate is not None else None
+        self.walls = Ghosts.build(box, DX, smoothing, FreeSlip(), plate, thin_wall)
+
+
+def test_normals_of_eq_21_point_into_the_water():
+    with enable_x64():
+        tank = _Tank(FreeSlip(), jitter=0.0)
+        water = with_empty({"x": tuple(tank.x.T), "V": jnp.full(len(tank.x), DX**2)})
+        seen = jnp.full(tank.walls.count, 1, jnp.int32)
+        table = search_(tank.walls.x, tank.x, tank.grid, 80, seen, jnp.ones(len(tank.x), jnp.int32), False)
+        found = np.asarray(wall_normals(tank.walls.x, water, tank.smoothing, table.indices))
+        x, near = tank.ghost, 2 * DX
+        middle = (x[:, 0] > 4 * DX) & (x[:, 0] < LENGTH - 4 * DX)
+        deep = (x[:, 1] > 4 * DX) & (x[:, 1] < DEPTH - 4 * DX)
+        faces = {
+            (0.0, 1.0): middle & (x[:, 1] > -near) & (x[:, 1] < 0),
+            (1.0, 0.0): deep & (x[:, 0] > -near) & (x[:, 0] < 0),
+            (-1.0, 0.0): deep & (x[:, 0] > LENGTH) & (x[:, 0] < LENGTH + near),
+        }
+        for normal, here in faces.items():
+            assert np.count_nonzero(here) > 3
+            # The lattice is symmetric about each of these ghosts: sideways parts cancel to round-off.
+            np.testing.assert_allclose(found[here], np.broadcast_to(normal, found[here].shape), atol=1e-10)
+
+
+# --- regions
+
+
+@pytest.mark.parametrize("division", list(DIVISIONS))
+def test_masks_are_symmetric_and_keep_the_sides_apart(division):
+    one = DIVISIONS[division]()
+    water = one.water_mask()
+    np.testing.assert_array_equal(water, water.T)
+    assert water.diagonal().all()
+    left, right = one.regions.index("left"), one.regions.index("right")
+    assert not water[left, right]
+    assert not one.ghost_mask()[left, SETS.index("right")]
+    assert not one.ghost_mask()[right, SETS.index("left")]
+    assert one.node_mask()[:2, [left, right]].tolist() == [[True, False], [False, True]]
+
+
+prepare = jax.jit(lambda model, state: model.scheme.prepare(model, state))
+
+PLATES = {
+    "a": {"device.division": "a"},
+    "b": {"device.division": "b"},
+    "c": {"device.division": "c"},
+    "multi_node": {"device.thin_wall": "multi_node", "device.wall_thickness": 0.12, "tank.length": 0.76},
+}
+
+
+@pytest.fixture(scope="module", params=list(PLATES))
+def tables(request):
+    """(model, particle positions, table) of the communicating vessels, coarse."""
+    case = coarse("vessel", PLATES[request.param])
+    model, state = js.build(case)
+    # Off the lattice, so that nobody stands exactly between two regions.
+    shaken = state.particles.x + 0.1 * case.dx * np.random.default_rng(0).normal(size=state.particles.x.shape)
+    state = eqx.tree_at(lambda s: s.particles.x, state, jnp.asarray(shaken, jnp.float32))
+    state, found = prepare(model, state)
+    assert int(state.status.bits) == 0
+    return model, np.asarray(state.particles.x), np.asarray(found.fluid), np.asarray(found.nodes)
+
+
+def _sides(x, plate):
+    middle = 0.5 * (plate.x0 + plate.x1)
+    # Above the tip by more than the strip in which a division may count a particle as under the plate.
+    above = x[:, 1] > plate.tip + plate.thickness
+    return above & (x[:, 0] < middle), above & (x[:, 0] > middle)
+
+
+def test_no_pair_across_the_wall(tables):
+    model, x, fluid, _ = tables
+    left, right = _sides(x, model.walls.regions.plate)
+    n = len(x)
+    slots, targets = np.nonzero(fluid < n)
+    sources = fluid[slots, targets]
+    assert not np.any(left[targets] & right[sources]) and not np.any(right[targets] & left[sources])
+    # ... though some of them would be near enough.
+    r = np.linalg.norm(x[left][:, None] - x[right][None], axis=-1)
+    near = np.count_nonzero(r < float(model.scheme.smoothing.radius))
+    thick = model.walls.regions.plate.thickness > 0.1
+    assert near > 0 or thick
+    listed = np.zeros((n, n), bool)
+    listed[targets, sources] = True
+    np.testing.assert_array_equal(listed, listed.T)
+
+
+def test_each_ghost_set_is_seen_by_its_region_only(tables):
+    model, x, fluid, nodes = tables
+    regions = model.walls.regions
+    n = len(x)
+    slots, targets = np.nonzero((fluid >= n) & (fluid < n + model.walls.count))
+    kind = np.asarray(model.walls.kind)[fluid[slots, targets] - n]
+    left, right = _sides(x, regions.plate)
+    below = x[:, 1] < regions.plate.tip - 4 * float(model.dx)
+    for which, (own, other) in enumerate(((left, right), (right, left))):
+        mine = kind == regions.set_kind(which)
+        assert np.any(own[targets[mine]]) and not np.any(other[targets[mine]])
+        # and its nodes use its water only
+        rows = np.asarray(model.walls.kind) == regions.set_kind(which)
+        used = nodes[:, rows]
+        used = used[used < n]
+        assert np.any(own[used]) and not np.any(other[used])
+    tip = kind == regions.set_kind(2)
+    assert np.any(tip) and not np.any((left | right)[targets[tip]])
+    assert not np.any(below[targets[kind != 1 << 8]])
+
+
+def test_a_plate_too_thin_for_its_method_is_refused():
+    with pytest.raises(ValueError, match="multi-node ghosts need 3: use dx of at most .* or regional ghosts"):
+        MultiNodeGhosts().check(PLATE, DX, 4)
+    with pytest.raises(ValueError, match="less than one spacing"):
+        RegionalGhosts().check(WallPlate(0.5, 0.53, 0.3), DX, 4)
+    RegionalGhosts().check(PLATE, DX, 4)
+    MultiNodeGhosts().check(WallPlate(0.5, 0.65, 0.3), DX, 4)
+    with pytest.raises(CaseError, match="device.wall_thickness .* multi-node"):
+        coarse("vessel", {"device.thin_wall": "multi_node"})
+
+
+# --- hold
+
+
+def _depth(x, plate, paddle):
+    """How deep in a wall, m: outside the box, or inside the plate by the way out that is nearest."""
+    out = np.maximum.reduce([paddle - x[:, 0], x[:, 0] - LENGTH, -x[:, 1], np.zeros(len(x))])
+    through = np.minimum.reduce([x[:, 0] - plate.x0, plate.x1 - x[:, 0], x[:, 1] - plate.tip])
+    return np.maximum(out, through)
+
+
+def test_hold_lets_nobody_go_deeper():
+    walls = _Tank32(PLATE).walls
+    rng = np.random.default_rng(1)
+    x = np.float32(rng.uniform((-0.05, -0.05), (1.05, 1.2), size=(4000, 2)))
+    u = np.float32(rng.normal(size=x.shape))
+    held = np.asarray(walls.hold(jnp.asarray(x), jnp.asarray(u), jnp.zeros(3)))
+    step = 1e-4
+    before, after, free = (_depth(x + step * v, PLATE, 0.0) for v in (0 * u, held, u))
+    inside = before > 0
+    assert np.any((free > before + 1e-6)[inside])
+    # Float32 coordinates of order one are rounded to 1e-7.
+    assert np.all(after[inside] <= before[inside] + 2e-7)
+    # Whoever is in the water keeps its velocity.
+    np.testing.assert_array_equal(held[~inside & (before == 0)], u[~inside & (before == 0)])
+
+
+def test_hold_moves_with_the_paddle():
+    walls = _Tank32().walls
+    x = jnp.asarray([[0.01, 0.3], [0.05, 0.3]])  # behind and in front of a paddle at 0.02 m
+    held = walls.hold(x, jnp.full((2, 2), -1.0), jnp.asarray([0.02, 0.4, 0.0]))
+    np.testing.assert_array_equal(held, np.float32([[0.4, -1.0], [-1.0, -1.0]]))

@@ -1,0 +1,140 @@
+"""The neighbour search against brute force and against jax-md's."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxsph.neighbours import Grid, cell_order, grid_over, needed_capacity, search
+
+N, M, RADIUS = 60, 90, 0.45
+search_ = jax.jit(search, static_argnames=("grid", "capacity", "same"))
+GRIDS = {d: grid_over(np.full(d, -1.0), np.full(d, 1.0), RADIUS) for d in (2, 3)}
+CLOUDS = dict(
+    dim=st.sampled_from([2, 3]),
+    seed=st.integers(0, 2**32 - 1),
+    spread=st.sampled_from([0.02, 0.3, 1.0, 2.5]),
+    shift=st.floats(-2.0, 2.0),
+)
+
+
+def _find(targets, sources, grid, capacity, sees=None, kind=None, same=False):
+    sees = np.full(len(targets), 1) if sees is None else sees
+    kind = np.full(len(sources), 1) if kind is None else kind
+    return search_(
+        jnp.asarray(targets, jnp.float32),
+        jnp.asarray(sources, jnp.float32),
+        grid,
+        capacity,
+        jnp.asarray(sees, jnp.int32),
+        jnp.asarray(kind, jnp.int32),
+        same,
+    )
+
+
+def _matrix(table, sources):
+    """[N, M] of how often each source is listed."""
+    indices = np.asarray(table.indices)
+    count = np.zeros((indices.shape[1], sources + 1), int)
+    np.add.at(count, (np.broadcast_to(np.arange(indices.shape[1]), indices.shape), indices), 1)
+    return count[:, :-1]
+
+
+def _assert_same(table, targets, sources, radius, may=True, same=False):
+    targets, sources = np.float32(targets), np.float32(sources)
+    r = np.linalg.norm(targets[:, None].astype(float) - sources[None], axis=-1)
+    may = np.broadcast_to(may, r.shape).copy()
+    if same:
+        np.fill_diagonal(may, False)
+    found = _matrix(table, len(sources))
+    # A pair at the radius to within float32's rounding of the squares may fall on either side.
+    clear = np.abs(r / radius - 1.0) > 1e-5
+    expected = (r < radius) & may
+    np.testing.assert_array_equal(found[clear], expected[clear].astype(int))
+    assert found.max(initial=0) <= 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(**CLOUDS)
+def test_table_is_brute_force(dim, seed, spread, shift):
+    """Anywhere: negative coordinates, all in one cell, or outside the grid's box."""
+    rng = np.random.default_rng(seed)
+    targets = shift + spread * rng.normal(size=(N, dim))
+    sources = np.concatenate([targets, shift + spread * rng.normal(size=(M - N, dim))])
+    table = _find(targets, sources, GRIDS[dim], M, same=True)
+    assert not table.overflow
+    _assert_same(table, targets, sources, RADIUS, same=True)
+
+
+@settings(max_examples=30, deadline=None)
+@given(**CLOUDS)
+def test_masks_are_respected(dim, seed, spread, shift):
+    rng = np.random.default_rng(seed)
+    targets, sources = (shift + spread * rng.normal(size=(n, dim)) for n in (N, M))
+    sees, kind = rng.integers(0, 16, N), 1 << rng.integers(0, 5, M)
+    table = _find(targets, sources, GRIDS[dim], M, sees, kind)
+    _assert_same(table, targets, sources, RADIUS, may=(sees[:, None] & kind[None]) != 0)
+
+
+def test_table_is_jax_md_s():
+    from jax_md import partition, space
+
+    rng = np.random.default_rng(0)
+    x = jnp.asarray(rng.uniform(0.1, 3.9, size=(400, 2)), jnp.float32)  # jax-md wants positive places
+    displacement, _ = space.free()
+    neighbor_fn = partition.neighbor_list(displacement, 4.0, RADIUS, dr_threshold=0.0)
+    theirs = np.asarray(neighbor_fn.allocate(x).idx)
+    listed = np.zeros((400, 401), int)
+    np.add.at(listed, (np.broadcast_to(np.arange(400)[:, None], theirs.shape), theirs), 1)
+    table = _find(x, x, grid_over(np.zeros(2), np.full(2, 4.0), RADIUS), 64, same=True)
+    r = np.linalg.norm(np.asarray(x)[:, None] - np.asarray(x)[None], axis=-1)
+    clear = np.abs(r / RADIUS - 1.0) > 1e-5  # rounding, as above
+    np.fill_diagonal(clear, False)  # theirs lists nobody as his own neighbour, or drops it later
+    np.testing.assert_array_equal(_matrix(table, 400)[clear], listed[:, :-1][clear])
+    assert listed[:, :-1][clear].sum() > 400
+
+
+def test_overflow_is_flagged_and_says_how_much():
+    x = 0.05 * np.random.default_rng(1).normal(size=(30, 2))
+    short, enough = (_find(x, x, GRIDS[2], capacity, same=True) for capacity in (28, 29))
+    assert short.overflow and int(short.most) == 29
+    assert not enough.overflow and needed_capacity(29) >= 29
+    # What fits is still sound: filled with true neighbours, each once.
+    assert np.all(np.asarray(short.indices) < 30) and _matrix(short, 30).max() == 1
+
+
+def test_empty_slots_come_last_and_hold_the_empty_index():
+    x = np.random.default_rng(2).uniform(-1, 1, size=(N, 2))
+    indices = np.asarray(_find(x, x, GRIDS[2], M, same=True).indices)
+    empty = indices == N
+    assert empty.any() and indices.max() == N and indices.min() >= 0
+    assert np.all(empty[1:] >= empty[:-1])
+
+
+@settings(max_examples=20, deadline=None)
+@given(**CLOUDS)
+def test_cell_order_is_a_permutation_that_sorts(dim, seed, spread, shift):
+    x = jnp.asarray(shift + spread * np.random.default_rng(seed).normal(size=(N, dim)), jnp.float32)
+    order = np.asarray(cell_order(x, GRIDS[dim]))
+    assert sorted(order) == list(range(N))
+    # A sorted set stays as it is.
+    np.testing.assert_array_equal(cell_order(x[order], GRIDS[dim]), np.arange(N))
+
+
+def test_table_is_constant_to_a_derivative():
+    x = jnp.asarray(np.random.default_rng(3).uniform(-1, 1, size=(N, 2)), jnp.float32)
+    ones = jnp.ones(N, jnp.int32)
+    find = functools.partial(search, grid=GRIDS[2], capacity=M, sees=ones, kind=ones, same=True)
+    _, tangent = jax.jvp(lambda a: find(a, a).indices, (x,), (jnp.ones_like(x),))
+    assert tangent.dtype == jax.dtypes.float0
+
+
+@pytest.mark.parametrize("radius", [0.1, 5.0])
+def test_grid_covers_its_box(radius):
+    grid = grid_over(np.array([-1.0, 0.0]), np.array([2.0, 0.3]), radius)
+    assert isinstance(grid, Grid) and grid.radius == pytest.approx(radius)
+    assert all(n * grid.cell >= span - 1e-12 for n, span in zip(grid.shape, (3.0, 0.3), strict=True))

@@ -1,0 +1,347 @@
+"""Running: `simulate` is pure, water at rest stays, `run` survives kills, overflow and nonsense."""
+
+import functools
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import advance, coarse, enable_x64, with_velocity
+
+import jaxsph as js
+from jaxsph.errors import CaseError, FileError, SimulationError
+from jaxsph.io import RunFile
+from jaxsph.state import Failure
+
+driver = importlib.import_module("jaxsph.simulate")
+
+CHUNK = 0.05
+"""Seconds from checkpoint to checkpoint in these tests."""
+OWC = coarse("owc", {"output.snapshot_dt": CHUNK})
+quiet = functools.partial(js.run, progress=False)
+resume = functools.partial(js.resume, progress=False)
+
+
+def _settings(model):
+    return {
+        name: int(getattr(model.search, name))
+        for name in ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
+    }
+
+
+def _assert_same(a, b):
+    """Bit for bit: nothing between the two runs differs, so nothing may be rounded differently."""
+    assert jax.tree.structure(a) == jax.tree.structure(b)
+    for left, right in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        np.testing.assert_array_equal(left, right)
+
+
+# --- simulate
+
+
+def test_the_api_keeps_its_names():
+    """`jaxsph.simulate` is a function, whatever was used before it."""
+    assert callable(js.run) and callable(js.simulate) and callable(js.simulate)
+
+
+def test_simulate_is_pure(hydrostatic):
+    first, second = advance(*hydrostatic, samples=60), advance(*hydrostatic, samples=60)
+    _assert_same(first, second)
+    assert int(hydrostatic[2].step) == 0
+
+
+def test_samples_are_at_the_start_of_their_interval(hydrostatic):
+    case, model, _ = hydrostatic
+    state, series = advance(*hydrostatic, samples=60)
+    assert {len(values) for values in series.values()} == {60}
+    # Steps are counted, not added up: float32 rounds each time once.
+    np.testing.assert_allclose(series["time"], 0.01 * np.arange(60), rtol=3e-7)
+    assert float(model.time(state)) == pytest.approx(0.6, rel=3e-7)
+    assert series["eta"].shape == (60, 2) and series["pressure"].shape == (60, 3)
+
+
+@pytest.mark.parametrize("lengths", [{"n_steps": 7}, {"n_steps": 12, "sample_every": 9}])
+def test_lengths_that_do_not_divide_are_refused(hydrostatic, lengths):
+    _, model, state = hydrostatic
+    with pytest.raises(ValueError, match="must be a multiple of sample_every .* rebuild_every = 6"):
+        driver.simulate(model, state, **lengths)
+
+
+def test_water_at_rest_stays_at_rest(hydrostatic):
+    state, series = advance(*hydrostatic, samples=60)
+    assert int(state.status.bits) == 0
+    # The bar of the fine tank, d/40, is 1 % of sqrt(g d) after 3 s; this one settles as quietly.
+    assert np.max(series["max_speed"]) < 0.01 * np.sqrt(9.81)
+    p = state.particles
+    pressure = p.rho * hydrostatic[1].scheme.c0 ** 2
+    # ... and 1 % of rho g d: here ten particles deep, of which the top row errs by half its own weight.
+    assert np.sqrt(np.mean((pressure - 9810.0 * (1.0 - p.x[:, 1])) ** 2)) < 0.015 * 9810.0
+    np.testing.assert_allclose(series["pressure"][-1], [7357.5, 4905.0, 2452.5], atol=0.015 * 9810.0)
+    assert np.max(np.abs(series["eta"])) < 1e-3
+
+
+def test_water_at_rest_has_no_momentum(hydrostatic):
+    p = advance(*hydrostatic, samples=60)[0].particles
+    momentum = np.asarray(p.m @ p.u)
+    # Sideways the tank is symmetric, so what is left is round-off of 360 steps of pressure forces, each
+    # 1e-7 of rho g d times the wall's area: far below a thousandth of the water's weight times 1 s.
+    assert abs(momentum[0]) < 1e-3 * float(jnp.sum(p.m))
+    # Upwards it settles within the speed of the test above.
+    assert abs(momentum[1]) < 0.005 * float(jnp.sum(p.m))
+
+
+def test_three_dimensions_are_another_width(hydrostatic_3d):
+    state, series = advance(*hydrostatic_3d, samples=20)
+    p = state.particles
+    assert int(state.status.bits) == 0 and p.x.shape == (256, 3)
+    # As in two dimensions; eight particles deep.
+    assert np.max(series["max_speed"]) < 0.01 * np.sqrt(9.81)
+    pressure = p.rho * hydrostatic_3d[1].scheme.c0 ** 2
+    assert np.sqrt(np.mean((pressure - 9810.0 * (1.0 - p.x[:, 2])) ** 2)) < 0.02 * 9810.0
+
+
+@pytest.fixture(scope="module")
+def standing(hydrostatic):
+    """Series of a standing wave of the first mode, 0.03 m."""
+    case = coarse("hydrostatic", {"start.amplitude": 0.03})
+    # with the tank's own tables: nothing has to be compiled again
+    model, state = js.build(case, _settings(hydrostatic[1]))
+    state, series = advance(case, model, state, samples=60)
+    assert int(state.status.bits) == 0
+    return series
+
+
+def _tilt(series):
+    return np.asarray(series["eta"][:, 0] - series["eta"][:, 1])
+
+
+def test_standing_wave_has_its_period_roughly(standing):
+    t, tilt = np.asarray(standing["time"]), _tilt(standing)
+    period = 2 * np.pi / np.sqrt(9.81 * np.pi * np.tanh(np.pi))
+    # Ten particles to half a wavelength, h = 1.2 dx: dispersion of order (k h)^2/4 = 4 %; the slow lane
+    # measures it on a fine lattice.
+    assert t[np.argmax(tilt)] == pytest.approx(period / 4, rel=0.06)
+    down = np.flatnonzero((tilt[1:-1] > 0) & (tilt[2:] <= 0))[0] + 1
+    crossing = t[down] - tilt[down] * (t[down + 1] - t[down]) / (tilt[down + 1] - tilt[down])
+    assert crossing == pytest.approx(period / 2, rel=0.06)
+    # Between the gauges at 0.2 and 0.8 m: 2 x 0.03 cos(0.2 pi) = 0.0485 m, blunted by their width.
+    assert np.max(tilt) == pytest.approx(0.0485, rel=0.15)
+
+
+def test_integrators_agree(standing):
+    changes = {"start.amplitude": 0.03, "scheme.integrator": "predictor_corrector"}
+    case = coarse("hydrostatic", changes)
+    model, state = js.build(case)
+    state, series = advance(case, model, state, samples=20)
+    assert int(state.status.bits) == 0 and float(model.dt) < 1e-3
+    # One second-order scheme against another with half the step: (omega dt)^2 = 1e-4 of a wave of
+    # omega = 5.5 rad/s, and the acoustics of the first milliseconds.
+    np.testing.assert_allclose(_tilt(series), _tilt(standing)[:20], atol=1e-3 * np.max(_tilt(standing)))
+
+
+# --- failures are data
+
+
+def test_overflow_is_a_bit(hydrostatic):
+    case, model, state = hydrostatic
+    small, _ = js.build(case, _settings(model) | {"capacity": 8, "node_capacity": 8})
+    state, found = jax.jit(lambda m, s: m.scheme.prepare(m, s))(small, state)
+    assert Failure(int(state.status.bits)) == Failure.NEIGHBOUR_OVERFLOW
+    assert found.fluid.shape[0] == 8
+
+
+def test_stale_table_is_flagged_and_mended(hydrostatic):
+    case, model, state = hydrostatic
+    # All water upwards at 2 m/s: 0.02 m in a block of 6 steps, and half the skin is 0.015 m.
+    rising = with_velocity(state, (0.0, 2.0))
+    failed, _ = advance(case, model, rising, samples=60)
+    assert Failure.STALE_TABLE in Failure(int(failed.status.bits))
+    assert int(failed.status.step) < 6 and np.all(np.isfinite(failed.status.where))
+    mended = driver._mended(model, Failure.STALE_TABLE, sample_every=6)
+    assert mended == {"rebuild_every": 3}
+    again, _ = advance(case, driver._with_settings(model, mended), rising, samples=2)
+    assert int(again.status.bits) == 0
+    assert driver._mended(model, Failure.NON_FINITE, sample_every=6) is None
+
+
+@pytest.mark.parametrize("field", ["u", "rho"])
+def test_the_place_of_a_value_gone_wrong_is_where_it_began(hydrostatic, field):
+    """At the end of the step that made it, before the next one carries it everywhere."""
+    _, model, state = hydrostatic
+    of = lambda s: getattr(s.particles, field)  # noqa: E731
+    poisoned = eqx.tree_at(of, state, of(state).at[57].set(jnp.nan))
+    tables = types.SimpleNamespace(x=state.particles.x)
+    checked = model.scheme.check(model, poisoned, tables, state.particles.x)
+    assert Failure(int(checked.status.bits)) == Failure.NON_FINITE
+    np.testing.assert_array_equal(checked.status.where, state.particles.x[57])
+
+
+# --- run, files, resume
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An uninterrupted run of the coarse OWC, over four checkpoints."""
+    path = tmp_path_factory.mktemp("whole") / "owc.h5"
+    return path, quiet(OWC, t1=4 * CHUNK, out=path)
+
+
+def test_run_gives_series_and_results(whole):
+    path, solution = whole
+    # CHUNK / sample_dt = 5 samples each
+    np.testing.assert_allclose(solution.t, 0.01 * np.arange(20), atol=1e-12)
+    assert solution["eta"].shape == (20, 4) and solution["pressure"].shape == (20, 1)
+    assert {"P_a", "flow", "power_pto", "chamber_level"} <= set(solution.series)
+    assert np.all(np.isfinite(np.concatenate([a.ravel() for a in solution.series.values()])))
+    file = RunFile.open(path)
+    assert file.results() == pytest.approx(solution.results) and file.snapshot_count == 4
+    with pytest.raises(KeyError, match="no reading 'chamber'; there are .*chamber_level"):
+        solution["chamber"]
+
+
+def test_run_refuses_what_would_lose_something(whole):
+    path, _ = whole
+    before = path.read_bytes()
+    with pytest.raises(FileError, match="exists"):
+        quiet(OWC, out=path)
+    with pytest.raises(CaseError, match="already at 0.2 s"):
+        resume(path, t1=4 * CHUNK)
+    assert path.read_bytes() == before
+
+
+def test_resumed_run_is_the_uninterrupted_one(whole, tmp_path):
+    path = tmp_path / "half.h5"
+    quiet(OWC, t1=2 * CHUNK, out=path)
+    again = resume(path, t1=4 * CHUNK)
+    _assert_same(again.series, whole[1].series)
+    _assert_same(again.state, whole[1].state)
+
+
+ENDLESS = """
+import sys
+import jaxsph as js
+js.run(js.load_case(sys.argv[1]), t1=60.0, out=sys.argv[2], progress=False)
+"""
+
+
+def test_killed_run_resumes_as_if_nothing_had_happened(tmp_path):
+    (tmp_path / "owc.toml").write_text(OWC.to_toml())
+    path = tmp_path / "killed.h5"
+    process = subprocess.Popen([sys.executable, "-c", ENDLESS, tmp_path / "owc.toml", path])
+    try:
+        deadline = time.monotonic() + 240.0
+        while time.monotonic() < deadline and process.poll() is None:
+            # two checkpoints at least: the second write replaces the first
+            if path.exists() and RunFile.open(path).progress() and RunFile.open(path).snapshot_count >= 2:
+                break
+            time.sleep(0.02)
+        os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+    finally:
+        process.kill()
+        process.wait()
+    done = RunFile.open(path).snapshot_count
+    assert 2 <= done < 60.0 / CHUNK
+    t1 = (done + 1) * CHUNK
+    again = resume(path, t1=t1)
+    straight = quiet(OWC, t1=t1)
+    _assert_same(again.series, straight.series)
+    _assert_same(again.state, straight.state)
+
+
+def test_restore(whole):
+    path, solution = whole
+    case, model, state = js.restore(path, OWC)
+    assert case == OWC
+    _assert_same(state, solution.state)
+    assert _settings(model) == _settings(solution.model)
+    with pytest.raises(FileError, match="another case"):
+        js.restore(path, OWC.replace({"pto.K_dm": 300.0}))
+
+
+def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
+    """From tables that are too small the run reaches, bit for bit, what it reaches from good ones."""
+    good = _settings(whole[1].model)
+    # `run` grows by a quarter and four: these become the good ones at once.
+    small = {name: next(n for n in range(4, good[name]) if int(1.25 * n) + 4 == good[name])
+             for name in ("capacity", "node_capacity")}  # fmt: skip
+    real = driver.build
+
+    def build(case, settings=None):
+        return real(case, good | small if settings is None else settings)
+
+    monkeypatch.setattr(driver, "build", build)
+    model, state = build(OWC)
+    overflown, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
+    assert Failure.NEIGHBOUR_OVERFLOW in Failure(int(overflown.status.bits))
+    solution = quiet(OWC, t1=CHUNK)
+    assert _settings(solution.model) == good
+    _assert_same(solution.series, {name: values[:5] for name, values in whole[1].series.items()})
+
+
+def test_a_value_gone_wrong_stops_the_run_and_spares_the_checkpoint(tmp_path, monkeypatch):
+    path = tmp_path / "poisoned.h5"
+    quiet(OWC, t1=2 * CHUNK, out=path)
+    before = path.read_bytes()
+    real = driver.restore
+
+    def poisoned(*arguments):
+        case, model, state = real(*arguments)
+        return (
+            case,
+            model,
+            eqx.tree_at(lambda s: s.particles.rho, state, state.particles.rho.at[5].set(jnp.nan)),
+        )
+
+    monkeypatch.setattr(driver, "restore", poisoned)
+    with pytest.raises(SimulationError, match="no longer finite") as stopped:
+        resume(path, t1=4 * CHUNK)
+    # what, when, where, what to change
+    error = stopped.value
+    assert (
+        "t = 0.1" in str(error)
+        and "near (" in str(error)
+        and "What to change: reduce scheme.cfl" in str(error)
+    )
+    # The checkpoint is of step 100, and the step after it is the first to end in nonsense.
+    assert error.step == 101 and error.time == pytest.approx(0.101, rel=1e-5)
+    assert len(error.where) == 2
+    assert path.read_bytes() == before
+    monkeypatch.undo()
+    assert resume(path, t1=3 * CHUNK).t[-1] == pytest.approx(3 * CHUNK - 0.01)
+
+
+# --- derivatives
+
+
+def test_derivative_of_a_run_with_respect_to_K_dm():
+    """Forward mode through 40 steps, four searches, ghosts and chamber, against differences."""
+    with enable_x64():
+        case = coarse("vessel", {"pto.K_dm": 300.0, "precision": "float64"})
+        model, state = js.build(case)
+        right = state.particles.x[:, 0] > model.chamber.x0
+        sinking = jnp.stack([jnp.zeros_like(right, float), jnp.where(right, -0.2, 0.0)], -1)
+        state = with_velocity(state, sinking)
+
+        def energy_left(K_dm):
+            changed = eqx.tree_at(lambda m: m.chamber.pto.K_dm, model, K_dm)
+            end, _ = driver.simulate(changed, state, n_steps=4 * model.search.rebuild_every)
+            p = end.particles
+            return 0.5 * jnp.sum(p.m * jnp.sum(p.u**2, axis=1)), end.status.bits
+
+        both = jax.jit(lambda K: jax.jvp(lambda a: energy_left(a)[0], (K,), (jnp.ones_like(K),)))
+        K, step = jnp.asarray(300.0), 1e-3
+        _, slope = both(K)
+        difference = (both(K + step)[0] - both(K - step)[0]) / (2 * step)
+        assert float(slope) < 0.0
+        # The difference's own error: truncation (step/K)^2 = 1e-11, and round-off 1e-16 x 10 J/m over
+        # step x 1e-3 J/m: 1e-9. Forty steps are far below the growth time of 0.1 s. What is left are the
+        # kernel's cut and the limits in the ghosts, where a pair may lie on one side or the other.
+        assert float(slope) == pytest.approx(float(difference), rel=1e-4)
