@@ -10,7 +10,7 @@ _ROOMS = {
     "case": ("Case", "build", "built_in_cases", "check", "load_case", "make_probes"),
     "errors": ("CaseError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
-    "simulate": ("restore", "resume", "run", "simulate"),
+    "driver": ("restore", "resume", "run", "simulate"),
     "state": ("Model", "Solution", "State"),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
@@ -21,7 +21,8 @@ __all__ = sorted(_HOME)
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'jaxsph' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"jaxsph.{_HOME[name]}"), name)
+    module = importlib.import_module(f"jaxsph.{_HOME[name]}")
+    return getattr(module, name)
 
 
 def __dir__() -> list[str]:

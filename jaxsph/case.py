@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import importlib.resources
+import json
 import tomllib
 from pathlib import Path
 from typing import Any, Literal
@@ -261,8 +262,7 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(v) for v in value) + "]"
     return repr(value)
@@ -380,7 +380,8 @@ class Geometry:
         wall = _thin_wall(device)
         asked = boundaries.WallPlate(0.0, device.wall_thickness, 0.0)
         try:
-            wall.check(asked, self.dx * 0.67, _layers(case))  # snapping may thicken it by half
+            if device.wall_thickness < 0.67 * self.dx:  # snapping may thicken it by half
+                wall.check(asked, self.dx, _layers(case))
             thickness = self.snap("device.wall_thickness", device.wall_thickness, slack=0.5)
             wall.check(boundaries.WallPlate(0.0, thickness, 0.0), self.dx, _layers(case))
         except ValueError as error:

@@ -294,7 +294,8 @@ class DeltaSPH(AbstractScheme):
         moved2 = jnp.max(jnp.sum((p.x - tables.x) ** 2, axis=1))
         speed2 = jnp.sum(p.u**2, axis=1)
         fastest = jnp.argmax(speed2)
-        finite = jnp.isfinite(jnp.sum(p.x)) & jnp.isfinite(jnp.sum(p.rho)) & jnp.isfinite(jnp.sum(p.u))
+        finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1)
+        bad = ~(finite & jnp.isfinite(p.rho))
         low = jnp.asarray(model.walls.low, p.x.dtype).at[0].add(state.paddle[0])
         high = jnp.asarray(model.walls.high, p.x.dtype)
         # half a spacing into a wall is no rounding: the particle is on its way out
@@ -304,7 +305,7 @@ class DeltaSPH(AbstractScheme):
             depth = jnp.minimum(p.x[:, 0] - plate.x0, plate.x1 - p.x[:, 0])
             out |= (depth > 0.4 * plate.thickness) & (p.x[:, -1] > plate.tip + 0.5 * model.dx)
         status = state.status
-        status = status.flag(Failure.NON_FINITE, ~finite, state.step, x_old[fastest])
+        status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
         status = status.flag(
             Failure.STALE_TABLE, moved2 > (0.5 * model.search.skin) ** 2, state.step, p.x[fastest]
         )

@@ -16,7 +16,7 @@ LAYERS = (
     ("boundaries", "devices"),
     ("wcsph",),
     ("probes", "case"),
-    ("analysis", "simulate"),
+    ("analysis", "driver"),
     ("io", "plot"),
     ("__main__",),
 )
@@ -53,7 +53,7 @@ def _rooms(tree):
 
 
 def _allowed(room, imported):
-    if imported == LEAF or (room, imported) == ("simulate", HOST_ONLY):
+    if imported == LEAF or (room, imported) == ("driver", HOST_ONLY):
         return True
     if imported == FACADE:
         return room == "__main__"
@@ -96,7 +96,7 @@ def test_loops_have_owners(name, owners):
 
 
 def test_time_loop_is_built_of_loop():
-    assert "loop" in set(_rooms(TREES["simulate"]))
+    assert "loop" in set(_rooms(TREES["driver"]))
 
 
 def test_jax_md_stays_behind_the_search():

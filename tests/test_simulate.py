@@ -21,7 +21,7 @@ from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.io import RunFile
 from jaxsph.state import Failure
 
-driver = importlib.import_module("jaxsph.simulate")
+driver = importlib.import_module("jaxsph.driver")
 
 CHUNK = 0.05
 """Seconds from checkpoint to checkpoint in these tests."""

@@ -118,7 +118,7 @@ def run(
         file = io.RunFile.create(
             out, case.to_toml(), _settings(model), _coordinates(case), overwrite=overwrite
         )
-    return _drive(case, model, state, t1 or case.t1, file, progress)
+    return _drive(case, model, state, case.t1 if t1 is None else t1, file, progress)
 
 
 def resume(path: str | Path, t1: float | None = None, progress: bool = True) -> Solution:
@@ -128,7 +128,7 @@ def resume(path: str | Path, t1: float | None = None, progress: bool = True) -> 
     """
     file = io.RunFile.open(path)
     case, model, state = restore(path)
-    return _drive(case, model, state, t1 or case.t1, file, progress)
+    return _drive(case, model, state, case.t1 if t1 is None else t1, file, progress)
 
 
 def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
