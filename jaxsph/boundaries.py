@@ -225,6 +225,10 @@ class AbstractThinWall(eqx.Module):
     def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
         """For each of `SETS`, the extent (m) that its ghosts fill behind their face."""
 
+    def tip_tangential(self, plate: WallPlate, dx: float, layers: int, slip: FreeSlip | NoSlip) -> float:
+        """Factor of the tangential velocity that the tip's ghosts carry."""
+        return slip.tangential
+
 
 class RegionalGhosts(AbstractThinWall):
     """Each face has its own full depth of ghosts, which may stand in the plate, in the water behind it
@@ -244,6 +248,14 @@ class RegionalGhosts(AbstractThinWall):
         """See `AbstractThinWall`."""
         depth = layers * dx
         return ((depth, np.inf), (depth, np.inf), (plate.thickness, depth))
+
+    def tip_tangential(self, plate, dx, layers, slip):
+        """See `AbstractThinWall`."""
+        if plate.thickness > layers * dx:
+            return slip.tangential
+        # Carried along, the tip's few ghosts would stream out of the plate's own sides: a spurious flow
+        # that made 0.2 J/m a period in the OWC at dx = 0.02 m, four times what is left without it.
+        return 0.0
 
 
 class MultiNodeGhosts(AbstractThinWall):
@@ -366,7 +378,8 @@ def _plate_ghosts(
         middle = [np.arange(lo + dx / 2, hi, dx) for lo, hi in _inner_axes(box)]
         x = np.stack(np.meshgrid(xs, *middle, zs, indexing="ij"), -1).reshape(-1, len(box.low))
         node = x.copy()
-        mirror = np.full(x.shape, slip.tangential)
+        tangential = slip.tangential if which < 2 else wall.tip_tangential(plate, dx, layers, slip)
+        mirror = np.full(x.shape, tangential)
         axis = -1 if which == 2 else 0
         face = (plate.x0, plate.x1, plate.tip)[which]
         node[:, axis] = 2 * face - x[:, axis]
@@ -516,7 +529,7 @@ class Ghosts(eqx.Module):
         return self.x + shift, self.node + shift
 
     def hold(
-        self, x: Float[Array, "N D"], u: Float[Array, "N D"], paddle: Float[Array, "3"]
+        self, x: Float[Array, "N D"], u: Float[Array, "N D"], paddle: Float[Array, "4"]
     ) -> Float[Array, "N D"]:
         """Velocities of particles already inside a wall, no longer pointing deeper into it.
 

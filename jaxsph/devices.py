@@ -155,18 +155,21 @@ class Wavemaker(eqx.Module):
     still: Scalar
     """Depth (m) that the gauge reads in still water."""
 
-    def move(self, paddle: Float[Array, "3"], t: Scalar, dt: Scalar, elevation: Scalar) -> Float[Array, "3"]:
-        """Displacement, velocity and absorption error at t + dt; `elevation` (m) is read at t."""
+    def move(self, paddle: Float[Array, "4"], t: Scalar, dt: Scalar, elevation: Scalar) -> Float[Array, "4"]:
+        """`State.paddle` at t + dt; `elevation` (m) is read at t."""
         if self.absorption is None:
             X, U = self.waves.paddle_displacement(t + dt), self.waves.paddle_velocity(t + dt)
-            return jnp.stack([X, U, jnp.zeros_like(X)])
+            return jnp.stack([X, U, jnp.zeros_like(X), jnp.zeros_like(X)])
         # The filter makes up for the gauge standing in front of the paddle, and takes out its noise.
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
         error = paddle[2] + dt / (lag + dt) * (expected - elevation - paddle[2])
-        eta = self.absorption.gauge_elevation(self.waves, t + dt) - error
+        # Standing waves lower the mean level by a fraction of a millimetre: nothing to absorb, and the
+        # paddle would creep for it.
+        mean = paddle[3] + dt * self.absorption.drift_rate * (error - paddle[3])
+        eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
         U = self.absorption.velocity(self.waves, paddle[0], t + dt, eta)
-        return jnp.stack([paddle[0] + dt * U, U, error])
+        return jnp.stack([paddle[0] + dt * U, U, error, mean])
 
     def elevation(self, x: Components, V: Float[Array, " N"], paddle: jax.Array, width: Scalar):
         """Elevation (m) at the gauge, over still water."""

@@ -56,9 +56,8 @@ def surface_vector(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
 
 
 def pressure_force(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
-    """-sum (p_j + p_i - 2 R_i) grad W V_j (Eq. 3 times rho_i, with a constant R_i that drops out where
-    the kernel is full), N/m3."""
-    w = -(i["p"] + j["p"] - i["R2"]) * volume(j) * pair.F
+    """-sum (p_j + p_i) grad W V_j (Eq. 3 times rho_i), N/m3."""
+    w = -(i["p"] + j["p"]) * volume(j) * pair.F
     return tuple(w * r for r in pair.r)
 
 

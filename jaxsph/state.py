@@ -107,8 +107,9 @@ class State(eqx.Module):
     """All that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
 
     particles: Particles
-    paddle: Float[Array, "3"]
-    """Displacement (m) and velocity (m/s) of the wavemaker, and its filtered absorption error (m)."""
+    paddle: Float[Array, "4"]
+    """Displacement (m) and velocity (m/s) of the wavemaker, its filtered absorption error and the slow
+    mean of that (m)."""
     air: Float[Array, "2"]
     """Gauge pressure of the chamber's air (Pa) and flow out of it (m3/s, m2/s in 2-D)."""
     work: Work

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -27,12 +28,12 @@ __all__ = [
     "AbstractIntegrator",
     "AbstractViscosity",
     "ArtificialViscosity",
+    "Background",
     "DeltaSPH",
     "Dissipation",
     "PhysicalViscosity",
     "PredictorCorrector",
     "SymplecticEuler",
-    "TipBackground",
     "stable_dt",
 ]
 
@@ -69,37 +70,64 @@ class ArtificialViscosity(AbstractViscosity):
         return self.alpha * h * c0
 
 
-class TipBackground(eqx.Module):
-    """A constant that each particle near a thin wall's tip takes off every pressure in its own sum.
+class Background(eqx.Module):
+    """Still water's pressure R(z) below a level, taken out of the pair sums and put back as a body force.
 
     Water on both sides of a wall thinner than the kernel couples with the water below the tip, but not
-    with itself. The sum (p_i + p_j) grad W then answers small displacements with accelerations that can
+    with itself. The sum (p_i + p_j) grad W then answers small displacements with accelerations that
     point outwards, in proportion to p: at rest, particles at the tip of a wall of one spacing gain speed
     tenfold every 0.25 s (`python -m experiments.thin_wall`), where a wall as thick as the kernel reaches
-    stays quiet. With (p_i - R_i) + (p_j - R_i) the gradient is the same wherever the kernel is full, and
-    the sum sees little pressure. R is the still water's pressure less some head, near the tip only.
-    The price: pairs there are no longer exactly antisymmetric.
+    stays quiet. With (p_i - R_i) + (p_j - R_j) in the sum and -grad R beside it the gradient is the same
+    to second order, and the sum sees little pressure at the tip.
+
+    Pairs stay antisymmetric, and the exchange with the compression energy stays exact: the budget gains
+    one term, sum V R(z), which is constant but for the unevenness of the particles.
     """
 
     x: Scalar
     """Middle of the wall, m."""
-    tip: Scalar
-    half_thickness: Scalar
     inner: Scalar
-    """R is the whole still pressure within this distance of the tip, m."""
     outer: Scalar
-    """R is zero beyond this distance, m."""
+    """Horizontal distances from the wall up to which R is whole, and from which it is zero, m."""
+    tip: Scalar
+    top: Scalar
+    """Levels below which R is whole, and above which it is zero, m."""
     weight: Scalar
     """rho0 g, Pa/m."""
     still: Scalar
     """Still water level less the head that is left in the sum, m."""
 
-    def __call__(self, x: Float[Array, " D"]) -> Scalar:
-        """R at one point, Pa."""
-        beside = jnp.maximum(jnp.abs(x[0] - self.x) - self.half_thickness, 0.0)
-        r = jnp.sqrt(beside**2 + (x[-1] - self.tip) ** 2 + 1e-12)
-        s = jnp.clip((self.outer - r) / (self.outer - self.inner), 0.0, 1.0)
-        return s * s * (3.0 - 2.0 * s) * self.weight * (self.still - x[-1])
+    def _beside(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
+        return _smooth_step((self.outer - jnp.abs(x - self.x)) / (self.outer - self.inner))
+
+    def _below(self, z: Float[Array, " N"]) -> Float[Array, " N"]:
+        return _smooth_step((self.top - z) / (self.top - self.tip)) * self.weight * (self.still - z)
+
+    def pressure(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """R, Pa."""
+        return self._beside(x[:, 0]) * self._below(x[:, -1])
+
+    def force(self, x: Float[Array, "N D"], h: Scalar) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
+        """-grad R (x and z) as a kernel sum would see it: of R + h^2/4 lap R for the Gaussian, N/m3."""
+        a, a1, a2, a3 = _derivatives(self._beside, x[:, 0])
+        b, b1, b2, b3 = _derivatives(self._below, x[:, -1])
+        wide = 0.25 * h * h
+        return -(a1 * b + wide * (a3 * b + a1 * b2)), -(a * b1 + wide * (a * b3 + a2 * b1))
+
+
+def _smooth_step(s: Float[Array, " N"]) -> Float[Array, " N"]:
+    """0 below 0, 1 above 1, twice differentiable."""
+    s = jnp.clip(s, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def _derivatives(f: Callable, x: Float[Array, " N"]) -> tuple[Float[Array, " N"], ...]:
+    """An elementwise function and its first three derivatives."""
+
+    def slope(f):
+        return lambda x: jax.jvp(f, (x,), (jnp.ones_like(x),))[1]
+
+    return f(x), slope(f)(x), slope(slope(f))(x), slope(slope(slope(f)))(x)
 
 
 class Rates(NamedTuple):
@@ -126,13 +154,7 @@ class DeltaSPH(AbstractScheme):
     delta: Scalar
     viscosity: AbstractViscosity
     integrator: AbstractIntegrator
-    background: TipBackground | None = None
-
-    def background_pressure(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """R of `TipBackground`, Pa; zero without it."""
-        if self.background is None:
-            return jnp.zeros_like(x[:, 0])
-        return jax.vmap(self.background)(x)
+    background: Background | None = None
 
     # ---------------------------------------------------------------- tables
 
@@ -180,21 +202,24 @@ class DeltaSPH(AbstractScheme):
     # ---------------------------------------------------------------- sources
 
     def water(self, model: Model, p: Particles) -> dict:
-        """The fluid as a source for nodes (volumes, pressure over the background, velocity)."""
+        """The fluid as a source for nodes (volumes, pressure, velocity)."""
         V = p.m / (self.rho0 + p.rho)
         pressure = laws.pressure(p.rho, self.c0)
         return with_empty({"x": columns(p.x), "V": V, "p": pressure, "u": columns(p.u)})
 
     def sources(self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"]) -> dict:
-        """Fluid and ghosts as one set of sources; p is over the background."""
+        """Fluid and ghosts as one set of sources; p is what is over the background."""
         # the walls take no part in the density's diffusion or gradient: their deviation is not used
         rho = jnp.concatenate([p.rho, jnp.zeros_like(ghosts.p)])
         V = jnp.concatenate([p.m / (self.rho0 + p.rho), -ghosts.V])
         x = jnp.concatenate([p.x, ghosts.x])
+        pressure = jnp.concatenate([ghosts.water["p"][:-1], ghosts.p])
+        if self.background is not None:
+            pressure = pressure - self.background.pressure(x)
         return {
             "x": columns(x),
             "rho": rho,
-            "p": jnp.concatenate([ghosts.water["p"][:-1], ghosts.p]),
+            "p": pressure,
             "V": V,
             "u": columns(jnp.concatenate([u, ghosts.u])),
         }
@@ -250,9 +275,11 @@ class DeltaSPH(AbstractScheme):
 
         n = p.x.shape[0]
         targets = jax.tree.map(lambda a: a[:n], sources)
-        targets["R2"] = 2.0 * self.background_pressure(p.x)
         force, M, b = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
         rho = self.rho0 + p.rho
+        if self.background is not None:
+            along, up = self.background.force(p.x, self.smoothing.h)
+            force = (force[0] + along, *force[1:-1], force[-1] + up)
         acceleration = [f / rho + g for f, g in zip(force, model.g, strict=True)]
         grad_rho = symmetric_product(symmetric_inverse(M), b)
         return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim))
@@ -508,7 +535,6 @@ def _paddle_work(scheme, model, tables, p, ghosts, work: Work, sponge, velocity,
     own = {
         "x": columns(ghosts.x[first:last]),
         "p": ghosts.p[first:last],
-        "R2": jnp.zeros_like(ghosts.p[first:last]),
     }
     force = pair_sum(
         lambda pair, i, j: laws.pressure_force(pair, i, j)[0],

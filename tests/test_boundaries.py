@@ -324,7 +324,7 @@ def test_hold_lets_nobody_go_deeper():
     rng = np.random.default_rng(1)
     x = np.float32(rng.uniform((-0.05, -0.05), (1.05, 1.2), size=(4000, 2)))
     u = np.float32(rng.normal(size=x.shape))
-    held = np.asarray(walls.hold(jnp.asarray(x), jnp.asarray(u), jnp.zeros(3)))
+    held = np.asarray(walls.hold(jnp.asarray(x), jnp.asarray(u), jnp.zeros(4)))
     step = 1e-4
     before, after, free = (_depth(x + step * v, PLATE, 0.0) for v in (0 * u, held, u))
     inside = before > 0

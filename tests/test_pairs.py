@@ -57,7 +57,6 @@ def _fields(x, seed=1):
         "V": jnp.asarray(DX**dim * rng.uniform(0.8, 1.2, n)),
         "p": jnp.asarray(rng.normal(size=n) * 1e3),
         "rho": jnp.asarray(rng.normal(size=n)),
-        "R2": jnp.zeros(n),
     }
     return jax.tree.map(lambda a: a.astype(jnp.result_type(float)), given)
 
@@ -110,7 +109,7 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
     )
     weightless = types.SimpleNamespace(g=jnp.zeros(dim))
     table = _all_others(n)
-    del sources["R2"], sources["grad_rho"]
+    del sources["grad_rho"]
     rates = scheme.momentum(weightless, particles, sources, types.SimpleNamespace(fluid=table))
     force = np.asarray(m) * np.stack(rates.acceleration)
     # Every force is a sum of at most n - 1 terms, each rounded about ten times relative to itself; what

@@ -1,0 +1,94 @@
+"""Time of a whole step of the OWC against its own pair work, peak memory, and the wall time of 21 s."""
+
+from __future__ import annotations
+
+import os
+import resource
+import statistics
+import time
+
+import typer
+
+from experiments.common import row
+
+
+def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
+    """Runs `steps` steps of the OWC with spacing dx, in turns with its bare pair sums."""
+    cores = sorted(os.sched_getaffinity(0))[:threads]
+    os.sched_setaffinity(0, cores)  # before JAX starts its threads
+    import jax
+
+    import jaxsph as js
+    from jaxsph.case import steps_per_sample
+    from jaxsph.state import Failure
+
+    case = js.load_case("owc").replace({"dx": dx})
+    model, state = js.build(case)
+    probes = js.make_probes(case, model, state)
+    every = steps_per_sample(case, model)
+    chunk = max(1, steps // (turns * every)) * every
+    advance = jax.jit(js.simulate, static_argnames=("n_steps", "sample_every"))
+
+    def run(state):
+        state, series = advance(model, state, n_steps=chunk, probes=probes, sample_every=every)
+        return jax.block_until_ready((state, series))[0]
+
+    passes = pair_passes(model, state)
+    run(state)  # compiled
+    whole, pairs = [], []
+    for _ in range(turns + 1):
+        began = time.perf_counter()
+        state = run(state)
+        whole.append((time.perf_counter() - began) / chunk)
+        if failure := Failure(int(state.status.bits)):
+            raise SystemExit(f"the run failed: {failure.name}")
+        pairs += [timed(passes) for _ in range(9)]
+    n = state.particles.x.shape[0]
+    label = f"whole step, {n} particles, {threads} thread(s)"
+    step, work = statistics.median(whole), statistics.median(pairs)
+    ratio = min(whole) / min(pairs)
+    row(f"{label}: step", f"{1e3 * step:.2f} ms")
+    row(f"{label}: its pair work", f"{1e3 * work:.2f} ms")
+    row(f"{label}: ratio (of the least)", f"{ratio:.2f}", "at most 1.6", ratio <= 1.6)
+    total = 21.0 / float(model.dt)
+    hours = total * step / 3600
+    row(f"{label}: 21 s from {len(whole) * chunk} steps", f"{60 * hours:.0f} min", "< 60 min", hours < 1)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+    row(f"{label}: peak memory of the process", f"{peak:.2f} GiB", "< 2 GB", peak < 1.86)
+
+
+def pair_passes(model, state):
+    """A call that evaluates the two pair sums of one right-hand side on the model's own tables."""
+    import jax
+    import jax.numpy as jnp
+
+    scheme = model.scheme
+
+    @jax.jit
+    def prepared(state):
+        state, tables = scheme.prepare(model, state)
+        ghosts = scheme.ghosts(model, state, tables, jnp.zeros_like(model.dt))
+        sources = scheme.sources(ghosts, state.particles, state.particles.u)
+        return state.particles, sources, tables
+
+    @jax.jit
+    def passes(particles, sources, tables):
+        rates = scheme.momentum(model, particles, sources, tables)
+        return rates.acceleration, scheme.continuity(particles, sources, rates.grad_rho, tables)
+
+    given = prepared(state)
+    jax.block_until_ready(passes(*given))
+    return lambda: passes(*given)
+
+
+def timed(evaluate) -> float:
+    """Seconds of one call."""
+    import jax
+
+    began = time.perf_counter()
+    jax.block_until_ready(evaluate())
+    return time.perf_counter() - began
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,49 @@
+"""Water at rest beside a wall of one spacing, with and without the background at its tip."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import typer
+
+import jaxsph as js
+from experiments.common import row
+
+
+def main(dx: float = 0.02, t1: float = 4.0) -> None:
+    """Prints the largest speed at a quarter, half, and the end of t1 (s), without any viscosity."""
+    case = js.load_case("vessel").replace(
+        {
+            "dx": dx,
+            "tank.length": 0.64 + dx,
+            "device.wall_thickness": dx,
+            "device.draught": 0.32,
+            "pto": None,
+            "scheme.alpha": None,
+            "fluid.nu": 0.0,
+        }
+    )
+    for label, background in (("as it is", True), ("without the background", False)):
+        model, state = js.build(case)
+        if not background:
+            model = eqx.tree_at(lambda m: m.scheme.background, model, None)
+        speeds = list(_speeds(model, state, t1))
+        shown = " ".join(f"{s:.4f}" for s in (speeds[len(speeds) // 4], speeds[len(speeds) // 2], speeds[-1]))
+        passes = speeds[-1] < 0.01 if background else None
+        row(f"wall of one spacing (dx = {dx:g} m), {label}: max |u|", f"{shown} m/s", "< 0.01 m/s", passes)
+
+
+def _speeds(model: js.Model, state: js.State, t1: float):
+    """Largest speed every 0.05 s or so, up to the first failure."""
+    every = model.search.rebuild_every
+    chunk = max(1, round(0.05 / float(model.dt) / every)) * every
+    advance = jax.jit(lambda m, s: js.simulate(m, s, n_steps=chunk, sample_every=chunk)[0])
+    for _ in range(round(t1 / (chunk * float(model.dt)))):
+        state = advance(model, state)
+        if int(state.status.bits):
+            return
+        yield float((state.particles.u**2).sum(axis=1).max()) ** 0.5
+
+
+if __name__ == "__main__":
+    typer.run(main)

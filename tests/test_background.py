@@ -1,0 +1,85 @@
+"""The still pressure that is taken out of the sums at a thin wall and put back as a force."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import enable_x64
+
+import jaxsph as js
+from jaxsph import kernels, laws, wcsph
+from jaxsph._typing import columns
+from jaxsph.pairs import Smoothing, pair_sum, with_empty
+
+DX, H = 0.01, 0.012
+
+
+def _background():
+    return wcsph.Background(*(jnp.asarray(a) for a in (1.0, 0.03, 0.32, 0.26, 0.40, 9810.0, 0.37)))
+
+
+def test_force_is_the_gradient_of_the_smoothed_background():
+    """Against autodiff of the product; 1e-12 is the round-off of third derivatives."""
+    with enable_x64():
+        background = _background()
+        x = jnp.asarray(np.random.default_rng(0).uniform([0.6, 0.0], [1.4, 0.42], (200, 2)))
+
+        def smoothed(x):
+            def at(x):
+                return background.pressure(x[None])[0]
+
+            return at(x) + 0.25 * H * H * jnp.trace(jax.hessian(at)(x))
+
+        expected = -np.asarray(jax.vmap(jax.grad(smoothed))(x))
+        found = np.stack(background.force(x, jnp.asarray(H)), axis=1)
+        np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_sum_and_force_cancel_where_the_kernel_is_full():
+    """p = R everywhere in the sum against the force put back. Where R begins and ends its third derivative
+    jumps, by 60 p/L^3 = 2e7 Pa/m3 over L = 0.14 m: the kernel sees half, which leaves h^2/8 of it, 3 %."""
+    with enable_x64():
+        background = _background()
+        axes = np.arange(0.55, 1.45, DX), np.arange(0.02, 0.46, DX)
+        x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+        inner = np.all((x > [0.6, 0.07]) & (x < [1.4, 0.41]), axis=1)
+        index = np.flatnonzero(inner)[::7]
+        r = np.linalg.norm(x[index, None] - x[None], axis=2)
+        near = [np.flatnonzero((d < 3 * H) & (d > 0)) for d in r]
+        table = np.full((max(map(len, near)), len(index)), len(x))
+        for k, row in enumerate(near):
+            table[: len(row), k] = row
+        V = jnp.full(len(x), DX**2)
+        R = background.pressure(jnp.asarray(x))
+        fields = {"x": columns(jnp.asarray(x)), "p": R, "V": V}
+        targets = jax.tree.map(lambda a: a[index], fields)
+        smoothing = Smoothing(kernels.Gaussian(), jnp.asarray(H))
+        summed = pair_sum(laws.pressure_force, smoothing, targets, with_empty(fields), jnp.asarray(table))
+        along, up = background.force(jnp.asarray(x[index]), jnp.asarray(H))
+        # the sum is the force of the pressure, -grad R; the body force is the same again
+        left = np.asarray(summed) - np.stack([along, up])
+        assert np.abs(left).max() < 0.03 * np.abs(np.asarray(up)).max()
+
+
+def test_only_thin_walls_have_one():
+    owc = js.load_case("owc")
+    thick = owc.replace({"device.wall_thickness": 0.08})
+    assert js.build(owc)[0].scheme.background is not None
+    assert js.build(thick)[0].scheme.background is None
+
+
+@pytest.mark.slow
+def test_a_wall_of_one_spacing_stays_quiet():
+    """Four seconds without viscosity: 1 cm/s is 0.4 % of sqrt(g d); without it the tip reaches 0.3 m/s."""
+    case = js.load_case("vessel").replace(
+        {
+            "dx": 0.02,
+            "tank.length": 0.66,
+            "device.wall_thickness": 0.02,
+            "device.draught": 0.32,
+            "pto": None,
+            "fluid.nu": 0.0,
+        }
+    )
+    solution = js.run(case, t1=4.0, progress=False)
+    assert np.max(solution["max_speed"][solution.t > 1.0]) < 0.01
