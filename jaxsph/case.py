@@ -632,9 +632,14 @@ def _background(case: Case, geometry: Geometry, leaf: Any) -> wcsph.Background |
     if plate is None or plate.thickness > _layers(case) * case.dx:
         return None
     draught = geometry.depth - plate.tip
-    # Measured at rest and in waves (`python -m experiments.thin_wall`): with much more head left in the
-    # sum the tip grows unquiet, with none nothing keeps the particles in order; a narrower zone's own
-    # gradients disturb them, and over the whole tank the waves lose half their height to disorder.
+    # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
+    fall = case.waves.H if case.waves is not None else 0.0
+    if case.pto is not None and case.pto.P_a is not None:
+        fall = max(fall, abs(case.pto.P_a) / (case.fluid.rho0 * case.g))
+    # Measured at rest and in waves (`python -m experiments.thin_wall`). R must end below the surface, where
+    # it would be a false pressure. With much more head left in the sum the tip grows unquiet, with none
+    # nothing keeps the particles in order; a narrower zone's own gradients disturb them, and over the
+    # whole tank the waves lose half their height to disorder.
     return wcsph.Background(
         x=leaf(0.5 * (plate.x0 + plate.x1)),
         inner=leaf(0.2 * draught),
@@ -642,7 +647,7 @@ def _background(case: Case, geometry: Geometry, leaf: Any) -> wcsph.Background |
         tip=leaf(plate.tip),
         top=leaf(geometry.depth - 0.1 * draught),
         weight=leaf(case.fluid.rho0 * case.g),
-        still=leaf(geometry.depth - 0.3 * draught),
+        still=leaf(geometry.depth - min(max(0.3 * draught, fall), 0.5 * draught)),
     )
 
 

@@ -309,7 +309,10 @@ def test_a_plate_too_thin_for_its_method_is_refused():
         coarse("vessel", {"device.thin_wall": "multi_node"})
 
 
-# --- hold
+# --- push
+
+
+C0 = 20.0
 
 
 def _depth(x, plate, paddle):
@@ -319,24 +322,43 @@ def _depth(x, plate, paddle):
     return np.maximum(out, through)
 
 
-def test_hold_lets_nobody_go_deeper():
+def test_push_points_out_of_the_walls():
     walls = _Tank32(PLATE).walls
-    rng = np.random.default_rng(1)
-    x = np.float32(rng.uniform((-0.05, -0.05), (1.05, 1.2), size=(4000, 2)))
-    u = np.float32(rng.normal(size=x.shape))
-    held = np.asarray(walls.hold(jnp.asarray(x), jnp.asarray(u), jnp.zeros(4)))
-    step = 1e-4
-    before, after, free = (_depth(x + step * v, PLATE, 0.0) for v in (0 * u, held, u))
-    inside = before > 0
-    assert np.any((free > before + 1e-6)[inside])
-    # Float32 coordinates of order one are rounded to 1e-7.
-    assert np.all(after[inside] <= before[inside] + 2e-7)
-    # Whoever is in the water keeps its velocity.
-    np.testing.assert_array_equal(held[~inside & (before == 0)], u[~inside & (before == 0)])
+    x = np.float32(np.random.default_rng(1).uniform((-0.05, -0.05), (1.05, 1.2), size=(4000, 2)))
+    push = np.asarray(walls.push(jnp.asarray(x), 0.0, DX, C0), np.float64)
+    inside = _depth(x, PLATE, 0.0) > 0
+    unit = push / np.maximum(np.linalg.norm(push, axis=1, keepdims=True), 1e-30)
+    after = _depth(x + 1e-5 * unit, PLATE, 0.0)
+    # Float32 coordinates of order one are rounded to 1e-7; a corner's push is oblique.
+    assert np.all(after[inside] < _depth(x, PLATE, 0.0)[inside] - 0.5e-5)
+    # Whoever is half a spacing from every wall feels none of it.
+    far = np.all((x > 0.5 * DX) & (x < [LENGTH - 0.5 * DX, 9.0]), axis=1)
+    far &= (np.abs(x[:, 0] - 0.5 * (PLATE.x0 + PLATE.x1)) > 0.5 * PLATE.thickness + 0.5 * DX) | (
+        x[:, 1] < PLATE.tip - 0.5 * DX
+    )
+    assert far.any() and not push[far].any()
 
 
-def test_hold_moves_with_the_paddle():
+def test_push_is_conservative():
+    """Its curl vanishes: central differences over 1e-6 m in float64, to their own rounding."""
+    with enable_x64():
+        walls = _Tank32(PLATE).walls
+        rng = np.random.default_rng(2)
+        tip = np.array([PLATE.x0 - 0.3 * DX, PLATE.tip - 0.3 * DX])
+        x = rng.uniform(tip, tip + 0.25 * DX, size=(50, 2))  # about a corner of the tip
+
+        def at(dx, dz):
+            return np.asarray(walls.push(jnp.asarray(x + [dx, dz]), 0.0, DX, C0))
+
+        e = 1e-6
+        across = (at(e, 0)[:, 1] - at(-e, 0)[:, 1]) / (2 * e)
+        up = (at(0, e)[:, 0] - at(0, -e)[:, 0]) / (2 * e)
+        assert np.abs(across).max() > 0
+        np.testing.assert_allclose(across, up, atol=1e-6 * np.abs(across).max())
+
+
+def test_push_moves_with_the_paddle():
     walls = _Tank32().walls
-    x = jnp.asarray([[0.01, 0.3], [0.05, 0.3]])  # behind and in front of a paddle at 0.02 m
-    held = walls.hold(x, jnp.full((2, 2), -1.0), jnp.asarray([0.02, 0.4, 0.0]))
-    np.testing.assert_array_equal(held, np.float32([[0.4, -1.0], [-1.0, -1.0]]))
+    x = jnp.asarray([[0.01, 0.3], [0.02 + 0.5 * DX, 0.3]])  # behind and in front of a paddle at 0.02 m
+    push = np.asarray(walls.push(x, 0.02, DX, C0))
+    assert push[0, 0] > 0 and not push[1].any() and push[0, 1] == 0
