@@ -1,4 +1,4 @@
-"""Water at rest beside a wall of one spacing, with and without the background at its tip."""
+"""Water at rest beside a wall of one spacing, with and without `wcsph.Background`."""
 
 from __future__ import annotations
 

@@ -32,7 +32,8 @@ class AbstractKernel(eqx.Module):
 
 
 class Gaussian(AbstractKernel):
-    """exp(-r^2/h^2) / (pi^(dim/2) h^dim), cut at 3h and not renormalised (the cut loses 1e-4 of it)."""
+    """exp(-r^2/h^2) / (pi^(dim/2) h^dim), cut at 3h and not renormalised: the cut loses
+    1.2e-4 of it in two dimensions and 4.4e-4 in three."""
 
     reach: ClassVar[float] = 3.0
 

@@ -114,7 +114,7 @@ def standing(hydrostatic):
     case = coarse("hydrostatic", {"start.amplitude": 0.03})
     # with the tank's own tables: nothing has to be compiled again
     model, state = js.build(case, _settings(hydrostatic[1]))
-    state, series = advance(case, model, state, samples=60)
+    state, series = advance(case, model, state, samples=70)
     assert int(state.status.bits) == 0
     return series
 
