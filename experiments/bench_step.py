@@ -68,7 +68,7 @@ def pair_passes(model, state):
     def prepared(state):
         state, tables = scheme.prepare(model, state)
         ghosts = scheme.ghosts(model, state, tables, jnp.zeros_like(model.dt))
-        sources = scheme.sources(ghosts, state.particles, state.particles.u)
+        sources = scheme.sources(ghosts, state.particles, state.particles.u, ghosts.u)
         return state.particles, sources, tables
 
     @jax.jit

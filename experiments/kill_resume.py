@@ -16,14 +16,14 @@ from experiments.common import row
 from jaxsph.io import RunFile
 
 
-def main(dx: float = 0.03, t1: float = 3.0) -> None:
+def main(dx: float = 0.02, t1: float = 2.0) -> None:
     """Kills the OWC's run once it has written its fifth snapshot."""
     with tempfile.TemporaryDirectory() as folder:
         whole, killed = Path(folder) / "whole.h5", Path(folder) / "killed.h5"
         run = ["run", "owc", "--set", f"dx={dx}", "--t1", str(t1), "--no-plot", "--out"]
         _cli(*run, str(whole)).wait()
         victim = _cli(*run, str(killed))
-        while victim.poll() is None and _samples(killed) < 100:
+        while victim.poll() is None and _samples(killed) < 60:
             time.sleep(0.05)
         alive = victim.poll() is None
         victim.send_signal(signal.SIGKILL)

@@ -25,7 +25,7 @@ def main(dx: float = 0.02, t1: float = 5.0) -> None:
     for integrator in ("symplectic", "predictor_corrector"):
         changes = {
             "dx": dx,
-            "start.amplitude": 0.01,
+            "start.amplitude": 0.03,
             "probes.gauges": [0.1, 0.9],
             "probes.pressure": None,
             "scheme.integrator": integrator,

@@ -225,9 +225,9 @@ class AbstractThinWall(eqx.Module):
     def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
         """For each of `SETS`, the extent (m) that its ghosts fill behind their face."""
 
-    def tip_tangential(self, plate: WallPlate, dx: float, layers: int, slip: FreeSlip | NoSlip) -> float:
+    def tip_tangential(self, plate: WallPlate, dx: float, layers: int) -> float:
         """Factor of the tangential velocity that the tip's ghosts carry."""
-        return slip.tangential
+        return 1.0
 
 
 class RegionalGhosts(AbstractThinWall):
@@ -249,10 +249,10 @@ class RegionalGhosts(AbstractThinWall):
         depth = layers * dx
         return ((depth, np.inf), (depth, np.inf), (plate.thickness, depth))
 
-    def tip_tangential(self, plate, dx, layers, slip):
+    def tip_tangential(self, plate, dx, layers):
         """See `AbstractThinWall`."""
         if plate.thickness > layers * dx:
-            return slip.tangential
+            return 1.0
         # Carried along, the tip's few ghosts would stream out of the plate's own sides: a spurious flow
         # that made 0.2 J/m a period in the OWC at dx = 0.02 m, four times what is left without it.
         return 0.0
@@ -305,7 +305,7 @@ class _Lattice(NamedTuple):
     moves: np.ndarray
 
 
-def _box_ghosts(box: Box, dx: float, layers: int, slip: FreeSlip | NoSlip) -> _Lattice:
+def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
     """Ghosts on the lattice outside the box; a corner's are mirrored in every wall they are behind."""
     dim = len(box.low)
     low, high = np.array(box.low), np.array(box.high)
@@ -323,7 +323,7 @@ def _box_ghosts(box: Box, dx: float, layers: int, slip: FreeSlip | NoSlip) -> _L
     x, under, over = x[outside], under[outside], over[outside]
     node = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))
     normal = under | over
-    mirror = np.where(normal, -1.0, slip.tangential)
+    mirror = np.where(normal, -1.0, 1.0)
     moves = np.zeros(len(x), bool)
     keep = np.ones(len(x), bool)
     extra: list[_Lattice] = []
@@ -340,12 +340,10 @@ def _box_ghosts(box: Box, dx: float, layers: int, slip: FreeSlip | NoSlip) -> _L
             node_bed = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))[bed]
             node_bed[:, 0] = sub[:, 0]
             mirror_bed = mirror[bed].copy()
-            mirror_bed[:, 0] = slip.tangential
+            mirror_bed[:, 0] = 1.0
             n = len(sub)
             plain = np.full(n, PLAIN, np.int32)
             extra.append(_Lattice(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool)))
-        # The paddle's wall is free-slip whatever the tank's is (section 2.4).
-        mirror[moves] = np.where(normal[moves], -1.0, 1.0)
     plain = np.full(len(x), PLAIN, np.int32)
     whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves)
     whole = _Lattice(*(a[keep] for a in whole))
@@ -359,7 +357,6 @@ def _plate_ghosts(
     regions: Regions,
     dx: float,
     layers: int,
-    slip: FreeSlip | NoSlip,
 ) -> _Lattice:
     wall.check(plate, dx, layers)
     top = box.high[-1]
@@ -378,7 +375,7 @@ def _plate_ghosts(
         middle = [np.arange(lo + dx / 2, hi, dx) for lo, hi in _inner_axes(box)]
         x = np.stack(np.meshgrid(xs, *middle, zs, indexing="ij"), -1).reshape(-1, len(box.low))
         node = x.copy()
-        tangential = slip.tangential if which < 2 else wall.tip_tangential(plate, dx, layers, slip)
+        tangential = 1.0 if which < 2 else wall.tip_tangential(plate, dx, layers)
         mirror = np.full(x.shape, tangential)
         axis = -1 if which == 2 else 0
         face = (plate.x0, plate.x1, plate.tip)[which]
@@ -438,7 +435,9 @@ class Ghosts(eqx.Module):
     x: Float[Array, "G D"]
     node: Float[Array, "G D"]
     mirror: Float[Array, "G D"]
-    """-1 for components normal to the wall, the slip factor for tangential ones."""
+    """-1 for components normal to the wall, 1 for tangential ones (0 at a thin wall's tip)."""
+    shear: Float[Array, "G D"]
+    """The same with the slip factor for tangential components: what the viscous force sees."""
     moves: Float[Array, " G"]
     """1 for the paddle's ghosts."""
     full: Float[Array, " G"]
@@ -470,9 +469,9 @@ class Ghosts(eqx.Module):
         reach, h = smoothing.kernel.reach, float(smoothing.h)
         layers = int(np.ceil(reach * h / dx - 0.5))
         regions = Regions(plate, thin_wall.division if plate is not None else None)
-        parts = [_box_ghosts(box, dx, layers, slip)]
+        parts = [_box_ghosts(box, dx, layers)]
         if plate is not None:
-            parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers, slip))
+            parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers))
         ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
         # the paddle's first, then by column: a gather from neighbours in memory is cheaper
         order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves))
@@ -493,6 +492,15 @@ class Ghosts(eqx.Module):
             x=jnp.asarray(ghosts.x, dtype),
             node=jnp.asarray(ghosts.node, dtype),
             mirror=jnp.asarray(ghosts.mirror, dtype),
+            # The paddle is free-slip whatever the tank's walls are (section 2.4).
+            shear=jnp.asarray(
+                np.where(
+                    (ghosts.mirror == -1.0) | ghosts.moves[:, None],
+                    ghosts.mirror,
+                    np.minimum(ghosts.mirror, slip.tangential),
+                ),
+                dtype,
+            ),
             moves=jnp.asarray(ghosts.moves, dtype),
             full=jnp.asarray(np.maximum(full, 0.05), dtype),
             volume=jnp.asarray(dx ** len(box.low), dtype),
@@ -642,10 +650,12 @@ class Ghosts(eqx.Module):
         reach = tuple(g - n - o for g, n, o in zip(columns(x), columns(nodes), fit.offset, strict=True))
         return at_node + dot(columns(body_force), reach)
 
-    def velocity(self, at_node: Components, wall: Components) -> Float[Array, "G D"]:
+    def velocity(
+        self, at_node: Components, wall: Components, mirror: Float[Array, "G D"]
+    ) -> Float[Array, "G D"]:
         """u_ghost = mirror u_node + (1 - mirror) u_wall, component by component (section 2.4)."""
         return stacked(
-            [m * u + (1.0 - m) * w for m, u, w in zip(columns(self.mirror), at_node, wall, strict=True)]
+            [m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)]
         )
 
 

@@ -207,8 +207,10 @@ class DeltaSPH(AbstractScheme):
         pressure = laws.pressure(p.rho, self.c0)
         return with_empty({"x": columns(p.x), "V": V, "p": pressure, "u": columns(p.u)})
 
-    def sources(self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"]) -> dict:
-        """Fluid and ghosts as one set of sources; p is what is over the background."""
+    def sources(
+        self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
+    ) -> dict:
+        """Fluid and ghosts, with these velocities, as one set of sources; p is over the background."""
         # the walls take no part in the density's diffusion or gradient: their deviation is not used
         rho = jnp.concatenate([p.rho, jnp.zeros_like(ghosts.p)])
         V = jnp.concatenate([p.m / (self.rho0 + p.rho), -ghosts.V])
@@ -221,7 +223,7 @@ class DeltaSPH(AbstractScheme):
             "rho": rho,
             "p": pressure,
             "V": V,
-            "u": columns(jnp.concatenate([u, ghosts.u])),
+            "u": columns(jnp.concatenate([u, u_ghosts])),
         }
 
     def ghosts(self, model: Model, state: State, tables: Tables, a_wall: Scalar) -> GhostFields:
@@ -241,6 +243,7 @@ class DeltaSPH(AbstractScheme):
             nodes,
             jnp.where(fit.wet > 0, pressure, 0.0),
             jnp.zeros_like(x),
+            jnp.zeros_like(x),
             here * walls.volume,
             fit,
             water,
@@ -257,7 +260,9 @@ class DeltaSPH(AbstractScheme):
         )
         zero = jnp.zeros_like(walls.moves)
         wall = (walls.moves * state.paddle[1],) + (zero,) * (len(at_node) - 1)
-        return ghosts._replace(u=walls.velocity(at_node, wall))
+        return ghosts._replace(
+            u=walls.velocity(at_node, wall, walls.mirror), u_shear=walls.velocity(at_node, wall, walls.shear)
+        )
 
     # ---------------------------------------------------------------- the two passes
 
@@ -353,7 +358,7 @@ class DeltaSPH(AbstractScheme):
         ghosts = self.ghosts(model, state, tables, jnp.zeros_like(model.dt))
         ghosts = self.ghost_velocity(model, state, tables, ghosts, state.particles.u)
         p = state.particles
-        sources = self.sources(ghosts, p, p.u)
+        sources = self.sources(ghosts, p, p.u, ghosts.u_shear)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
         n = p.x.shape[0]
         guard = laws.GUARD * self.smoothing.h**2
@@ -383,7 +388,7 @@ class DeltaSPH(AbstractScheme):
         """Position divergence of Eq. 15: dim inside, below `SURFACE` (1.89 of 2) at the surface."""
         ghosts = self.ghosts(model, state, tables, jnp.zeros_like(model.dt))
         p = state.particles
-        sources = self.sources(ghosts, p, p.u)
+        sources = self.sources(ghosts, p, p.u, ghosts.u_shear)
         return self.momentum(model, p, sources, tables).position_divergence
 
 
@@ -398,6 +403,9 @@ class GhostFields(NamedTuple):
     nodes: Float[Array, "G D"]
     p: Float[Array, " G"]
     u: Float[Array, "G D"]
+    u_shear: Float[Array, "G D"]
+    """Velocity that the viscous force sees: a wall without slip must not look like a moving one to the
+    continuity equation."""
     V: Float[Array, " G"]
     fit: tuple
     water: dict
@@ -434,7 +442,7 @@ class SymplecticEuler(AbstractIntegrator):
         paddle, a_wall = _paddle(scheme, model, state, dt)
         ghosts = scheme.ghosts(model, state, tables, a_wall)
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, p.u)
-        sources = scheme.sources(ghosts, p, p.u)
+        sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         push = model.walls.push(p.x, state.paddle[0], model.dx, scheme.c0)
         u = p.u + dt * (stacked(rates.acceleration) + push)
@@ -442,7 +450,7 @@ class SymplecticEuler(AbstractIntegrator):
         u, sponge = _sponge(model, p, u, dt)
         state = eqx.tree_at(lambda a: a.paddle, state, state.paddle.at[1].set(paddle[1]))
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, u)
-        sources = scheme.sources(ghosts, p, u)
+        sources = scheme.sources(ghosts, p, u, ghosts.u)
         rho = p.rho + dt * scheme.continuity(p, sources, rates.grad_rho, tables)
         work = _paddle_work(scheme, model, tables, p, ghosts, work, sponge, paddle[1], dt)
         p = eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho))
@@ -472,8 +480,9 @@ class PredictorCorrector(AbstractIntegrator):
         paddle, a_wall = _paddle(scheme, model, start, dt)
         ghosts = scheme.ghosts(model, at, tables, a_wall)
         ghosts = scheme.ghost_velocity(model, at, tables, ghosts, p.u)
-        sources = scheme.sources(ghosts, p, p.u)
+        sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
+        sources = scheme.sources(ghosts, p, p.u, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
         push = model.walls.push(p.x, at.paddle[0], model.dx, scheme.c0)
         u = p0.u + dt * (stacked(rates.acceleration) + push)

@@ -156,7 +156,7 @@ def test_velocities_are_mirrored(slip):
         fit, ux = tank.interpolate(u[:, 0])
         _, uz = tank.interpolate(u[:, 1])
         zero = jnp.zeros_like(ux)
-        found = np.asarray(tank.walls.velocity((ux, uz), (U * tank.walls.moves, zero)))
+        found = np.asarray(tank.walls.velocity((ux, uz), (U * tank.walls.moves, zero), tank.walls.shear))
         at_node = flow(tank.node)
         exact = (np.asarray(fit.wet) > 0) & ~np.any(np.stack(fit.offset), axis=0)
         x, moves = tank.ghost, np.asarray(tank.walls.moves) > 0

@@ -111,7 +111,7 @@ def test_flow_is_the_rise_times_the_chamber_s_length(vessel):
     state, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     p, rise = state.particles, 0.3
     ghosts = model.scheme.ghosts(model, state, tables, jnp.zeros_like(model.dt))
-    sources = with_empty(model.scheme.sources(ghosts, p, p.u))
+    sources = with_empty(model.scheme.sources(ghosts, p, p.u, ghosts.u))
     grip, _ = model.chamber.grip(p, sources, tables.fluid, tables.chamber, model.scheme.smoothing)
     flow = -float(jnp.sum(grip[1]) * rise)
     # Second-order sums over a lattice of 8 particles across with a fading zone of 4 spacings.
