@@ -65,6 +65,7 @@ def right_hand_side(given: dict[str, np.ndarray]):
 
     from jaxsph import kernels, neighbours, wcsph
     from jaxsph._typing import columns
+    from jaxsph.case import SKIN
     from jaxsph.pairs import Smoothing
     from jaxsph.state import Particles, Tables
 
@@ -79,7 +80,7 @@ def right_hand_side(given: dict[str, np.ndarray]):
         wcsph.SymplecticEuler(),
     )
     x = np.stack([given["x"], given["y"]], axis=1)
-    grid = neighbours.grid_over(x.min(axis=0), x.max(axis=0), float(given["radius"]) + 0.3 * dx)
+    grid = neighbours.grid_over(x.min(axis=0), x.max(axis=0), float(given["radius"]) + SKIN * dx)
     order = np.asarray(neighbours.cell_order(jnp.asarray(x), grid))
     field = {k: jnp.asarray(given[k][order]) for k in ("x", "y", "u", "v", "rho", "volume")}
     x, u = jnp.asarray(x[order]), jnp.stack([field["u"], field["v"]], axis=1)

@@ -12,7 +12,7 @@ from experiments.common import row
 DEPTH, G, RHO = 1.0, 9.81, 1000.0
 
 
-def main(layers: int = 40, layers_3d: int = 40, t1: float = 5.0) -> None:
+def main(layers: int = 40, layers_3d: int = 20, t1: float = 5.0) -> None:
     """Runs a square tank of `layers` spacings' depth, and in 3-D a column of 10 x 5 x `layers_3d`."""
     jax.config.update("jax_enable_x64", True)
     flat = {"dx": DEPTH / layers, "output.sample_dt": 0.05}

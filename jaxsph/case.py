@@ -24,6 +24,10 @@ from jaxsph.errors import CaseError
 from jaxsph.pairs import Smoothing
 from jaxsph.state import Model, Particles, Search, State, Status, Work
 
+SKIN = 0.2
+"""Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
+OWC takes as long with 0.3 (`python -m experiments.bench_step`)."""
+
 __all__ = ["Case", "Geometry", "build", "built_in_cases", "check", "load_case", "make_probes"]
 
 
@@ -533,7 +537,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     cfl = case.scheme.cfl if case.scheme.cfl is not None else integrator.cfl
     # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
     dt_limit = wcsph.stable_dt(scheme, case.g, cfl * case.scheme.h_over_dx * dx / h, dim)
-    skin = 0.3 * dx
+    skin = SKIN * dx
     # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
     # an even number of steps, so that there are shorter ones for a table that goes stale.
     needed = case.output.sample_dt / dt_limit
