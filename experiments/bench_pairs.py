@@ -10,24 +10,28 @@ object with `ns_per_pair_min`; the two take turns.
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import statistics
 import subprocess
-import time
 import types
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import typer
 
-from experiments.common import row
+from experiments.common import row, timed, use_threads
+from jaxsph import kernels, neighbours, wcsph
+from jaxsph._typing import columns
+from jaxsph.case import SKIN
+from jaxsph.pairs import Smoothing
+from jaxsph.state import Particles, Tables
 
 
 def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repeats: int = 9) -> None:
     """Prints ns per pair, and its ratio to that of COMMAND."""
-    cores = sorted(os.sched_getaffinity(0))[:threads]
-    os.sched_setaffinity(0, cores)  # before JAX starts its threads
+    use_threads(threads)
     given = dict(np.load(inputs))
     evaluate, reference = right_hand_side(given)
     error = max(
@@ -49,26 +53,8 @@ def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repea
         row(f"{label}: ratio", f"{ratio:.2f}", "at most 4.5; goal 2", ratio <= 4.5)
 
 
-def timed(evaluate) -> float:
-    """Seconds of one call."""
-    import jax
-
-    began = time.perf_counter()
-    jax.block_until_ready(evaluate())
-    return time.perf_counter() - began
-
-
 def right_hand_side(given: dict[str, np.ndarray]):
     """A call that evaluates the solver's own two passes, and what they give in the inputs' order."""
-    import jax
-    import jax.numpy as jnp
-
-    from jaxsph import kernels, neighbours, wcsph
-    from jaxsph._typing import columns
-    from jaxsph.case import SKIN
-    from jaxsph.pairs import Smoothing
-    from jaxsph.state import Particles, Tables
-
     h, dx, c0, rho0 = (float(given[name]) for name in ("h", "dx", "c0", "rho0"))
     smoothing = Smoothing(kernels.Gaussian(), jnp.float32(h))
     scheme = wcsph.DeltaSPH(

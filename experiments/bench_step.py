@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import statistics
 import time
 
+import jax
+import jax.numpy as jnp
 import typer
 
-from experiments.common import row
+import jaxsph as js
+from experiments.common import row, timed, use_threads
+from jaxsph.case import steps_per_sample
+from jaxsph.state import Failure
 
 
 def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
     """Runs `steps` steps of the OWC with spacing dx, in turns with its bare pair sums."""
-    cores = sorted(os.sched_getaffinity(0))[:threads]
-    os.sched_setaffinity(0, cores)  # before JAX starts its threads
-    import jax
-
-    import jaxsph as js
-    from jaxsph.case import steps_per_sample
-    from jaxsph.state import Failure
-
+    use_threads(threads)
     case = js.load_case("owc").replace({"dx": dx})
     model, state = js.build(case)
     probes = js.make_probes(case, model, state)
@@ -59,9 +56,6 @@ def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) 
 
 def pair_passes(model, state):
     """A call that evaluates the two pair sums of one right-hand side on the model's own tables."""
-    import jax
-    import jax.numpy as jnp
-
     scheme = model.scheme
 
     @jax.jit
@@ -79,15 +73,6 @@ def pair_passes(model, state):
     given = prepared(state)
     jax.block_until_ready(passes(*given))
     return lambda: passes(*given)
-
-
-def timed(evaluate) -> float:
-    """Seconds of one call."""
-    import jax
-
-    began = time.perf_counter()
-    jax.block_until_ready(evaluate())
-    return time.perf_counter() - began
 
 
 if __name__ == "__main__":

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import jax
 import numpy as np
 
 import jaxsph as js
@@ -37,3 +42,15 @@ def row(check: str, value: str, bar: str = "", passes: bool | None = None) -> No
     """Prints a line: what was checked, what came out, the bar and whether it is met."""
     verdict = {None: "", True: "ok", False: "MISSED"}[passes]
     print(f"{check:58s} {value:>22s}   {bar:24s} {verdict}", flush=True)
+
+
+def use_threads(count: int) -> None:
+    """Keeps this process to so many cores; call it before JAX first computes, which starts its threads."""
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:count])
+
+
+def timed(evaluate: Callable[[], Any]) -> float:
+    """Seconds of one call, until its arrays are there."""
+    began = time.perf_counter()
+    jax.block_until_ready(evaluate())
+    return time.perf_counter() - began

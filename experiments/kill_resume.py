@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from experiments.common import row
+from jaxsph.errors import FileError
 from jaxsph.io import RunFile
 
 
@@ -44,7 +45,7 @@ def _cli(*args: str) -> subprocess.Popen:
 def _samples(path: Path) -> int:
     try:
         return len(RunFile.open(path).series().get("time", ()))
-    except Exception:  # not yet there, or between two writes
+    except FileError:  # not yet there
         return 0
 
 

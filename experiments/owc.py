@@ -7,22 +7,22 @@ import typer
 
 import jaxsph as js
 from experiments.common import row, solved
-from jaxsph import analysis, waves
+from jaxsph import analysis
 
 
 def main(dx: float = 0.02) -> None:
     """Runs the OWC with the spacing dx and prints its last ten periods."""
     case = js.load_case("owc").replace({"dx": dx})
-    series = solved(case, f"owc_{dx:g}").series()
-    T, t = case.waves.T, series["time"]
-    last = analysis.whole_periods(t, T, 10)
+    file = solved(case, f"owc_{dx:g}")
+    series, results = file.series(), file.results()
+    T, t, periods = case.waves.T, series["time"], int(results["periods"])
+    last = analysis.whole_periods(t, T, periods)
     over = {name: values[last] for name, values in series.items()}
-    label = f"OWC, dx = {dx:g} m, 10 periods from t = {t[last][0]:.1f} s"
+    label = f"OWC, dx = {dx:g} m, {periods} periods from t = {t[last][0]:.1f} s"
 
-    budget = analysis.energy_budget(over)
     for name in ("paddle", "stored", "pto", "viscous", "diffusive", "residual"):
-        row(f"{label}: {name}", f"{budget[name]:+.3f} J/m")
-    share = budget["residual"] / budget["paddle"]
+        row(f"{label}: {name}", f"{results[f'energy_{name}']:+.3f} J/m")
+    share = results["energy_residual"] / results["energy_paddle"]
     row(f"{label}: not accounted for / paddle", f"{100 * share:+.1f} %", "within 5 %", abs(share) < 0.05)
 
     # q against the rate of the volume, by harmonics: differentiated samples are mostly noise
@@ -34,10 +34,8 @@ def main(dx: float = 0.02) -> None:
     off = abs(ratio - 1)
     row(f"{label}: volume rate against q", f"{100 * off:.2f} %", "within 3 %", off < 0.03)
 
-    P_inc = float(waves.incident_power(case.waves.H, T, case.tank.depth, case.fluid.rho0, case.g))
-    found = analysis.efficiency(over["time"], over["power_pto"], T, P_inc, 10)
-    row(f"{label}: xi", f"{found.xi:.3f}", "0 to 1", 0 < found.xi < 1)
-    row(f"{label}: xi from period to period", f"{np.std(found.per_period):.3f}")
+    row(f"{label}: xi", f"{results['xi']:.3f}", "0 to 1", 0 < results["xi"] < 1)
+    row(f"{label}: xi from period to period", f"{results['xi_scatter']:.3f}")
     row(f"{label}: P_a amplitude", f"{2 * abs(np.mean(over['P_a'] * wave)):.1f} Pa")
     row(f"{label}: chamber level amplitude", f"{1e3 * 2 * abs(np.mean(over['chamber_level'] * wave)):.1f} mm")
 

@@ -40,8 +40,7 @@ def main(dx: float = 0.01, t1: float = 30.0) -> None:
     down = float(np.mean(series["chamber_level"][whole]))
     row(f"{label}: level under the pressure", f"{down:+.4f} m", "below zero", down < 0)
     row(f"{label}: damping", f"{found.decay_rate / found.omega:.4f} of critical")
-    budget = analysis.energy_budget(series)
-    row(f"{label}: energy not accounted for", f"{100 * budget['residual_share']:+.1f} %")
+    row(f"{label}: energy not accounted for", f"{100 * file.results()['energy_residual_share']:+.1f} %")
 
 
 if __name__ == "__main__":

@@ -21,8 +21,7 @@ __all__ = sorted(_HOME)
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'jaxsph' has no attribute {name!r}")
-    module = importlib.import_module(f"jaxsph.{_HOME[name]}")
-    return getattr(module, name)
+    return getattr(importlib.import_module(f"jaxsph.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:

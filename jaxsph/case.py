@@ -24,11 +24,11 @@ from jaxsph.errors import CaseError
 from jaxsph.pairs import Smoothing
 from jaxsph.state import Model, Particles, Search, State, Status, Work
 
+__all__ = ["Case", "Geometry", "build", "built_in_cases", "check", "load_case", "make_probes"]
+
 SKIN = 0.2
 """Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
 OWC takes as long with 0.3 (`python -m experiments.bench_step`)."""
-
-__all__ = ["Case", "Geometry", "build", "built_in_cases", "check", "load_case", "make_probes"]
 
 
 class _Section(BaseModel):
@@ -633,19 +633,18 @@ def _chamber(case: Case, geometry: Geometry, leaf: Any) -> devices.Chamber | Non
 
 def _background(case: Case, geometry: Geometry, leaf: Any) -> wcsph.Background | None:
     plate = geometry.plate
-    if plate is None or plate.thickness > _layers(case) * case.dx:
+    if plate is None or not plate.is_thin(case.dx, _layers(case)):
         return None
     draught = geometry.depth - plate.tip
     # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
     fall = case.waves.H if case.waves is not None else 0.0
     if case.pto is not None and case.pto.P_a is not None:
         fall = max(fall, abs(case.pto.P_a) / (case.fluid.rho0 * case.g))
-    # Measured at rest and in waves (`python -m experiments.thin_wall`). R must end below the surface, where
-    # it would be a false pressure. With much more head left in the sum the tip grows unquiet, with none
-    # nothing keeps the particles in order; a narrower zone's own gradients disturb them, and over the
-    # whole tank the waves lose half their height to disorder.
+    # Measured at rest and in waves. R must end below the surface, where it would be a false pressure. With
+    # much more head left in the sum the tip grows unquiet, with none nothing keeps the particles in order; a
+    # narrower zone's own gradients disturb them, and over the whole tank the waves lost 40 % of their height.
     return wcsph.Background(
-        x=leaf(0.5 * (plate.x0 + plate.x1)),
+        x=leaf(plate.middle),
         inner=leaf(0.2 * draught),
         outer=leaf(2.0 * draught),
         tip=leaf(plate.tip),

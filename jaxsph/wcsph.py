@@ -76,8 +76,8 @@ class Background(eqx.Module):
     Water on both sides of a wall thinner than the kernel couples with the water below the tip, but not
     with itself. The sum (p_i + p_j) grad W then answers small displacements with accelerations that
     point outwards, in proportion to p: at rest, particles at the tip of a wall of one spacing gain speed
-    tenfold every 0.25 s (`python -m experiments.thin_wall`), where a wall as thick as the kernel reaches
-    stays quiet. With (p_i - R_i) + (p_j - R_j) in the sum and -grad R beside it the gradient is the same
+    without end (`python -m experiments.thin_wall`), where a wall as thick as the kernel reaches stays
+    quiet. With (p_i - R_i) + (p_j - R_j) in the sum and -grad R beside it the gradient is the same
     to second order, and the sum sees little pressure at the tip.
 
     Pairs stay antisymmetric, and the exchange with the compression energy stays exact: the budget gains

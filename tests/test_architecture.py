@@ -9,7 +9,7 @@ import pytest
 import jaxsph
 
 # Layers from the bottom up. Inside a layer a room may import those named before it in the same tuple
-# (`case` makes the probes it describes, `simulate` ends with the analysis, `plot` reads what `io` wrote).
+# (`case` makes the probes it describes, `driver` ends with the analysis, `plot` reads what `io` wrote).
 LAYERS = (
     ("_typing", "kernels", "pairs", "neighbours", "loop"),
     ("state", "laws", "waves"),
@@ -25,7 +25,7 @@ UNRELATED = {("loop", "pairs"), ("loop", "neighbours"), ("loop", "kernels"), ("d
 LEAF = "errors"
 """Imports nothing of the package; anyone may import it."""
 HOST_ONLY = "io"
-"""Files know nothing of the physics: `io` imports errors alone, so `simulate`, below it, may use it."""
+"""Files know nothing of the physics: `io` imports errors alone, so `driver`, below it, may use it."""
 FACADE = "__init__"
 ORDER = {room: (height, place) for height, row in enumerate(LAYERS) for place, room in enumerate(row)}
 
