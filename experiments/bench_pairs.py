@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 import typer
 
-from experiments.common import row, timed, use_threads
+from experiments.common import Report, timed, use_threads
 from jaxsph import kernels, neighbours, wcsph
 from jaxsph._typing import columns
 from jaxsph.case import SKIN
@@ -38,19 +38,22 @@ def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repea
         float(np.max(abs(value - given[f"ref_{name}"]))) / float(np.max(abs(given[f"ref_{name}"])))
         for name, value in reference.items()
     )
-    row("pair work: largest error against float64", f"{error:.1e}", "< 1e-3", error < 1e-3)
     own, native = [], []
     for _ in range(turns):
         own += [timed(evaluate) / int(given["pairs"]) for _ in range(repeats)]
         if beside:
             done = subprocess.run(shlex.split(beside), capture_output=True, text=True, check=True)
             native.append(json.loads(done.stdout)["ns_per_pair_min"])
-    label = f"pair work, {len(given['x'])} particles, float32, {threads} thread(s)"
-    row(f"{label}: least, median", f"{1e9 * min(own):.2f}, {1e9 * statistics.median(own):.2f} ns/pair")
-    if native:
-        ratio = 1e9 * min(own) / min(native)
-        row(f"{label}: native", f"{min(native):.2f} ns/pair")
-        row(f"{label}: ratio", f"{ratio:.2f}", "at most 4.5; goal 2", ratio <= 4.5)
+    title = f"Pair work of one right-hand side, {len(given['x'])} particles, float32, {threads} thread(s)"
+    with Report("bench_pairs", title) as report:
+        bar = "< 1e-3"
+        report.row("largest error against float64", error, theory=0.0, bar=bar, passes=error < 1e-3)
+        report.row("least", 1e9 * min(own), "ns/pair")
+        report.row("median", 1e9 * statistics.median(own), "ns/pair")
+        if native:
+            ratio = 1e9 * min(own) / min(native)
+            report.row("native, least", min(native), "ns/pair")
+            report.row("ratio", ratio, bar="at most 4.5; goal 2", passes=ratio <= 4.5)
 
 
 def right_hand_side(given: dict[str, np.ndarray]):

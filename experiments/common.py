@@ -1,8 +1,10 @@
-"""What the experiments share: a run kept in a file, and rows of the README's table of checks."""
+"""What the experiments share: a run kept in a file, and a report of what was found."""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,12 +12,15 @@ from typing import Any
 
 import jax
 import numpy as np
+from matplotlib.figure import Figure
 
 import jaxsph as js
 from jaxsph.io import RunFile
 
 RUNS = Path("runs")
 """Where runs are kept; a second call reads them, or goes on where they were interrupted."""
+RESULTS = Path(__file__).parent / "results"
+"""Rows and pictures of every experiment, committed."""
 
 
 def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
@@ -38,10 +43,86 @@ def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
     return file
 
 
-def row(check: str, value: str, bar: str = "", passes: bool | None = None) -> None:
-    """Prints a line: what was checked, what came out, the bar and whether it is met."""
-    verdict = {None: "", True: "ok", False: "MISSED"}[passes]
-    print(f"{check:58s} {value:>22s}   {bar:24s} {verdict}", flush=True)
+class Report:
+    """What an experiment found: rows that are printed as they come and kept in `experiments/results`.
+
+    A context: leaving it without an exception writes `results/<name>.json`, which `python -m experiments`
+    gathers into the table of all checks, so a row is what was measured and never typed in.
+    """
+
+    def __init__(self, name: str, title: str, dx: float | None = None) -> None:
+        """An experiment called `name` (a file's name), with a title for people and its spacing dx (m)."""
+        self.name, self.title, self.dx = name, title, dx
+        self.rows: list[dict[str, Any]] = []
+        self.pictures: list[str] = []
+        self.seconds: float | None = None
+        """Wall time of the runs, where the experiment knows it better than its own duration (s)."""
+
+    def __enter__(self) -> Report:
+        self._began = time.perf_counter()
+        print(self.title, flush=True)
+        return self
+
+    def row(
+        self,
+        check: str,
+        here: float | str,
+        unit: str = "",
+        *,
+        theory: float | str | None = None,
+        paper: float | str | None = None,
+        bar: str = "",
+        passes: bool | None = None,
+    ) -> None:
+        """One check: what came out here, in theory and in the paper; the bar, and whether it is met."""
+        found = {"check": check, "here": _plain(here), "unit": unit, "theory": _plain(theory)}
+        found |= {"paper": _plain(paper), "bar": bar, "passes": None if passes is None else bool(passes)}
+        self.rows.append(found)
+        print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
+
+    def picture(self, figure: Figure, suffix: str = "") -> None:
+        """Keeps a figure beside the rows, as `results/<name><suffix>.png`."""
+        RESULTS.mkdir(exist_ok=True)
+        file = f"{self.name}{suffix}.png"
+        figure.savefig(RESULTS / file, dpi=100)
+        self.pictures.append(file)
+
+    def __exit__(self, kind: type | None, value: Any, trace: Any) -> None:
+        if kind is not None:
+            return
+        seconds = time.perf_counter() - self._began if self.seconds is None else self.seconds
+        command = "python -m experiments." + " ".join([Path(sys.argv[0]).stem, *sys.argv[1:]])
+        found = {"title": self.title, "command": command, "dx": self.dx, "seconds": round(seconds, 1)}
+        found |= {"machine": machine(), "rows": self.rows, "pictures": self.pictures}
+        RESULTS.mkdir(exist_ok=True)
+        text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
+        (RESULTS / f"{self.name}.json").write_text(text, encoding="utf-8")
+
+
+VERDICT = {None: "", True: "ok", False: "MISSED"}
+
+
+def shown(value: float | str | None, unit: str = "") -> str:
+    """A value for people: four digits and its unit."""
+    if value is None:
+        return ""
+    text = value if isinstance(value, str) else f"{value:.4g}"
+    return f"{text} {unit}".rstrip()
+
+
+def _plain(value: Any) -> float | str | None:
+    """What JSON can hold: a number of any kind as a float of six digits."""
+    if value is None or isinstance(value, str):
+        return value
+    return float(f"{float(value):.6g}")
+
+
+def machine() -> str:
+    """Where this runs: backend, device and the cores that the process may use."""
+    device = jax.devices()[0]
+    if device.platform != "cpu":
+        return f"{device.platform}: {device.device_kind}"
+    return f"CPU, {len(os.sched_getaffinity(0))} core(s), jax {jax.__version__}"
 
 
 def use_threads(count: int) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 import jaxsph as js
-from experiments.common import row
+from experiments.common import Report
 
 DEPTH, G, RHO = 1.0, 9.81, 1000.0
 
@@ -23,14 +23,28 @@ def main(layers: int = 40, layers_3d: int = 20, t1: float = 5.0) -> None:
         "probes.pressure": None,
         "output.sample_dt": 0.05,
     }
-    for name, changes in (("2-D", flat), ("3-D", deep)):
-        for precision in ("float32", "float64"):
-            case = js.load_case("hydrostatic").replace(changes | {"precision": precision})
-            solution = js.run(case, t1=t1, progress=False)
-            label = f"hydrostatic {name}, dx = d/{round(DEPTH / case.dx)}, {precision}, {t1:g} s"
-            error, speed = errors(solution)
-            row(f"{label}: RMS pressure error / rho g d", f"{100 * error:.3f} %", "< 1 %", error < 0.01)
-            row(f"{label}: max |u| / sqrt(g d) after 3 s", f"{100 * speed:.3f} %", "< 1 %", speed < 0.01)
+    with Report("hydrostatic", f"Water at rest for {t1:g} s", DEPTH / layers) as report:
+        for name, changes in (("2-D", flat), ("3-D", deep)):
+            for precision in ("float32", "float64"):
+                case = js.load_case("hydrostatic").replace(changes | {"precision": precision})
+                error, speed = errors(js.run(case, t1=t1, progress=False))
+                label = f"{name}, dx = d/{round(DEPTH / case.dx)}, {precision}"
+                report.row(
+                    f"{label}: RMS pressure error / rho g d",
+                    100 * error,
+                    "%",
+                    theory=0.0,
+                    bar="< 1 %",
+                    passes=error < 0.01,
+                )
+                report.row(
+                    f"{label}: max |u| / sqrt(g d) after 3 s",
+                    100 * speed,
+                    "%",
+                    theory=0.0,
+                    bar="< 1 %",
+                    passes=speed < 0.01,
+                )
 
 
 def errors(solution: js.Solution) -> tuple[float, float]:

@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from experiments.common import row
+from experiments.common import Report
 from jaxsph.errors import FileError
 from jaxsph.io import RunFile
 
 
 def main(dx: float = 0.02, t1: float = 2.0) -> None:
     """Kills the OWC's run once it has written its fifth snapshot."""
-    with tempfile.TemporaryDirectory() as folder:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Report("kill_resume", f"The OWC killed with SIGKILL and resumed, to {t1:g} s", dx) as report,
+    ):
         whole, killed = Path(folder) / "whole.h5", Path(folder) / "killed.h5"
         run = ["run", "owc", "--set", f"dx={dx}", "--t1", str(t1), "--no-plot", "--out"]
         _cli(*run, str(whole)).wait()
@@ -34,7 +37,7 @@ def main(dx: float = 0.02, t1: float = 2.0) -> None:
         a, b = RunFile.open(whole).series(), RunFile.open(killed).series()
         same = alive and a.keys() == b.keys() and all(np.array_equal(a[k], b[k]) for k in a)
         value = f"{len(a)} series, {kept} of {len(a['time'])} kept"
-        row("kill -9, then resume: series equal bit for bit", value, "all", same)
+        report.row("series equal bit for bit", value, bar="all", passes=same)
 
 
 def _cli(*args: str) -> subprocess.Popen:

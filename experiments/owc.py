@@ -6,7 +6,7 @@ import numpy as np
 import typer
 
 import jaxsph as js
-from experiments.common import row, solved
+from experiments.common import Report, solved
 from jaxsph import analysis
 
 
@@ -18,12 +18,20 @@ def main(dx: float = 0.02) -> None:
     T, t, periods = case.waves.T, series["time"], int(results["periods"])
     last = analysis.whole_periods(t, T, periods)
     over = {name: values[last] for name, values in series.items()}
-    label = f"OWC, dx = {dx:g} m, {periods} periods from t = {t[last][0]:.1f} s"
+    title = f"The built-in OWC over {periods} periods from t = {t[last][0]:.1f} s"
+    with Report(f"owc_{dx:g}", title, dx) as report:
+        report.seconds = results["wall_seconds"]
+        _rows(report, case, results, over)
 
+
+def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[str, np.ndarray]) -> None:
+    T = case.waves.T
     for name in ("paddle", "stored", "pto", "viscous", "diffusive", "residual"):
-        row(f"{label}: {name}", f"{results[f'energy_{name}']:+.3f} J/m")
+        report.row(f"energy: {name}", results[f"energy_{name}"], "J/m")
     share = results["energy_residual"] / results["energy_paddle"]
-    row(f"{label}: not accounted for / paddle", f"{100 * share:+.1f} %", "within 5 %", abs(share) < 0.05)
+    report.row(
+        "not accounted for / paddle", 100 * share, "%", theory=0.0, bar="within 5 %", passes=abs(share) < 0.05
+    )
 
     # q against the rate of the volume, by harmonics: differentiated samples are mostly noise
     omega = 2 * np.pi / T
@@ -32,12 +40,12 @@ def main(dx: float = 0.02) -> None:
     flow = np.mean(over["flow"] * wave)
     ratio = volume / flow
     off = abs(ratio - 1)
-    row(f"{label}: volume rate against q", f"{100 * off:.2f} %", "within 3 %", off < 0.03)
+    report.row("volume rate against q", 100 * off, "%", theory=0.0, bar="within 3 %", passes=off < 0.03)
 
-    row(f"{label}: xi", f"{results['xi']:.3f}", "0 to 1", 0 < results["xi"] < 1)
-    row(f"{label}: xi from period to period", f"{results['xi_scatter']:.3f}")
-    row(f"{label}: P_a amplitude", f"{2 * abs(np.mean(over['P_a'] * wave)):.1f} Pa")
-    row(f"{label}: chamber level amplitude", f"{1e3 * 2 * abs(np.mean(over['chamber_level'] * wave)):.1f} mm")
+    report.row("xi", results["xi"], bar="0 to 1", passes=0 < results["xi"] < 1)
+    report.row("xi from period to period", results["xi_scatter"])
+    report.row("P_a amplitude", 2 * abs(np.mean(over["P_a"] * wave)), "Pa")
+    report.row("chamber level amplitude", 1e3 * 2 * abs(np.mean(over["chamber_level"] * wave)), "mm")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 import jaxsph as js
-from experiments.common import row
+from experiments.common import Report
 from jaxsph import analysis
 
 DEPTH = LENGTH = 1.0
@@ -24,26 +24,37 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0) -> None:
     At 0.03 m the amplitude's own effect on the period, (ka)^2/8, is 0.11 %. Well below a spacing the
     particles do not pass each other, and the lattice is a little stiff: see the numbers for 0.01 m.
     """
-    for integrator in ("symplectic", "predictor_corrector"):
-        changes = {
-            "dx": dx,
-            "start.amplitude": amplitude,
-            "probes.gauges": [0.1, 0.9],
-            "probes.pressure": None,
-            "scheme.integrator": integrator,
-        }
-        solution = js.run(js.load_case("hydrostatic").replace(changes), t1=t1, progress=False)
-        tilt = solution["eta"][:, 0] - solution["eta"][:, 1]
-        found = analysis.fit_damped_oscillation(solution.t, tilt)
-        error = OMEGA / found.omega - 1.0
-        label = f"standing wave of {amplitude:g} m, dx = {dx:g} m, {integrator}"
-        row(f"{label}: period error", f"{100 * error:+.3f} %", "within 1 %", abs(error) < 0.01)
-        row(f"{label}: damping", f"{found.decay_rate / OMEGA:.5f} of critical")
-        row(f"{label}: energy not accounted for", f"{100 * solution.results['energy_residual_share']:+.2f} %")
-        row(
-            f"{label}: steps, wall time",
-            f"{solution.results['steps']:.0f}, {solution.results['wall_seconds']:.0f} s",
-        )
+    title = f"Standing wave of {amplitude:g} m in a square tank of 1 m"
+    with Report(f"standing_wave_{amplitude:g}", title, dx) as report:
+        for integrator in ("symplectic", "predictor_corrector"):
+            _measure(report, integrator, dx, amplitude, t1)
+
+
+def _measure(report: Report, integrator: str, dx: float, amplitude: float, t1: float) -> None:
+    changes = {
+        "dx": dx,
+        "start.amplitude": amplitude,
+        "probes.gauges": [0.1, 0.9],
+        "probes.pressure": None,
+        "scheme.integrator": integrator,
+    }
+    solution = js.run(js.load_case("hydrostatic").replace(changes), t1=t1, progress=False)
+    tilt = solution["eta"][:, 0] - solution["eta"][:, 1]
+    found = analysis.fit_damped_oscillation(solution.t, tilt)
+    error = OMEGA / found.omega - 1.0
+    report.row(
+        f"{integrator}: period error",
+        100 * error,
+        "%",
+        theory=0.0,
+        bar="within 1 %",
+        passes=abs(error) < 0.01,
+    )
+    report.row(f"{integrator}: damping", found.decay_rate / OMEGA, "of critical")
+    missing = solution.results["energy_residual_share"]
+    report.row(f"{integrator}: energy not accounted for", 100 * missing, "%", theory=0.0)
+    report.row(f"{integrator}: steps", solution.results["steps"])
+    report.row(f"{integrator}: wall time", solution.results["wall_seconds"], "s")
 
 
 if __name__ == "__main__":

@@ -7,20 +7,29 @@ import jax
 import typer
 
 import jaxsph as js
-from experiments.common import row
+from experiments.common import Report
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
     """Prints the largest speed at a quarter, half, and the end of t1 (s), without any viscosity."""
     case = at_rest(dx)
-    for label, background in (("as it is", True), ("without the background", False)):
-        model, state = js.build(case)
-        if not background:
-            model = eqx.tree_at(lambda m: m.scheme.background, model, None)
-        speeds = list(_speeds(model, state, t1))
-        shown = " ".join(f"{s:.4f}" for s in (speeds[len(speeds) // 4], speeds[len(speeds) // 2], speeds[-1]))
-        passes = speeds[-1] < 0.01 if background else None
-        row(f"wall of one spacing (dx = {dx:g} m), {label}: max |u|", f"{shown} m/s", "< 0.01 m/s", passes)
+    title = f"Inviscid water at rest beside a wall of one spacing: largest speed in {t1:g} s"
+    with Report("thin_wall", title, dx) as report:
+        for label, background in (("as it is", True), ("without the background", False)):
+            model, state = js.build(case)
+            if not background:
+                model = eqx.tree_at(lambda m: m.scheme.background, model, None)
+            speeds = list(_speeds(model, state, t1))
+            for part, index in (("a quarter", len(speeds) // 4), ("half", len(speeds) // 2), ("all", -1)):
+                last = background and index == -1
+                report.row(
+                    f"{label}, after {part} of it",
+                    speeds[index],
+                    "m/s",
+                    theory=0.0,
+                    bar="< 0.01 m/s" if last else "",
+                    passes=speeds[index] < 0.01 if last else None,
+                )
 
 
 def at_rest(dx: float) -> js.Case:

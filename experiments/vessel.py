@@ -6,7 +6,7 @@ import numpy as np
 import typer
 
 import jaxsph as js
-from experiments.common import row, solved
+from experiments.common import Report, solved
 from jaxsph import analysis
 
 PERIOD = 1.427367
@@ -24,23 +24,23 @@ def main(dx: float = 0.01, t1: float = 30.0) -> None:
     late = t > 0.5  # the first half second holds the acoustics of the sudden pressure
     found = analysis.fit_damped_oscillation(t[late], difference[late])
     period = 2 * np.pi / found.omega
-    label = f"vessels, dx = {dx:g} m, {t[-1]:.0f} s"
-    off = period / PERIOD - 1
-    row(f"{label}: period", f"{period:.4f} s ({100 * off:+.2f} %)", "1.4274 s within 2 %", abs(off) < 0.02)
     # the mean over whole periods at the end does not depend on the fit's envelope
     whole = analysis.whole_periods(t, period, max(1, int(0.4 * t[-1] / period)))
     level = float(np.mean(difference[whole]))
-    off = level / DIFFERENCE - 1
-    row(
-        f"{label}: final difference",
-        f"{level:.5f} m ({100 * off:+.2f} %)",
-        "0.10194 m within 2 %",
-        abs(off) < 0.02,
-    )
     down = float(np.mean(series["chamber_level"][whole]))
-    row(f"{label}: level under the pressure", f"{down:+.4f} m", "below zero", down < 0)
-    row(f"{label}: damping", f"{found.decay_rate / found.omega:.4f} of critical")
-    row(f"{label}: energy not accounted for", f"{100 * file.results()['energy_residual_share']:+.1f} %")
+    results = file.results()
+    with Report(f"vessel_{dx:g}", f"Pneumatic communicating vessels to {t[-1]:.0f} s", dx) as report:
+        report.seconds = results["wall_seconds"]
+        for name, here, theory, unit in (
+            ("period", period, PERIOD, "s"),
+            ("final difference", level, DIFFERENCE, "m"),
+        ):
+            off = abs(here / theory - 1)
+            report.row(name, here, unit, theory=theory, bar="within 2 %", passes=off < 0.02)
+        report.row("level under the pressure", down, "m", bar="below zero", passes=down < 0)
+        report.row("damping", found.decay_rate / found.omega, "of critical")
+        missing = results["energy_residual_share"]
+        report.row("energy not accounted for / largest kinetic", 100 * missing, "%", theory=0.0)
 
 
 if __name__ == "__main__":
