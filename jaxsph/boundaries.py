@@ -45,6 +45,7 @@ __all__ = [
     "Regions",
     "RegionalGhosts",
     "WallPlate",
+    "lattice",
     "wall_normals",
 ]
 
@@ -238,16 +239,17 @@ class AbstractThinWall(eqx.Module):
 
 class RegionalGhosts(AbstractThinWall):
     """Each face has its own full depth of ghosts, which may stand in the plate, in the water behind it
-    and over each other: only their own region sees them, so the plate may be one spacing thin."""
+    and over each other: only their own region sees them, so the plate may be half a spacing thin."""
 
     division: AbstractDivision = HorizontalDivision()
 
     def check(self, plate, dx, layers):
         """See `AbstractThinWall`."""
-        if plate.thickness < 0.99 * dx:
+        if plate.thickness < 0.45 * dx:
             raise ValueError(
-                f"wall_thickness = {plate.thickness:g} m is less than one spacing (dx = {dx:g} m): "
-                "the lattice cannot hold the wall; use dx of at most the thickness"
+                f"wall_thickness = {plate.thickness:g} m is less than half a spacing (dx = {dx:g} m): "
+                "the particles under the tip would not see it; use dx of at most "
+                f"{2 * plate.thickness:g} m"
             )
 
     def body(self, plate, dx, layers):
@@ -302,6 +304,33 @@ class Box:
     """Largest displacement of the paddle towards negative x, m: the bed reaches that far."""
 
 
+def lattice(
+    low: tuple[float, ...], high: tuple[float, ...], dx: float, plate: WallPlate | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around a plate.
+
+    The box is a whole number of spacings, and so is the level of the plate's tip. The plate's faces need
+    not be: beside it the columns of either side are stretched to fill that side, below it they are not.
+    """
+    axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
+
+    def filled(columns: np.ndarray, rows: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+        x = np.stack(np.meshgrid(columns, *axes[1:-1], rows, indexing="ij"), -1).reshape(-1, len(low))
+        return x, np.full(len(x), width * dx ** (len(low) - 1))
+
+    if plate is None:
+        return filled(axes[0], axes[-1], dx)
+    above = axes[-1] > plate.tip
+    parts = [filled(axes[0], axes[-1][~above], dx)]
+    for start, end in ((low[0], plate.x0), (plate.x1, high[0])):
+        count = max(1, int(np.floor((end - start) / dx + 0.5 + 1e-9)))
+        width = (end - start) / count
+        parts.append(filled(start + (np.arange(count) + 0.5) * width, axes[-1][above], width))
+    x, volume = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.lexsort((x[:, -1], x[:, 0]))
+    return x[order], volume[order]
+
+
 class _Lattice(NamedTuple):
     x: np.ndarray
     node: np.ndarray
@@ -309,6 +338,7 @@ class _Lattice(NamedTuple):
     kind: np.ndarray
     node_sees: np.ndarray
     moves: np.ndarray
+    volume: np.ndarray
 
 
 def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
@@ -349,9 +379,12 @@ def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
             mirror_bed[:, 0] = 1.0
             n = len(sub)
             plain = np.full(n, PLAIN, np.int32)
-            extra.append(_Lattice(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool)))
+            volume = np.full(n, dx**dim)
+            extra.append(
+                _Lattice(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool), volume)
+            )
     plain = np.full(len(x), PLAIN, np.int32)
-    whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves)
+    whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves, np.full(len(x), dx**dim))
     whole = _Lattice(*(a[keep] for a in whole))
     return _Lattice(*(np.concatenate(parts) for parts in zip(whole, *extra, strict=True)))
 
@@ -370,13 +403,11 @@ def _plate_ghosts(
     rows = plate.tip + (np.arange(int(round((top - plate.tip) / dx))) + 0.5) * dx
     parts = []
     for which, (across, up) in enumerate(depth):
-        n_across = int(round(across / dx))
-        if which == 0:
-            xs = plate.x0 + (np.arange(n_across) + 0.5) * dx
-        elif which == 1:
-            xs = plate.x1 - (np.arange(n_across) + 0.5) * dx
-        else:
-            xs = plate.x0 + (np.arange(n_across) + 0.5) * dx
+        # the columns fill the extent, which inside a plate need not be a whole number of spacings
+        n_across = max(1, round(across / dx))
+        width = across / n_across
+        inward = (np.arange(n_across) + 0.5) * width
+        xs = plate.x1 - inward if which == 1 else plate.x0 + inward
         zs = rows[rows < plate.tip + up]
         middle = [np.arange(lo + dx / 2, hi, dx) for lo, hi in _inner_axes(box)]
         x = np.stack(np.meshgrid(xs, *middle, zs, indexing="ij"), -1).reshape(-1, len(box.low))
@@ -396,6 +427,7 @@ def _plate_ghosts(
                 np.full(n, regions.set_kind(which), np.int32),
                 np.full(n, regions.node_sees(which)),
                 np.zeros(n, bool),
+                np.full(n, width * dx ** (len(box.low) - 1)),
             )
         )
     return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
@@ -405,15 +437,15 @@ def _inner_axes(box: Box) -> list[tuple[float, float]]:
     return [(box.low[k], box.high[k]) for k in range(1, len(box.low) - 1)]
 
 
-def _fill(points: np.ndarray, water: np.ndarray, h: float, reach: float, dx: float) -> np.ndarray:
+def _fill(points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float) -> np.ndarray:
     """sum V W at points for a tank full of water to the brim (Gaussian weights are near enough)."""
     dim = points.shape[1]
     tree = cKDTree(water)
-    norm = dx**dim / (np.pi ** (dim / 2) * h**dim)
+    norm = 1.0 / (np.pi ** (dim / 2) * h**dim)
     total = np.empty(len(points))
     for i, near in enumerate(tree.query_ball_point(points, reach * h)):
         r2 = ((water[near] - points[i]) ** 2).sum(axis=1)
-        total[i] = norm * np.exp(-r2 / h**2).sum()
+        total[i] = norm * (volume[near] * np.exp(-r2 / h**2)).sum()
     return total
 
 
@@ -448,7 +480,8 @@ class Ghosts(eqx.Module):
     """1 for the paddle's ghosts."""
     full: Float[Array, " G"]
     """sum V W at the node were the tank full."""
-    volume: Scalar
+    volume: Float[Array, " G"]
+    """m^D."""
     kind: Int[Array, " G"]
     node_sees: Int[Array, " G"]
     regions: Regions
@@ -487,12 +520,15 @@ class Ghosts(eqx.Module):
         plain = np.asarray(regions.sees(jnp.asarray(own))) & water_bits
         node_sees = np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
-        brim = cls._brim(box, plate, dx, layers)
+        # full to the brim and a little over it
+        over = (*box.high[:-1], box.high[-1] + (2 * layers - 1) * dx)
+        brim, brim_volume = lattice(box.low, over, dx, plate)
         full = np.zeros(len(ghosts.x))
         brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
         for mask in np.unique(node_sees):
             of = node_sees == mask
-            full[of] = _fill(ghosts.node[of], brim[(brim_kind & mask) != 0], h, reach, dx)
+            seen = (brim_kind & mask) != 0
+            full[of] = _fill(ghosts.node[of], brim[seen], brim_volume[seen], h, reach)
         count = int(ghosts.moves.sum())
         return cls(
             x=jnp.asarray(ghosts.x, dtype),
@@ -509,7 +545,7 @@ class Ghosts(eqx.Module):
             ),
             moves=jnp.asarray(ghosts.moves, dtype),
             full=jnp.asarray(np.maximum(full, 0.05), dtype),
-            volume=jnp.asarray(dx ** len(box.low), dtype),
+            volume=jnp.asarray(ghosts.volume, dtype),
             kind=jnp.asarray(ghosts.kind, jnp.int32),
             node_sees=jnp.asarray(node_sees, jnp.int32),
             regions=regions,
@@ -517,20 +553,6 @@ class Ghosts(eqx.Module):
             low=box.low,
             high=box.high,
         )
-
-    @staticmethod
-    def _brim(box: Box, plate: WallPlate | None, dx: float, layers: int) -> np.ndarray:
-        """Lattice of a tank full to the brim and a little over it."""
-        axes = [np.arange(lo + dx / 2, hi, dx) for lo, hi in zip(box.low, box.high, strict=True)]
-        over = axes[-1][-1] + dx * np.arange(1, 2 * layers)
-        axes[-1] = np.concatenate([axes[-1], over])
-        if box.paddle:
-            axes[0] = np.concatenate([box.low[0] - dx * (np.arange(0) + 0.5), axes[0]])
-        x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(box.low))
-        if plate is not None:
-            inside = (x[:, 0] > plate.x0) & (x[:, 0] < plate.x1) & (x[:, -1] > plate.tip)
-            x = x[~inside]
-        return x
 
     @property
     def count(self) -> int:

@@ -374,7 +374,13 @@ class Geometry:
             return
         if self.width is not None:
             raise CaseError("tank.width: a device needs a two-dimensional tank (no width)")
-        self.chamber_length = self.snap("device.chamber_length", device.chamber_length, 4)
+        self.chamber_length = device.chamber_length
+        if device.chamber_length < 3.0 * self.dx:
+            raise CaseError(
+                f"device.chamber_length = {device.chamber_length:g} m holds "
+                f"{device.chamber_length / self.dx:.1f} spacings of dx = {self.dx:g} m; three are the least: "
+                f"use dx of at most {device.chamber_length / 3:.4g} m"
+            )
         draught = self.snap("device.draught", device.draught, 2)
         if draught > self.depth - 2 * self.dx:
             raise CaseError(
@@ -382,16 +388,14 @@ class Geometry:
                 f"of water below it, so at most {self.depth - 2 * self.dx:g} m here"
             )
         wall = _thin_wall(device)
-        asked = boundaries.WallPlate(0.0, device.wall_thickness, 0.0)
+        thickness = device.wall_thickness
         try:
-            if device.wall_thickness < 0.67 * self.dx:  # snapping may thicken it by half
-                wall.check(asked, self.dx, _layers(case))
-            thickness = self.snap("device.wall_thickness", device.wall_thickness, slack=0.5)
             wall.check(boundaries.WallPlate(0.0, thickness, 0.0), self.dx, _layers(case))
         except ValueError as error:
             raise CaseError(f"device.{error}") from None
-        x1 = self.length - self.chamber_length
-        self.plate = boundaries.WallPlate(x1 - thickness, x1, self.depth - draught)
+        x1 = float(np.round(self.length - self.chamber_length, 12))
+        x0 = float(np.round(x1 - thickness, 12))
+        self.plate = boundaries.WallPlate(x0, x1, self.depth - draught)
         if self.plate.x0 < 4 * self.dx:
             raise CaseError(f"tank.length = {case.tank.length:g} m leaves no water in front of the device")
 
@@ -470,19 +474,6 @@ def _speed_scale(case: Case) -> float:
     return float(surface * (2.5 if case.device is not None else 1.5))
 
 
-def _lattice(geometry: Geometry, dim: int) -> np.ndarray:
-    dx = geometry.dx
-    extents = [geometry.length, geometry.depth]
-    if dim == 3:
-        extents = [geometry.length, geometry.width, geometry.depth]
-    axes = [(np.arange(int(round(e / dx))) + 0.5) * dx for e in extents]
-    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
-    plate = geometry.plate
-    if plate is not None:
-        x = x[~((x[:, 0] > plate.x0) & (x[:, 0] < plate.x1) & (x[:, -1] > plate.tip))]
-    return x
-
-
 def _initial_velocity(case: Case, geometry: Geometry, x: np.ndarray) -> np.ndarray:
     u = np.zeros_like(x)
     if case.start is None:
@@ -559,10 +550,13 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
     walls = boundaries.Ghosts.build(box, dx, smoothing, slip, geometry.plate, thin_wall, dtype=dtype)
 
-    x = _lattice(geometry, dim)
-    # Hydrostatic: the density of each row's pressure, and the mass that makes its volume dx^dim.
+    surface = [geometry.length, geometry.depth]
+    if dim == 3:
+        surface = [geometry.length, geometry.width, geometry.depth]
+    x, volume = boundaries.lattice((0.0,) * dim, tuple(surface), dx, geometry.plate)
+    # Hydrostatic: the density of each row's pressure, and the mass that makes its volume.
     rho = case.fluid.rho0 * case.g * (geometry.depth - x[:, -1]) / c0**2
-    m = (case.fluid.rho0 + rho) * dx**dim
+    m = (case.fluid.rho0 + rho) * volume
     particles = Particles(
         x=leaf(x),
         x_carry=leaf(x - np.asarray(x, dtype)),

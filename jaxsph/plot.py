@@ -352,8 +352,8 @@ def _plate(
     names = ("chamber_length", "wall_thickness", "draught")
     if depth is None or not all(name in device for name in names):
         return None
-    length, thickness, draught = (_snapped(device[name], dx) for name in names)
-    return end - length - thickness, end - length, depth - draught
+    length, thickness, draught = (device[name] for name in names)
+    return end - length - thickness, end - length, depth - _snapped(draught, dx)
 
 
 @_styled

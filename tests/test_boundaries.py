@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import coarse, enable_x64
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.boundaries import (
@@ -20,6 +22,7 @@ from jaxsph.boundaries import (
     NoSlip,
     RegionalGhosts,
     WallPlate,
+    lattice,
     wall_normals,
 )
 from jaxsph.errors import CaseError
@@ -301,8 +304,8 @@ def test_each_ghost_set_is_seen_by_its_region_only(tables):
 def test_a_plate_too_thin_for_its_method_is_refused():
     with pytest.raises(ValueError, match="multi-node ghosts need 3: use dx of at most .* or regional ghosts"):
         MultiNodeGhosts().check(PLATE, DX, 4)
-    with pytest.raises(ValueError, match="less than one spacing"):
-        RegionalGhosts().check(WallPlate(0.5, 0.53, 0.3), DX, 4)
+    with pytest.raises(ValueError, match="less than half a spacing"):
+        RegionalGhosts().check(WallPlate(0.5, 0.52, 0.3), DX, 4)
     RegionalGhosts().check(PLATE, DX, 4)
     MultiNodeGhosts().check(WallPlate(0.5, 0.65, 0.3), DX, 4)
     with pytest.raises(CaseError, match="device.wall_thickness .* multi-node"):
@@ -362,3 +365,28 @@ def test_push_moves_with_the_paddle():
     x = jnp.asarray([[0.01, 0.3], [0.02 + 0.5 * DX, 0.3]])  # behind and in front of a paddle at 0.02 m
     push = np.asarray(walls.push(x, 0.02, DX, C0))
     assert push[0, 0] > 0 and not push[1].any() and push[0, 1] == 0
+
+
+# --- lattice
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    thickness=st.floats(0.05, 0.5),
+    gap=st.floats(0.3, 1.0),
+    rows=st.integers(2, 8),
+    dim=st.sampled_from([2, 3]),
+)
+def test_lattice_fills_the_box_around_a_plate(thickness, gap, rows, dim):
+    """Volumes add up to the water's own, and no particle is nearer to a face than a third of a spacing."""
+    dx = 0.1
+    high = (2.0, *((0.3,) * (dim - 2)), 1.0)
+    plate = WallPlate(2.0 - gap - thickness, 2.0 - gap, rows * dx)
+    x, volume = lattice((0.0,) * dim, high, dx, plate)
+    width = 0.3 ** (dim - 2)
+    water = (2.0 - thickness * (1.0 - plate.tip)) * width
+    assert volume.sum() == pytest.approx(water, rel=1e-9)  # sums of doubles
+    beside = x[x[:, -1] > plate.tip]
+    gaps = np.concatenate([plate.x0 - beside[:, 0], beside[:, 0] - plate.x1])
+    # a column of 1.5 spacings is the widest: its middle is 0.75 away; the narrowest is 0.67 wide
+    assert np.min(gaps[gaps > -0.5 * thickness]) > 0.33 * dx

@@ -28,11 +28,11 @@ OWC = js.load_case("owc")
         ({"foo.bar": 1}, r"unknown key 'foo' \(keys here: .*tank"),
         ({"dx.fine": 1}, "dx is a value, not a section"),
         # a wall that the lattice or the method cannot hold
-        ({"device.wall_thickness": 0.005}, r"device.wall_thickness = 0.005 m is less than one spacing"),
+        ({"device.wall_thickness": 0.005}, r"device.wall_thickness = 0.005 m is less than half a spacing"),
         ({"device.thin_wall": "multi_node"}, r"device.wall_thickness = 0.02 m .*need 3.*or regional ghosts"),
         # dx that does not fit
         ({"dx": 0.3}, r"tank.depth = 0.42 m does not fit dx = 0.3 m: .* use dx of at most 0.105 m"),
-        ({"dx": 0.05}, r"device.chamber_length = 0.13 m does not fit dx = 0.05 m"),
+        ({"dx": 0.05}, r"device.chamber_length = 0.13 m holds 2.6 spacings of dx = 0.05 m; three are"),
         # lengths
         ({"dx": 0.0}, r"dx = 0.0: .*greater than 0"),
         ({"tank.length": -1.0}, r"tank.length = -1.0: .*greater than 0"),
@@ -116,17 +116,17 @@ def test_theory_s_limits_are_told_not_refused(changes, notice):
 
 
 def test_snapping_says_what_became_of_each_length():
-    notes = OWC.notices()
-    assert any("device.chamber_length = 0.13 m" in note and "becomes 0.14 m" in note for note in notes)
-    assert Geometry.of(OWC).chamber_length == pytest.approx(0.14)
-    # At the paper's spacing every length of the default geometry is whole.
-    assert not [note for note in OWC.replace({"dx": 0.01}).notices() if "becomes" in note]
+    notes = OWC.replace({"device.draught": 0.15}).notices()
+    assert any("device.draught = 0.15 m" in note and "becomes 0.16 m" in note for note in notes)
+    # Every length of the default geometry fits: beside the plate nothing is snapped.
+    assert not [note for note in OWC.notices() if "becomes" in note]
+    assert Geometry.of(OWC).chamber_length == 0.13
 
 
 @settings(max_examples=100, deadline=None)
 @given(dx=st.floats(0.01, 0.03), length=st.floats(2.0, 9.0), depth=st.floats(0.4, 0.8))
 def test_walls_stand_between_particles(dx, length, depth):
-    """Every length of the geometry that is built is a whole number of spacings."""
+    """Every length but those beside the plate is a whole number of spacings."""
     try:
         case = OWC.replace({"dx": dx, "tank.length": length, "tank.depth": depth, "probes": {}})
     except CaseError as error:
@@ -134,10 +134,12 @@ def test_walls_stand_between_particles(dx, length, depth):
         return
     geometry = Geometry.of(case)
     plate = geometry.plate
-    lengths = [geometry.length, geometry.depth, geometry.chamber_length, plate.x0, plate.x1, plate.tip]
+    lengths = [geometry.length, geometry.depth, plate.tip]
     # The lengths are rounded to 12 digits.
     assert all(abs(a / dx - round(a / dx)) < 1e-8 for a in lengths)
     assert abs(geometry.length - length) <= dx / 2 + 1e-9
+    assert geometry.length - plate.x1 == pytest.approx(case.device.chamber_length, abs=1e-11)
+    assert plate.thickness == pytest.approx(case.device.wall_thickness, abs=1e-11)
 
 
 # --- replace and text
