@@ -10,6 +10,7 @@ _ROOMS = {
     "case": ("Case", "build", "built_in_cases", "check", "load_case", "make_probes"),
     "errors": ("CaseError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
+    "design": ("Sweep", "read_sweep", "sweep"),
     "driver": ("restore", "resume", "run", "simulate"),
     "state": ("Model", "Solution", "State"),
 }

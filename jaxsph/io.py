@@ -1,4 +1,4 @@
-"""Files: one HDF5 file for each run, and its export for ParaView.
+"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
 
 Layout of a run's file (`SCHEMA`):
 
@@ -24,14 +24,14 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
 from jaxsph.errors import FileError
 
-__all__ = ["SCHEMA", "RunFile", "Variable", "export_vtkhdf"]
+__all__ = ["SCHEMA", "RunFile", "SweepFile", "Variable", "export_vtkhdf"]
 
 SCHEMA = 1
 """Version of the layout; files of a newer one are refused."""
@@ -94,7 +94,7 @@ class RunFile:
             )
         with _writing(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
-        with run._replacing("w") as file:
+        with _replacing(run.path, "w") as file:
             file.attrs["schema"] = SCHEMA
             file.attrs["jaxsph_version"] = version or _version()
             file.attrs["case"] = case_toml
@@ -144,7 +144,7 @@ class RunFile:
         """
         series = {name: np.asarray(values) for name, values in series.items()}
         _check_series(series, variables)
-        with self._replacing("r+") as file:
+        with _replacing(self.path, "r+") as file:
             _check_continues(self.path, file, series["time"])
             groups = {"series": set(series) - energy - {"time"}, "energy": set(series) & energy}
             for group, names in groups.items():
@@ -158,47 +158,16 @@ class RunFile:
 
     def finish(self, results: Mapping[str, float]) -> None:
         """Records scalar results, in the place of those of an earlier end."""
-        with self._replacing("r+") as file:
+        with _replacing(self.path, "r+") as file:
             attributes = file["results"].attrs
             for name in list(attributes):
                 del attributes[name]
             attributes.update({name: float(value) for name, value in results.items()})
 
-    @contextlib.contextmanager
-    def _replacing(self, mode: str) -> Iterator[h5py.File]:
-        """A copy (mode "r+") or a new file ("w") that takes this file's place if all goes well."""
-        part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
-        with _writing(self.path):
-            try:
-                _remove_abandoned(self.path)
-                if mode == "r+":
-                    shutil.copyfile(self.path, part)
-                with h5py.File(part, mode) as file:
-                    yield file
-                    file.flush()
-                _sync(part)
-                os.replace(part, self.path)
-            finally:
-                part.unlink(missing_ok=True)
-            if os.name == "posix":  # elsewhere a folder cannot be opened to sync its entries
-                _sync(self.path.parent)
-
     # --- reading
 
-    @contextlib.contextmanager
-    def _reading(self) -> Iterator[h5py.File]:
-        try:
-            with h5py.File(self.path, "r") as file:
-                yield file
-        except FileNotFoundError:
-            raise FileError(_missing(self.path)) from None
-        except PermissionError as error:
-            raise FileError(f"{self.path}: cannot be read ({error.strerror})") from None
-        except (OSError, KeyError, RuntimeError) as error:
-            raise FileError(
-                f"{self.path}: is cut short or damaged ({error}). Restore it from a copy, or run "
-                "the case again with --overwrite"
-            ) from error
+    def _reading(self) -> contextlib.AbstractContextManager[h5py.File]:
+        return _reading(self.path)
 
     def _attributes(self, group: str) -> dict[str, Any]:
         with self._reading() as file:
@@ -278,7 +247,191 @@ class RunFile:
             return np.asarray(times, np.float64)
 
 
+# --------------------------------------------------------------------------- a sweep's file
+
+
+class StoredSweep(NamedTuple):
+    """What a sweep's file holds; see `SweepFile.write`."""
+
+    case_toml: str
+    axes: dict[str, np.ndarray]
+    shape: tuple[int, ...]
+    members: dict[int, dict[str, Any]]
+    variables: dict[str, Variable]
+
+
+class SweepFile:
+    """One HDF5 file of a sweep: scalar results and series of its members over the swept parameters.
+
+    Every parameter is a dimension with its values (of a list of members that is no grid: a variable over
+    the dimension `member`), so that netCDF tools open the file itself for the scalar results and the
+    group `series` for the series, padded with NaN where a member's is shorter or missing.
+    """
+
+    path: Path
+
+    def __init__(self, path: str | Path) -> None:
+        """A sweep's file, there or not."""
+        self.path = Path(path)
+
+    def write(
+        self,
+        case_toml: str,
+        axes: Mapping[str, np.ndarray],
+        shape: tuple[int, ...],
+        members: Mapping[int, Mapping[str, Any]],
+        variables: Mapping[str, Variable],
+    ) -> None:
+        """Puts a whole sweep in the file's place.
+
+        **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (of a
+        list: all of them over one dimension); `members`: by flat index, "results" (scalars), "series"
+        (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
+        well); `variables`: what each series is. **Raises** FileError where it cannot be written.
+        """
+        with _writing(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        with _replacing(self.path, "w") as file:
+            file.attrs.update(schema=SCHEMA, jaxsph_version=_version(), case=case_toml, kind="sweep")
+            dims = _write_axes(file, axes, shape)
+            for name in sorted({n for m in members.values() for n in m["results"]}):
+                values = np.full(shape, np.nan)
+                for index, member in members.items():
+                    values.flat[index] = member["results"].get(name, np.nan)
+                _over(file, name, values, dims)
+            failure = np.full(shape, "waiting", h5py.string_dtype())
+            for index, member in members.items():
+                failure.flat[index] = member["failure"]
+            _over(file, "failure", failure, dims)
+            group = file.create_group("series")
+            dims = _write_axes(group, axes, shape)
+            with_series = {i: m["series"] for i, m in members.items() if "time" in m["series"]}
+            if with_series:
+                _write_padded(group, with_series, variables, dims, shape)
+
+    def read(self) -> StoredSweep:
+        """What was written, without the padding.
+
+        **Raises** FileError where the file is missing, damaged or not a sweep's.
+        """
+        _check_signature(self.path)
+        with _reading(self.path) as file:
+            if file.attrs.get("kind") != "sweep":
+                raise FileError(f"{self.path}: is not the file of a sweep; give another name")
+            case = str(file.attrs["case"])
+            order = [str(name) for name in file.attrs["parameters"]]
+            axes = {name: file[name][()] for name in order}
+            failure = file["failure"].asstr()[()]
+            shape = failure.shape
+            known = {*axes, "failure", "member"}
+            scalars = {name: data[()] for name, data in file.items() if name not in known | {"series"}}
+            stored = {n: d for n, d in file["series"].items() if "long_name" in d.attrs}
+            series = {n: d[()] for n, d in stored.items()}
+            variables = {
+                n: Variable(d.attrs["units"], d.attrs["long_name"], _last_dimension(d, len(shape) + 1))
+                for n, d in stored.items()
+            }
+            time = file["series/time"][()] if "time" in file["series"] else np.zeros(0)
+        members = {}
+        for index, text in enumerate(failure.flat):
+            if text == "waiting":
+                continue
+            at = np.unravel_index(index, shape)
+            results = {n: float(v[at]) for n, v in scalars.items() if np.isfinite(v[at])}
+            own = {n: v[at] for n, v in series.items()}
+            there = np.zeros(len(time), bool)
+            for values in own.values():
+                there |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
+            own = {n: v[there] for n, v in own.items()} | {"time": time[there]} if there.any() else {}
+            members[index] = {"results": results, "series": own, "failure": text}
+        return StoredSweep(case, axes, shape, members, variables)
+
+
+def _last_dimension(data: h5py.Dataset, axis: int) -> str | None:
+    return _dimension(data, axis) if data.ndim > axis else None
+
+
+def _write_axes(group: h5py.Group, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> list[str]:
+    """Coordinates of a sweep; returns the names of its dimensions."""
+    group.attrs["parameters"] = list(axes)
+    grid = tuple(len(values) for values in axes.values()) == shape
+    for name, values in axes.items():
+        data = group.create_dataset(name, data=np.asarray(values))
+        if grid:
+            data.make_scale(name)
+        else:
+            data.dims[0].attach_scale(_scale(group, "member", len(values)))
+    return list(axes) if grid else ["member"]
+
+
+def _over(group: h5py.Group, name: str, values: np.ndarray, dims: list[str]) -> h5py.Dataset:
+    data = group.create_dataset(name, data=values)
+    for axis, dim in enumerate(dims):
+        data.dims[axis].attach_scale(group[dim])
+    return data
+
+
+def _write_padded(
+    group: h5py.Group,
+    members: Mapping[int, Mapping[str, np.ndarray]],
+    variables: Mapping[str, Variable],
+    dims: list[str],
+    shape: tuple[int, ...],
+) -> None:
+    longest = max((series["time"] for series in members.values()), key=len)
+    group.create_dataset("time", data=longest).make_scale("time")
+    group["time"].attrs["units"] = "s"
+    first = next(iter(members.values()))
+    for name in sorted(set(first) - {"time"}):
+        row = first[name].shape[1:]
+        values = np.full((int(np.prod(shape)), len(longest), *row), np.nan, np.float32)
+        for index, series in members.items():
+            values[index, : len(series[name])] = series[name]
+        values = values.reshape(*shape, len(longest), *row)
+        along = [f"{variables[name].dim or name + '_component'}"] if row else []
+        for dim in along:
+            _scale(group, dim, row[0])
+        data = _over(group, name, values, [*dims, "time", *along])
+        data.attrs["units"], data.attrs["long_name"] = variables[name].units, variables[name].long_name
+
+
 # --------------------------------------------------------------------------- safety of files
+
+
+@contextlib.contextmanager
+def _replacing(path: Path, mode: str) -> Iterator[h5py.File]:
+    """A copy (mode "r+") or a new file ("w") that takes the file's place if all goes well."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with _writing(path):
+        try:
+            _remove_abandoned(path)
+            if mode == "r+":
+                shutil.copyfile(path, part)
+            with h5py.File(part, mode) as file:
+                yield file
+                file.flush()
+            _sync(part)
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+        if os.name == "posix":  # elsewhere a folder cannot be opened to sync its entries
+            _sync(path.parent)
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[h5py.File]:
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except FileNotFoundError:
+        raise FileError(_missing(path)) from None
+    except PermissionError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    except (OSError, KeyError, RuntimeError) as error:
+        raise FileError(
+            f"{path}: is cut short or damaged ({error}). Restore it from a copy, or run "
+            "the case again with --overwrite"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ LAYERS = (
     ("wcsph",),
     ("probes", "case"),
     ("analysis", "driver"),
-    ("io", "plot"),
+    ("io", "plot", "design"),
     ("__main__",),
 )
 UNRELATED = {("loop", "pairs"), ("loop", "neighbours"), ("loop", "kernels"), ("devices", "boundaries")}

@@ -1,0 +1,238 @@
+"""Many runs of one case: `sweep` over parameters, one member per core, in one file that resumes."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import tomllib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from jaxsph.case import Case
+from jaxsph.errors import CaseError, FileError, JaxsphError
+from jaxsph.io import RunFile, SweepFile, Variable
+
+__all__ = ["Sweep", "read_sweep", "sweep"]
+
+FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
+"""What the members' compiler is told: a step takes 0.83 of its time. It cannot compile a checkpointed
+reverse pass, so it is no default of the package; a member only runs forward."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Results of every member over the swept parameters."""
+
+    case: Case
+    """What all members share."""
+    axes: dict[str, np.ndarray]
+    """Values of each parameter by dotted name."""
+    results: dict[str, np.ndarray]
+    """Scalar results over the grid (or list) of members; NaN where a member has none."""
+    failures: dict[tuple[int, ...], str]
+    """What stopped a member, by its place; empty where all went well."""
+    members: dict[tuple[int, ...], dict[str, np.ndarray]] = field(repr=False)
+    """Series of each member by its place, "time" (s) among them."""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The scalar result called `name`, over the members."""
+        if name not in self.results:
+            raise KeyError(f"no result {name!r}; there are {', '.join(sorted(self.results))}")
+        return self.results[name]
+
+
+def sweep(
+    case: Case,
+    over: Mapping[str, Sequence[float]],
+    out: str | Path,
+    *,
+    grid: bool = True,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Sweep:
+    """Runs a case for every combination of values, each member in a process of its own on one core.
+
+    **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`,
+    geometry and `t1` included; `grid`: every combination, or one member for each place in lists of equal
+    length; `out`: the file. Called again it goes on where it was interrupted: a member's checkpoints lie
+    beside the file, in `<out>.members`, until the member has ended. `workers`: members at a time (by
+    default one per core).
+    **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
+    **Raises** CaseError for a member that cannot be built, before any runs; FileError where `out` is of
+    another sweep.
+    """
+    axes = {name: np.asarray(values) for name, values in over.items()}
+    cases, shape = _cases(case, axes, grid)
+    file, members, variables = SweepFile(out), {}, {}
+    if file.path.exists():
+        stored = file.read()
+        same = (stored.case_toml, stored.shape, [*stored.axes]) == (case.to_toml(), shape, [*axes])
+        if not same or any(np.any(stored.axes[name] != axes[name]) for name in axes):
+            raise FileError(
+                f"{file.path}: holds a sweep of another case or of other values, and nothing was changed; "
+                "give another name, or remove it"
+            )
+        # a failed member is tried again
+        members = {i: m for i, m in stored.members.items() if not m["failure"]}
+        variables = stored.variables
+    folder = file.path.with_name(f"{file.path.name}.members")
+    folder.mkdir(parents=True, exist_ok=True)
+    cores, workers = _cores(workers)
+    children = _Children(folder / "compiled")
+    bar = tqdm(total=len(cases), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
+    with bar, ThreadPoolExecutor(workers) as pool:
+        try:
+            jobs = {
+                pool.submit(_member, member, folder / f"{i:04d}", cores, children): i
+                for i, member in enumerate(cases)
+                if i not in members
+            }
+            for job in as_completed(jobs):
+                i = jobs[job]
+                members[i], described = job.result()
+                variables = variables | described
+                file.write(case.to_toml(), axes, shape, members, variables)
+                for part in folder.glob(f"{i:04d}.*"):
+                    part.unlink()
+                bar.update()
+                if members[i]["failure"]:
+                    bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
+        except BaseException:
+            children.stop()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    shutil.rmtree(folder)
+    return _swept(case, axes, shape, members)
+
+
+def read_sweep(path: str | Path) -> Sweep:
+    """The results in a sweep's file, finished or not. **Raises** FileError."""
+    stored = SweepFile(path).read()
+    case = Case.from_dict(tomllib.loads(stored.case_toml))
+    return _swept(case, stored.axes, stored.shape, stored.members)
+
+
+def _cases(case: Case, axes: Mapping[str, np.ndarray], grid: bool) -> tuple[list[Case], tuple[int, ...]]:
+    if not axes or any(values.ndim != 1 or not values.size for values in axes.values()):
+        raise CaseError("a sweep needs at least one parameter, and a row of values for each")
+    lengths = [values.size for values in axes.values()]
+    if not grid and len(set(lengths)) > 1:
+        names = ", ".join(axes)
+        raise CaseError(f"values of {names} have lengths {lengths}: a list of members needs equal ones")
+    combined = itertools.product(*axes.values()) if grid else zip(*axes.values(), strict=True)
+    cases = [
+        case.replace({name: value.item() for name, value in zip(axes, values, strict=True)})
+        for values in combined
+    ]
+    return cases, tuple(lengths) if grid else (lengths[0],)
+
+
+def _swept(case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int, Mapping[str, Any]]) -> Sweep:
+    def place(index: int) -> tuple[int, ...]:
+        return tuple(int(k) for k in np.unravel_index(index, shape))
+
+    results = {}
+    for name in sorted({n for m in members.values() for n in m["results"]}):
+        results[name] = np.full(shape, np.nan)
+        for i, member in members.items():
+            results[name][place(i)] = member["results"].get(name, np.nan)
+    failures = {place(i): m["failure"] for i, m in members.items() if m["failure"]}
+    return Sweep(case, dict(axes), results, failures, {place(i): m["series"] for i, m in members.items()})
+
+
+# --------------------------------------------------------------------------- one member
+
+
+def _cores(workers: int | None) -> tuple[SimpleQueue[int], int]:
+    """Cores to give to members, one after another, and how many members run at a time."""
+    here = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+    workers = workers or len(here)
+    cores: SimpleQueue[int] = SimpleQueue()
+    for k in range(workers):
+        cores.put(here[k % len(here)])
+    return cores, workers
+
+
+class _Children:
+    """The members' processes, to be stopped together; what one has compiled the next need not."""
+
+    def __init__(self, compiled: Path) -> None:
+        self._environment = {
+            "XLA_FLAGS": FORWARD_FLAGS,
+            "JAX_COMPILATION_CACHE_DIR": str(compiled),
+            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        } | os.environ
+        self._running: set[subprocess.Popen] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+
+    def run(self, command: list[str], core: int, log: Path) -> int:
+        """Runs a command on one core, its messages going to a file, and returns its exit status."""
+        with log.open("w") as messages:
+            with self._lock:
+                if self._stopped:
+                    return -1
+                child = subprocess.Popen(command, stdout=messages, stderr=messages, env=self._environment)
+                self._running.add(child)
+            if hasattr(os, "sched_setaffinity"):
+                with contextlib.suppress(ProcessLookupError):
+                    os.sched_setaffinity(child.pid, {core})  # before it starts threads of its own
+            status = child.wait()
+        with self._lock:
+            self._running.discard(child)
+        return status
+
+    def stop(self) -> None:
+        """Ends all of them; their last checkpoints stay."""
+        with self._lock:
+            self._stopped = True
+            for child in self._running:
+                child.terminate()
+
+
+def _member(
+    case: Case, stem: Path, cores: SimpleQueue[int], children: _Children
+) -> tuple[dict[str, Any], dict[str, Variable]]:
+    """Runs, or finishes, one member beside the sweep's file; returns what it gave and what that is."""
+    run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
+    toml.write_text(case.to_toml(), encoding="utf-8")
+    command = [sys.executable, "-m", "jaxsph"]
+    if _begun(run):
+        command += ["resume", str(run), "--t1", repr(case.t1)]
+    else:
+        command += ["run", str(toml), "--out", str(run), "--overwrite"]
+    core = cores.get()
+    try:
+        status = children.run([*command, "--quiet", "--no-plot"], core, log)
+    finally:
+        cores.put(core)
+    try:
+        file = RunFile.open(run)
+        found = {"results": file.results(), "series": file.series(), "failure": ""}
+        variables = file.variables()
+    except JaxsphError:
+        found, variables = {"results": {}, "series": {}, "failure": ""}, {}
+    if status:
+        found["results"] = {}
+        found["failure"] = log.read_text(encoding="utf-8").strip() or f"ended with status {status}"
+    return found, variables
+
+
+def _begun(run: Path) -> bool:
+    """Whether a member has a checkpoint to go on from."""
+    try:
+        return bool(RunFile.open(run).checkpoint())
+    except FileError:
+        return False
