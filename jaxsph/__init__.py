@@ -8,6 +8,15 @@ from typing import Any
 
 _ROOMS = {
     "case": ("Case", "build", "built_in_cases", "check", "load_case", "make_probes"),
+    "linear": (
+        "ChamberGeometry",
+        "LinearOWC",
+        "RadiationAndScattering",
+        "linear_check",
+        "linear_owc",
+        "linear_response",
+        "radiation_and_scattering",
+    ),
     "errors": ("CaseError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
     "design": ("Sweep", "read_sweep", "sweep"),

@@ -114,14 +114,20 @@ def plot(
     vtk: Annotated[
         Path | None, typer.Option("--vtk", metavar="FILE", help="Also export for ParaView.")
     ] = None,
+    linear: Annotated[
+        bool, typer.Option("--linear", help="Draw what linear theory expects of the chamber.")
+    ] = False,
 ) -> None:
     """Make pictures of a run, finished or not, and export its particles."""
+    import jaxsph as js
     from jaxsph import io
     from jaxsph.plot import plot_run
 
     with _explained():
         opened = io.RunFile.open(file)
-        for path in plot_run(opened, folder=folder, animation=animation):
+        stored = tomllib.loads(opened.case_toml)
+        expected = js.linear_owc(js.Case.from_dict(stored)) if linear else None
+        for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
             typer.echo(path)
         if vtk is not None:
             typer.echo(io.export_vtkhdf(opened, vtk))
@@ -134,7 +140,7 @@ def check(case: CaseName, settings: Settings = None) -> None:
 
     with _explained():
         loaded = _load(case, settings)
-        _table(js.check(loaded))
+        _table(js.check(loaded) + js.linear_check(loaded))
         for notice in loaded.notices():
             typer.echo(f"note: {notice}", err=True)
 

@@ -24,6 +24,7 @@ from matplotlib.patches import Rectangle
 
 from jaxsph import analysis
 from jaxsph.io import RunFile
+from jaxsph.linear import LinearOWC
 
 __all__ = ["animate", "chamber", "energy", "gauges", "particles", "plot_run", "pressures"]
 
@@ -65,11 +66,12 @@ def plot_run(
     folder: str | Path | None = None,
     animation: bool = True,
     overlay: Overlay | None = None,
+    linear: LinearOWC | None = None,
 ) -> list[Path]:
     """Writes every picture that the run has data for, and the animation of its snapshots.
 
     **Arguments**: `folder`: by default the run's path without suffix and with "_plots"; `overlay`:
-    theory to draw over the gauges.
+    theory to draw over the gauges; `linear`: what linear theory expects of the chamber.
     **Returns** the files written: PNG, GIF, and MP4 where ffmpeg is found.
     **Raises** FileError where the run cannot be read.
     """
@@ -77,7 +79,7 @@ def plot_run(
     folder = Path(folder) if folder is not None else run.path.with_name(run.path.stem + "_plots")
     figures = {
         "gauges": gauges(run, overlay),
-        "chamber": chamber(run),
+        "chamber": chamber(run, linear),
         "pressure_sensors": pressures(run),
         "energy": energy(run),
         "particles_pressure": particles(run, PRESSURE),
@@ -120,8 +122,12 @@ def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
 
 
 @_styled
-def chamber(run: RunFile) -> Figure | None:
-    """Level, flow, pressure and power of the chamber, on one time axis."""
+def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
+    """Level, flow, pressure and power of the chamber, on one time axis.
+
+    With `linear` also the extremes that linear theory expects of the first three and the mean of the
+    power, dashed, over the periods that the efficiency was averaged over (the last one, if none was).
+    """
     panels = [
         ("chamber_level", "level (m)", "mean level over still water, positive when risen", BLUE),
         ("flow", "flow (m$^2$/s)", "air flow per metre width, positive out of the chamber", GREEN),
@@ -140,8 +146,26 @@ def chamber(run: RunFile) -> Figure | None:
         ax.set_title(title)
         if name == "power_pto":
             _fill(ax, t, series[name], colour)
+        if linear is not None:
+            settled = t[-1] - run.results().get("periods", 1.0) * linear.T
+            _expect(ax, (max(settled, t[0]), t[-1]), name, linear)
+    if linear is not None:
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
     figure.align_ylabels(axes)
     return figure
+
+
+def _expect(ax: Axes, span: tuple[float, float], name: str, linear: LinearOWC) -> None:
+    """Dashed lines of linear theory over a span of time."""
+    if name == "power_pto":
+        values = [linear.P_owc]
+    else:
+        # Of the pressure the peaks of the quadratic law: its fundamental would lie 15 % below them.
+        peaks = {"chamber_level": abs(linear.level), "flow": abs(linear.q), "P_a": linear.P_a_peak}
+        values = [-peaks[name], peaks[name]]
+    for value in values:
+        (line,) = ax.plot(span, [value, value], "--", color="black", lw=1.2)
+    line.set_label("linear theory")
 
 
 def _fill(ax: Axes, t: np.ndarray, power: np.ndarray, colour: str) -> None:

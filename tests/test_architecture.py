@@ -16,7 +16,7 @@ LAYERS = (
     ("boundaries", "devices"),
     ("wcsph",),
     ("probes", "case"),
-    ("analysis", "driver"),
+    ("analysis", "linear", "driver"),
     ("io", "plot", "design"),
     ("__main__",),
 )

@@ -26,8 +26,8 @@ class _Case:
         return ["chamber snapped"]
 
 
-def _record(path, overwrite=False, checkpoint=True):
-    run = RunFile.create(path, 'name = "fake"\nprecision = "float32"\n', {}, {}, overwrite)
+def _record(path, overwrite=False, checkpoint=True, toml='name = "fake"\nprecision = "float32"\n'):
+    run = RunFile.create(path, toml, {}, {}, overwrite)
     if checkpoint:
         series = {"time": np.arange(4.0), "P_a": np.arange(4.0)}
         saved = {"x": np.zeros(2)}
@@ -60,6 +60,7 @@ def calls(monkeypatch, tmp_path):
     monkeypatch.setattr(js, "run", run, raising=False)
     monkeypatch.setattr(js, "resume", resume, raising=False)
     monkeypatch.setattr(js, "check", lambda case: [("particles", "8,224")], raising=False)
+    monkeypatch.setattr(js, "linear_check", lambda case: [("linear efficiency", "0.78")], raising=False)
     monkeypatch.setattr(js, "built_in_cases", lambda: {"owc": "a column"}, raising=False)
     return found
 
@@ -129,7 +130,11 @@ def test_resume(calls, tmp_path):
 
 def test_check_and_cases(calls):
     result = _jaxsph("check", "owc")
-    assert result.exit_code == 0 and "particles  8,224" in result.stdout
+    assert result.exit_code == 0
+    assert [line.split() for line in result.stdout.splitlines()] == [
+        ["particles", "8,224"],
+        ["linear", "efficiency", "0.78"],
+    ]
     assert "chamber snapped" in result.stderr
     assert _jaxsph("cases").stdout == "owc  a column\n"
 
@@ -140,6 +145,16 @@ def test_plot_and_export(calls, tmp_path):
     assert result.exit_code == 0 and (tmp_path / "p" / "chamber.png").exists()
     result = _jaxsph("plot", run.path, "--no-animation", "--vtk", tmp_path / "a.vtkhdf")
     assert result.exit_code == 2 and "no snapshots" in result.stderr
+
+
+def test_plot_with_linear_theory(tmp_path):
+    case = js.load_case("owc")
+    run = _record(tmp_path / "a.h5", toml=case.to_toml())
+    result = _jaxsph("plot", run.path, "--no-animation", "--linear")
+    assert result.exit_code == 0 and (tmp_path / "a_plots" / "chamber.png").exists()
+    calm = _record(tmp_path / "b.h5", toml=case.replace({"waves": None}).to_toml())
+    result = _jaxsph("plot", calm.path, "--no-animation", "--linear")
+    assert result.exit_code == 2 and "waves" in result.stderr
 
 
 @pytest.mark.parametrize(

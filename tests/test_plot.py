@@ -8,6 +8,7 @@ from matplotlib.collections import PathCollection
 from jaxsph import plot
 from jaxsph.errors import FileError
 from jaxsph.io import RunFile, Variable
+from jaxsph.linear import ChamberGeometry, linear_response, radiation_and_scattering
 
 CASE = """
 name = "little owc"
@@ -163,6 +164,23 @@ def test_overlay_is_drawn_at_each_gauge(tmp_path):
     figure = plot.gauges(_make(tmp_path / "run.h5"), theory)
     assert seen == [1.0, 2.0]
     assert [len(ax.lines) for ax in figure.axes] == [2, 2]
+
+
+@pytest.mark.parametrize(("finished", "periods"), [({"periods": 2.0}, 2.0), ({}, 1.0)])
+def test_linear_theory_is_drawn_over_the_settled_part(tmp_path, finished, periods):
+    run = _make(tmp_path / "run.h5")
+    run.finish(finished)
+    T = 0.1
+    water = radiation_and_scattering(ChamberGeometry(0.3, 0.2, 0.1, 0.05), 2 * np.pi / T)
+    linear = linear_response(water, 0.02, 500.0)
+    bare, figure = plot.chamber(run), plot.chamber(run, linear)
+    drawn = [[line for line in ax.lines if line.get_linestyle() == "--"] for ax in (*bare.axes, *figure.axes)]
+    expected = [abs(linear.level), abs(linear.q), linear.P_a_peak, linear.P_owc]
+    assert [len(lines) for lines in drawn] == [0, 0, 0, 0, 2, 2, 2, 1]
+    for lines, value in zip(drawn[4:], expected, strict=True):
+        assert [abs(line.get_ydata()[0]) for line in lines] == [value] * len(lines)
+        end = run.series()["time"][-1]
+        assert lines[0].get_xdata() == pytest.approx([end - periods * T, end])
 
 
 def test_energy_areas_end_at_the_budget(tmp_path):

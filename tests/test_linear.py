@@ -1,0 +1,284 @@
+"""Linear theory of the OWC against an independent table, its identities, and limits known otherwise."""
+
+import csv
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxsph as js
+from jaxsph import linear, waves
+from jaxsph.linear import ChamberGeometry, linear_owc, linear_response, radiation_and_scattering
+
+G = 9.81
+OWC = js.load_case("owc")
+
+
+def _solved(h, b, a, t, Kh):
+    return radiation_and_scattering(ChamberGeometry(h, b, a, t), float(np.sqrt(Kh * G / h)), G)
+
+
+def _table():
+    path = Path(__file__).parent / "data" / "owc_thin_wall_b_over_h_1.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {key: np.array([row[key] for row in rows], float) for key in rows[0]}
+
+
+@pytest.fixture(scope="module")
+def water():
+    """The built-in case's chamber in its waves."""
+    return linear_owc(OWC).water
+
+
+# --- the water
+
+
+def test_table_of_thin_walls():
+    table = _table()
+    given_ = zip(table["b_over_h"], table["a_over_h"], table["Kh"], strict=True)
+    found = [_solved(1.0, b, a, 0.0, Kh) for b, a, Kh in given_]
+    columns = {
+        "mu": [w.mu for w in found],
+        "nu": [w.nu for w in found],
+        "eta_max": [w.eta_max for w in found],
+        "open_chamber_column_amp_over_A": [w.open_level for w in found],
+    }
+    for name, values in columns.items():
+        # The table has six digits: half of the sixth is up to 5e-6 of the value.
+        np.testing.assert_allclose(values, table[name], rtol=5.1e-6)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "Kh", "mu", "nu", "eta_max"),
+    [
+        (0.5, 1.0, 0.7, None, None, 0.9997),
+        (0.5, 1.0, 1.5, None, None, 0.5399),
+        (0.25, 0.5, 0.5, 1.15051, 0.497378, 0.568174),
+        (0.25, 0.5, 1.0, 1.26548, 1.08502, 0.788543),
+        (0.25, 0.5, 1.5, 0.858928, 2.13152, 0.962400),
+        (0.25, 0.5, 2.0, -0.915012, 2.26488, 0.962221),
+        (0.25, 0.5, 3.0, -1.04308, 0.340056, 0.473231),
+    ],
+)
+def test_other_thin_walls(a, b, Kh, mu, nu, eta_max):
+    w = _solved(1.0, b, a, 0.0, Kh)
+    assert w.eta_max == pytest.approx(eta_max, abs=5.1e-5 if mu is None else 5.1e-7)  # the digits given
+    if mu is not None:
+        assert (w.mu, w.nu) == pytest.approx((mu, nu), rel=5.1e-6)  # six digits
+
+
+@pytest.mark.parametrize(("Kh", "q_R"), [(1.0, 0.6757 + 0.7480j), (2.0, -0.7362 + 0.5674j)])
+def test_thick_wall(Kh, q_R):
+    w = _solved(1.0, 0.5, 0.25, 0.125, Kh)
+    # Four decimals of each part; computed independently by the same method.
+    assert abs(w.q_R.real - q_R.real) < 5.1e-5 and abs(w.q_R.imag - q_R.imag) < 5.1e-5
+
+
+@pytest.mark.parametrize("Kh", [0.5, 1.0, 3.0])
+def test_thick_wall_becomes_thin(Kh):
+    thin = _solved(1.0, 0.5, 0.25, 0.0, Kh).q_R
+    gaps = [abs(_solved(1.0, 0.5, 0.25, t, Kh).q_R - thin) / abs(thin) for t in (0.02, 0.01, 0.005)]
+    # The lengthened way under the wall changes q_R as t log(1/t): halving t divides that by 1.6 to 1.9.
+    assert gaps[0] < 0.1
+    assert all(1.6 < wide / narrow < 2.0 for wide, narrow in zip(gaps[:-1], gaps[1:], strict=True))
+
+
+geometries = st.tuples(
+    st.floats(0.1, 10.0),  # h
+    st.floats(0.05, 2.0),  # b / h
+    st.floats(0.02, 0.95),  # a / h
+    st.one_of(st.just(0.0), st.floats(0.01, 1.0)),  # t / h
+    st.floats(0.01, 6.0),  # Kh
+)
+
+
+def _draw(numbers):
+    h, b, a, t, Kh = numbers
+    return h, b * h, a * h, t * h, Kh
+
+
+@settings(max_examples=25, deadline=None)
+@given(geometries)
+def test_identities(numbers):
+    w = _solved(*_draw(numbers))
+    h, K = w.geometry.depth, w.omega**2 / w.g
+    assert w.omega**2 == pytest.approx(w.g * w.k * np.tanh(w.k * h), rel=1e-13)  # roundings
+    # Both hold for any truncation, to the rounding of a linear system: condition 1e3, and 1e6 for the
+    # small ends of the ranges.
+    assert abs(w.R) == pytest.approx(1.0, abs=1e-9)
+    # q_S of unit coefficient of psi_0, from that of unit elevation.
+    kh = w.k * h
+    psi_0 = np.cosh(kh) / np.sqrt(0.5 * (1.0 + np.sinh(2.0 * kh) / (2.0 * kh)))
+    q_S = abs(w.q_S) * w.omega * psi_0 / w.g
+    # Im q_R loses digits beside a larger real part.
+    damping = q_S**2 / (4.0 * K * w.k * h)
+    assert w.q_R.imag == pytest.approx(damping, rel=1e-8, abs=1e-9 * abs(w.q_R))
+    assert damping == pytest.approx(abs(w.q_S) ** 2 / (4.0 * w.omega * w.group_velocity), rel=1e-12)
+
+
+@settings(max_examples=8, deadline=None)
+@given(geometries)
+def test_converged(numbers):
+    w = _solved(*_draw(numbers))
+    finer = linear._solve(w.geometry, w.omega, w.g, linear._FUNCTIONS + 8)
+    # Of the sizes of q_R and q_S. The thinnest walls (a hundredth of the depth) near a resonance are worst.
+    assert abs(w.q_R - finer.q_R) < 1e-4 * abs(finer.q_R)
+    assert abs(w.q_S - finer.q_S) < 1e-4 * (abs(finer.q_S) + w.omega * w.geometry.length * 1e-3)
+
+
+def test_long_waves_lift_the_water_in_step():
+    w = _solved(0.42, 0.13, 0.16, 0.02, 1e-5)
+    # The level follows that at a wall, twice the incident one; mu -> 1. The next terms are of order
+    # kh = 3e-3 and its square.
+    assert w.open_level == pytest.approx(2.0, rel=1e-4)
+    assert w.mu == pytest.approx(1.0, rel=1e-3)
+    # In step with it: at t = 0 the crest is at the wall, and the flow i omega b is a quarter ahead.
+    level = 1j * w.q_S / (w.omega * w.geometry.length)
+    assert abs(np.angle(level)) < 0.01
+
+
+def test_resonance_of_a_deep_draught():
+    """A column of draught a swings like a pendulum of its length, a little more for the water below."""
+    a, b, h = 0.4, 0.02, 1.0
+    K = np.linspace(1.5, 2.5, 41)
+    levels = [_solved(h, b, a, 0.0, Kh).open_level for Kh in K]
+    added = 1.0 / K[int(np.argmax(levels))] - a
+    # The added length is that of a slit's mouth, a fraction of b but for a logarithm of h / b.
+    assert 0.0 < added < 2.5 * b
+    assert max(levels) > 10.0
+
+
+@pytest.mark.parametrize("t", [0.0, 0.05])
+def test_a_chamber_that_fits_half_a_wave_does_no_harm(t):
+    kh = 2.0
+    b, Kh = np.pi / kh, kh * np.tanh(kh)
+    w, beside = _solved(1.0, b, 0.3, t, Kh), _solved(1.0, b * (1.0 + 1e-9), 0.3, t, Kh)
+    # cot kb is infinite. A change of 1e-9 in length, times a slope of order 10.
+    assert w.q_R == pytest.approx(beside.q_R, abs=1e-7)
+    assert abs(w.R) == pytest.approx(1.0, abs=1e-12)
+    if t == 0.0:  # what the thin wall lets through would be a standing wave without flow: rounding
+        assert abs(w.q_S) < 1e-12
+
+
+@pytest.mark.parametrize("t", [0.0, 0.02])
+def test_extremes_warn_of_nothing(t):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for Kh in (1e-8, 300.0, 4e4):  # tides, ripples, and waves that do not reach under the wall
+            found = linear_response(_solved(0.42, 0.13, 0.16, t, Kh), 0.04, [0.0, 500.0, 1e6])
+            assert np.all(np.isfinite(found.q)) and np.all(found.xi >= 0.0)
+            assert np.all(found.xi <= found.eta_max + 1e-12)
+        assert np.isfinite(_solved(0.42, 0.13, 0.16, 1e-7, 1.0).q_R)  # thinner than the modes resolve
+
+
+# --- the turbine
+
+
+@settings(max_examples=25, deadline=None)
+@given(geometries, st.floats(1e-3, 0.5), st.floats(0.0, 1e6))
+def test_energy_goes_into_the_turbine_or_back(numbers, H, K_dm):
+    found = linear_response(_solved(*_draw(numbers)), H, K_dm)
+    # Independent of the power: the far field. Phases and sizes of q_R, q_S and R all enter; rounding as in
+    # the identities.
+    assert found.xi == pytest.approx(1.0 - abs(found.R) ** 2, abs=1e-8)
+    assert -1e-12 < found.xi <= found.eta_max + 1e-9
+
+
+def test_the_linear_turbine_takes_what_the_quadratic_one_would(water):
+    found = linear_response(water, 0.04, 534.66)
+    q = abs(found.q) * np.cos(np.linspace(0.0, 2 * np.pi, 1000, endpoint=False))
+    # A mean over equidistant phases of |cos|^3, whose Fourier series falls as n^-4.
+    assert np.mean(534.66**2 * np.abs(q) ** 3) == pytest.approx(found.P_owc, rel=1e-8)
+    assert found.P_a_peak == pytest.approx(534.66**2 * np.max(q) ** 2)
+    assert found.P_a * found.Lambda == pytest.approx(found.q)
+    assert found.q == pytest.approx(water.q_S * 0.02 - water.Z() * found.P_a)  # roundings
+    assert abs(found.level) * found.omega * 0.13 == pytest.approx(abs(found.q))
+
+
+def test_damping_from_open_to_closed(water):
+    K_dm = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 60)])
+    found = linear_response(water, 0.04, K_dm)
+    assert found.xi[0] == 0.0 and found.P_a[0] == 0.0 and np.isinf(found.Lambda[0])
+    assert abs(found.level[0]) == pytest.approx(0.02 * water.open_level)
+    assert np.all(np.diff(np.abs(found.q)) < 0.0) and np.all(np.diff(np.abs(found.P_a)) > 0.0)
+    # A closed chamber's pressure |q_S A / Z|, but for a share of |Z| / Lambda of some 1e-3 in quadrature
+    # and in phase.
+    assert abs(found.P_a[-1]) == pytest.approx(abs(water.q_S * 0.02 / water.Z()), rel=2e-3)
+    best = linear_response(water, 0.04, found.K_dm_best[0])
+    assert best.xi == pytest.approx(found.eta_max, rel=1e-12)
+    assert found.xi.max() <= best.xi
+    assert best.Lambda == pytest.approx(abs(water.Z()), rel=1e-12)
+
+
+def test_arrays_are_the_single_answers(water):
+    H, K_dm = np.array([[0.02], [0.08]]), np.array([0.0, 300.0, 1000.0])
+    found = linear_response(water, H, K_dm)
+    assert found.xi.shape == found.H.shape == (2, 3)
+    alone = linear_response(water, 0.08, 300.0)
+    assert np.ndim(alone.xi) == 0 and alone.xi == pytest.approx(found.xi[1, 1], rel=1e-14)
+
+
+def test_height_and_damping_act_together(water):
+    # K_dm^2 H is all that matters to a dimensionless answer.
+    a, b = linear_response(water, 0.08, 300.0), linear_response(water, 0.02, 600.0)
+    assert a.xi == pytest.approx(b.xi, rel=1e-12) and abs(a.q) == pytest.approx(4.0 * abs(b.q), rel=1e-12)
+
+
+# --- the case
+
+
+def test_built_in_case():
+    found = linear_owc(OWC)
+    assert found.omega == pytest.approx(2 * np.pi / 1.2) and found.T == pytest.approx(1.2)
+    assert found.water.geometry == ChamberGeometry(0.42, 0.13, 0.16, 0.02)
+    # float32 arithmetic of the other side
+    assert found.P_inc == pytest.approx(float(waves.incident_power(0.04, 1.2, 0.42)), rel=1e-5)
+    assert found.water.k == pytest.approx(float(waves.wavenumber(found.omega, 0.42)), rel=1e-6)
+    # What it is at the time of writing; no other source.
+    assert (found.xi, found.eta_max) == pytest.approx((0.7790, 0.7942), abs=1e-4)
+    assert found.water is linear_owc(OWC.replace({"pto.K_dm": 300.0})).water  # solved once
+
+
+def test_case_lengths_are_not_snapped():
+    case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.05})
+    assert linear_owc(case).water.geometry == ChamberGeometry(0.42, 0.13, 0.16, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"device": None, "pto": None}, "device"),
+        ({"waves": None}, "waves"),
+        ({"pto": None}, "pto.K_dm"),
+        ({"pto.P_a": 100.0}, "pto.K_dm"),
+        ({"g": 0.0}, "g = 0"),
+    ],
+)
+def test_incomplete_cases(changes, field):
+    case = OWC.replace(changes)
+    with pytest.raises(js.CaseError, match=field):
+        linear_owc(case)
+    assert js.linear_check(case) == []
+
+
+def test_check_says_what_to_expect():
+    rows = dict(js.linear_check(OWC))
+    assert rows["linear efficiency"] == "0.779 (at most 0.794, at K_dm = 439.8)"
+    assert list(rows) == ["linear efficiency", "linear pressure", "linear chamber level"]
+
+
+def test_values_out_of_range(water):
+    with pytest.raises(ValueError, match="draught"):
+        ChamberGeometry(0.4, 0.1, 0.4)
+    with pytest.raises(ValueError, match="positive"):
+        ChamberGeometry(0.4, 0.0, 0.1)
+    with pytest.raises(ValueError, match="omega"):
+        radiation_and_scattering(water.geometry, 0.0)
+    with pytest.raises(ValueError, match="K_dm"):
+        linear_response(water, 0.04, -1.0)
+    with pytest.raises(ValueError, match="H"):
+        linear_response(water, 0.0, 1.0)
