@@ -107,16 +107,16 @@ def test_identities(numbers):
     w = _solved(*_draw(numbers))
     h, K = w.geometry.depth, w.omega**2 / w.g
     assert w.omega**2 == pytest.approx(w.g * w.k * np.tanh(w.k * h), rel=1e-13)  # roundings
-    # Both hold for any truncation, to the rounding of a linear system: condition 1e3, and 1e6 for the
-    # small ends of the ranges.
-    assert abs(w.R) == pytest.approx(1.0, abs=1e-9)
+    # Both hold for any truncation, to the rounding of a linear system: its condition is up to 1e4 at the
+    # small ends of the ranges (5e-13 was the most of 700 draws).
+    assert abs(w.R) == pytest.approx(1.0, abs=1e-11)
     # q_S of unit coefficient of psi_0, from that of unit elevation.
     kh = w.k * h
     psi_0 = np.cosh(kh) / np.sqrt(0.5 * (1.0 + np.sinh(2.0 * kh) / (2.0 * kh)))
     q_S = abs(w.q_S) * w.omega * psi_0 / w.g
     # Im q_R loses digits beside a larger real part.
     damping = q_S**2 / (4.0 * K * w.k * h)
-    assert w.q_R.imag == pytest.approx(damping, rel=1e-8, abs=1e-9 * abs(w.q_R))
+    assert w.q_R.imag == pytest.approx(damping, rel=1e-9, abs=1e-11 * abs(w.q_R))
     assert damping == pytest.approx(abs(w.q_S) ** 2 / (4.0 * w.omega * w.group_velocity), rel=1e-12)
 
 
@@ -125,9 +125,10 @@ def test_identities(numbers):
 def test_converged(numbers):
     w = _solved(*_draw(numbers))
     finer = linear._solve(w.geometry, w.omega, w.g, linear._FUNCTIONS + 8)
-    # Of the sizes of q_R and q_S. The thinnest walls (a hundredth of the depth) near a resonance are worst.
-    assert abs(w.q_R - finer.q_R) < 1e-4 * abs(finer.q_R)
-    assert abs(w.q_S - finer.q_S) < 1e-4 * (abs(finer.q_S) + w.omega * w.geometry.length * 1e-3)
+    # The thinnest walls (a hundredth of the depth) are worst: 6e-6 was the most of 175 draws. q_S may be
+    # near zero, where the waves do not reach under the wall: then against a thousandth of long waves' flow.
+    assert abs(w.q_R - finer.q_R) < 2e-5 * abs(finer.q_R)
+    assert abs(w.q_S - finer.q_S) < 2e-5 * (abs(finer.q_S) + w.omega * w.geometry.length * 1e-3)
 
 
 def test_long_waves_lift_the_water_in_step():
@@ -184,8 +185,8 @@ def test_energy_goes_into_the_turbine_or_back(numbers, H, K_dm):
     found = linear_response(_solved(*_draw(numbers)), H, K_dm)
     # Independent of the power: the far field. Phases and sizes of q_R, q_S and R all enter; rounding as in
     # the identities.
-    assert found.xi == pytest.approx(1.0 - abs(found.R) ** 2, abs=1e-8)
-    assert -1e-12 < found.xi <= found.eta_max + 1e-9
+    assert found.xi == pytest.approx(1.0 - abs(found.R) ** 2, abs=1e-10)
+    assert 0.0 <= found.xi <= found.eta_max + 1e-10
 
 
 def test_the_linear_turbine_takes_what_the_quadratic_one_would(water):
