@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,15 @@ class Report:
         file = f"{self.name}{suffix}.png"
         figure.savefig(RESULTS / file, dpi=100)
         self.pictures.append(file)
+
+    def table(self, columns: Mapping[str, Sequence[float]]) -> None:
+        """Keeps whole columns (name with unit: values), one row per run, as `results/<name>.csv`."""
+        RESULTS.mkdir(exist_ok=True)
+        rows = zip(*columns.values(), strict=True)
+        with (RESULTS / f"{self.name}.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows([f"{float(value):.6g}" for value in row] for row in rows)
 
     def __exit__(self, kind: type | None, value: Any, trace: Any) -> None:
         if kind is not None:

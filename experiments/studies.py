@@ -6,6 +6,7 @@ import numpy as np
 
 import jaxsph as js
 from experiments.common import RUNS
+from jaxsph import analysis
 
 T, K_DM = 1.2, 534.66
 CHAMBER, RHO_AIR = 0.13, 1.2
@@ -33,6 +34,14 @@ def study_case(dx: float, t1: float = 14.0) -> js.Case:
 def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = True) -> js.Sweep:
     """The sweep in `runs/<name>.h5`, made, finished or only read."""
     return js.sweep(case, over, RUNS / f"{name}.h5", grid=grid)
+
+
+def amplitude(series: dict[str, np.ndarray], name: str, period: float, most: int = 10) -> float:
+    """Amplitude of a reading at the waves' frequency, over the whole periods after the transient."""
+    t = series["time"]
+    settled = analysis.whole_periods(t, period, max(1, min(most, int((t[-1] - 6.0) / period))))
+    wave = np.exp(-2j * np.pi * t[settled] / period)
+    return float(2.0 * abs(np.mean(series[name][settled] * wave)))
 
 
 def damping_coefficient(B_star: float) -> float:

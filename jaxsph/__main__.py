@@ -1,4 +1,4 @@
-"""The `jaxsph` command: run, resume, plot, check, cases."""
+"""The `jaxsph` command: run, sweep, resume, plot, check, cases."""
 
 from __future__ import annotations
 
@@ -86,6 +86,42 @@ def run(
         with _resumable(out):
             solution = js.run(loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet)
         _report(solution, out, plot, quiet)
+
+
+@app.command()
+def sweep(
+    case: CaseName,
+    grid: Annotated[
+        list[str],
+        typer.Option(
+            "--grid",
+            metavar="KEY=VALUES",
+            help="Values of one parameter: 0.02,0.04 or first:last:count; repeatable.",
+        ),
+    ],
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_sweep.h5"),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Runs at a time; default: one per core.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case for every combination of values, or go on with an interrupted sweep."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        over = dict(_values(text) for text in grid)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
+        done = js.sweep(loaded, over, out, workers=workers, progress=not quiet)
+        if not quiet:
+            _table(_sweep_rows(done))
+        typer.echo(f"recorded in {out}")
+        for place, text in done.failures.items():
+            typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
+        if done.failures:
+            raise typer.Exit(1)
 
 
 @app.command()
@@ -180,6 +216,23 @@ def _setting(text: str) -> tuple[str, Any]:
         return key, value
 
 
+def _values(text: str) -> tuple[str, list[float]]:
+    """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"."""
+    key, equals, value = (part.strip() for part in text.partition("="))
+    try:
+        if value.count(":") == 2:
+            first, last, count = value.split(":")
+            step = (float(last) - float(first)) / max(int(count) - 1, 1)
+            values = [float(first) + k * step for k in range(int(count))]
+        else:
+            values = [float(part) for part in value.split(",")]
+    except ValueError:
+        values = []
+    if not key or not equals or not values:
+        raise CaseError(f"--grid {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
+    return key, values
+
+
 def _match_precision(precision: str | None) -> None:
     """float64 has to be switched on before the first array is made."""
     if precision == "float64":
@@ -215,6 +268,21 @@ def _rows(results: dict[str, float]) -> list[tuple[str, str]]:
         label, unit = RESULTS.get(name, (name, ""))
         rows.append((label, f"{_number(results[name]):>10} {unit}".rstrip()))
     return rows
+
+
+def _sweep_rows(done: Any) -> list[tuple[str, str]]:
+    """A line per member: where it is, and its efficiency or what else its case gives."""
+    name = "xi" if "xi" in done.results else "energy_residual_share"
+    if name not in done.results:
+        return []
+    label = RESULTS[name][0].strip()
+    places = sorted(set(done.members) - set(done.failures))
+    return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
+
+
+def _place(done: Any, place: tuple[int, ...]) -> str:
+    pairs = zip(done.axes.items(), place, strict=True)
+    return ", ".join(f"{key} = {values[k]:g}" for (key, values), k in pairs)
 
 
 def _number(value: float) -> str:

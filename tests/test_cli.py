@@ -203,3 +203,22 @@ def test_interruption_while_plotting(calls, monkeypatch, tmp_path):
 
     monkeypatch.setattr("jaxsph.plot.plot_run", interrupted)
     assert _jaxsph("plot", _record(tmp_path / "a.h5").path).exit_code == 130
+
+
+def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
+    def sweep(case, over, out, **options):
+        calls.append((over, out, options))
+        axes = {name: np.array(values) for name, values in over.items()}
+        results = {"xi": np.array([[0.5, np.nan]])}
+        members = {(0, 0): {}, (0, 1): {}}
+        return js.Sweep(case, axes, results, {(0, 1): "too fast\nand why"}, members)
+
+    monkeypatch.setattr(js, "sweep", sweep, raising=False)
+    result = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300", "--grid", "waves.H=0.02:0.04:2")
+    assert result.exit_code == 1  # one member failed
+    over, out, _ = calls[0]
+    assert over == {"pto.K_dm": [300.0], "waves.H": [0.02, 0.04]} and out.as_posix() == "runs/fake_sweep.h5"
+    assert "pto.K_dm = 300, waves.H = 0.02  hydrodynamic efficiency 0.5" in result.stdout
+    assert "failed: pto.K_dm = 300, waves.H = 0.04: too fast" in result.stderr
+    bad = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=a")
+    assert bad.exit_code == 2 and "KEY=FIRST:LAST:COUNT" in bad.stderr

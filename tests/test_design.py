@@ -1,0 +1,101 @@
+"""Sweeps: members in processes of their own, failures kept apart, files that resume and that others read."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import jaxsph as js
+from jaxsph import design
+from jaxsph.errors import CaseError, FileError
+from jaxsph.io import Variable
+
+CASE = js.load_case("hydrostatic").replace({"dx": 0.25, "t1": 0.1, "probes": {"gauges": [0.5]}})
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Members that only say who they are; returns the cases run, and the names of those to fail."""
+    ran, failing = [], set()
+
+    def member(case, stem, cores, children):
+        ran.append(case)
+        t = np.arange(0.0, case.t1 - 1e-9, 0.01)
+        series = {"time": t, "eta": np.full((len(t), 2), case.g), "kinetic": t * case.dx}
+        failure = "stopped: too fast\nand why" if case.g in failing else ""
+        results = {} if failure else {"value": case.g * 10 + case.dx, "t_end": case.t1}
+        variables = {"eta": Variable("m", "elevation", "gauge"), "kinetic": Variable("J m-1", "energy")}
+        return {"results": results, "series": series, "failure": failure}, variables
+
+    monkeypatch.setattr(design, "_member", member)
+    return ran, failing
+
+
+def test_members_are_runs_of_their_own(tmp_path):
+    """Two real members: one equals the single run up to the compiler's order of sums, one cannot go well."""
+    done = js.sweep(CASE, {"fluid.c0": [31.0, 0.5]}, tmp_path / "s.h5", progress=False)
+    assert list(done.failures) == [(1,)] and "faster than a third of the speed of sound" in done.failures[1,]
+    assert np.isfinite(done["t_end"][0]) and np.isnan(done["t_end"][1])
+    alone = js.run(CASE.replace({"fluid.c0": 31.0}), progress=False)
+    for name in ("potential", "kinetic"):
+        # float32 sums of a thousand joules, in another order
+        assert np.allclose(done.members[0,][name], alone[name], atol=1e-3)
+    assert not (tmp_path / "s.h5.members").exists()
+
+
+def test_grid_and_list(tmp_path, quick):
+    over = {"g": [1.0, 2.0, 3.0], "dx": [0.25, 0.125]}
+    done = js.sweep(CASE, over, tmp_path / "grid.h5", progress=False)
+    expected = np.array([[10 * g + dx for dx in over["dx"]] for g in over["g"]])
+    assert np.array_equal(done["value"], expected) and not done.failures
+    pairs = js.sweep(
+        CASE, {"g": [1.0, 2.0], "dx": [0.25, 0.125]}, tmp_path / "list.h5", grid=False, progress=False
+    )
+    assert np.array_equal(pairs["value"], [10.25, 20.125])
+
+
+def test_a_sweep_goes_on_where_it_was_and_tries_failed_members_again(tmp_path, quick):
+    ran, failing = quick
+    over, out = {"g": [1.0, 2.0, 3.0]}, tmp_path / "s.h5"
+    failing.add(2.0)
+    first = js.sweep(CASE, over, out, progress=False)
+    assert list(first.failures) == [(1,)] and np.isnan(first["value"][1])
+    failing.clear()
+    ran.clear()
+    second = js.sweep(CASE, over, out, progress=False)
+    assert [case.g for case in ran] == [2.0] and not second.failures
+    assert np.array_equal(second["value"], [10.25, 20.25, 30.25])
+    assert np.array_equal(second.members[0,]["eta"], first.members[0,]["eta"])
+
+
+def test_file_is_read_by_others_and_by_us(tmp_path, quick):
+    out = tmp_path / "s.h5"
+    done = js.sweep(CASE, {"g": [1.0, 2.0], "t1": [0.05, 0.1]}, out, progress=False)
+    with xr.open_dataset(out, engine="h5netcdf") as data:
+        assert data["value"].dims == ("g", "t1") and float(data["value"].sel(g=2.0, t1=0.1)) == 20.25
+    with xr.open_dataset(out, engine="h5netcdf", group="series") as data:
+        assert data["eta"].dims == ("g", "t1", "time", "gauge") and data["eta"].attrs["units"] == "m"
+        short = data["kinetic"].sel(g=1.0, t1=0.05).values
+        assert np.isfinite(short[:5]).all() and np.isnan(short[5:]).all()  # padded
+    again = js.read_sweep(out)
+    assert again.case == CASE and list(again.axes) == ["g", "t1"]
+    assert np.array_equal(again["value"], done["value"])
+    for place, series in done.members.items():
+        assert np.allclose(again.members[place]["time"], series["time"])
+        assert np.allclose(again.members[place]["eta"], series["eta"])
+
+
+def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
+    ran, _ = quick
+    out = tmp_path / "s.h5"
+    with pytest.raises(CaseError, match=r"dx = -1.0: .*greater than 0"):
+        js.sweep(CASE, {"dx": [0.25, -1.0]}, out, progress=False)
+    with pytest.raises(CaseError, match="equal ones"):
+        js.sweep(CASE, {"g": [1.0], "dx": [0.25, 0.125]}, out, grid=False, progress=False)
+    with pytest.raises(CaseError, match="at least one parameter"):
+        js.sweep(CASE, {}, out, progress=False)
+    assert not ran
+    js.sweep(CASE, {"g": [1.0]}, out, progress=False)
+    with pytest.raises(FileError, match="another case or of other values"):
+        js.sweep(CASE, {"g": [2.0]}, out, progress=False)
+    with pytest.raises(KeyError, match="no result 'xi'; there are t_end, value"):
+        js.read_sweep(out)["xi"]
