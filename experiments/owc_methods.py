@@ -1,0 +1,109 @@
+"""Section 4.3: the OWC with regional ghosts and, on a lattice fine enough for them, with multi-node ghosts.
+
+The paper's wave, H = 0.04 m and T = 1.4 s, in a tank of 4 m. The measured series of Fig. 16 are not
+available: the two methods are compared with each other and with linear theory.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import typer
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, solved
+from experiments.studies import amplitude, study_case
+from jaxsph import analysis
+
+PERIOD = 1.4
+PAPER_COST = 245.2 / 36.1
+"""Table 1: hours of both methods for 21 s."""
+
+
+def main(coarse: float = 0.01, fine: float = 0.005, t1: float = 12.8) -> None:
+    """Runs both to t1 (s) and prints how far they are apart, the order of events, and what each costs."""
+    base = study_case(coarse, t1).replace({"waves.T": PERIOD})
+    linear = js.linear_owc(base)
+    runs, cost = {}, {}
+    for method, dx in (("regional", coarse), ("multi_node", fine)):
+        case = base.replace({"dx": dx, "device.thin_wall": method})
+        file = solved(case, f"owc_{method}_{dx:g}")
+        runs[method] = file.series()
+        results = file.results()
+        particles = results["particle_steps_per_second"] * results["wall_seconds"] / results["steps"]
+        cost[method] = particles * results["steps"]
+    title = f"The OWC with regional ghosts (dx = {coarse:g} m) and multi-node ghosts (dx = {fine:g} m)"
+    with Report("owc_methods", title, coarse) as report:
+        periods = int((t1 - 6.0) / PERIOD)
+        for name, label, paper, expected in (
+            ("chamber_level", "level", (7.8, 3.8), abs(linear.level)),
+            ("P_a", "pressure", (8.1, 4.5), abs(linear.P_a)),
+        ):
+            a, b = runs["regional"], runs["multi_node"]
+            last = analysis.whole_periods(a["time"], PERIOD, periods)
+            pair = (a["time"][last], a[name][last], b["time"][last], b[name][last])
+            height = amplitude(b, name, PERIOD, periods)
+            mae = 100 * analysis.mae_amplitude(*pair, height, PERIOD, window=5)
+            phase = 100 * analysis.mae_phase(*pair, PERIOD, window=5)
+            report.row(f"MAE_a of the {label} between the two", mae, "%", theory=0.0)
+            report.row(f"MAE_p of the {label} between the two", phase, "%", theory=0.0)
+            unit = "m" if name == "chamber_level" else "Pa"
+            for method, series in runs.items():
+                found = amplitude(series, name, PERIOD, periods)
+                report.row(f"{label} amplitude, {method}", found, unit, theory=expected)
+            report.row(
+                f"the paper's MAE_a, MAE_p of the {label} against the experiment", "", paper=str(paper)
+            )
+        for method, series in runs.items():
+            for event, (when, published) in events(series, periods).items():
+                report.row(f"{event} after the lowest level, {method}", when, "T", paper=published)
+        ratio = cost["multi_node"] / cost["regional"]
+        report.row("particle steps, multi-node / regional", ratio, paper=PAPER_COST)
+        report.picture(_picture(runs, t1, periods))
+
+
+def events(series: dict[str, np.ndarray], periods: int) -> dict[str, tuple[float, float]]:
+    """When in the cycle (periods after the lowest level) things happen, and when in the paper's Fig. 17.
+
+    From harmonics: the first of the level, the second of the power.
+    """
+    t = series["time"]
+    last = analysis.whole_periods(t, PERIOD, periods)
+    omega = 2 * np.pi / PERIOD
+
+    def phase(name: str, harmonic: int) -> float:
+        wave = np.exp(-1j * harmonic * omega * t[last])
+        return float(np.angle(np.mean((series[name][last] - np.mean(series[name][last])) * wave)))
+
+    # y ~ cos(n omega t + phase): its maximum is at -phase/(n omega)
+    top = -phase("chamber_level", 1) / (2 * np.pi)
+    lowest = top - 0.5
+    power = -phase("power_pto", 2) / (4 * np.pi)
+    first = (power - lowest) % 0.5
+    return {
+        "largest power while rising": (first, 0.25),
+        "highest level": ((top - lowest) % 1.0, 0.5),
+        "largest power while falling": (first + 0.5, 0.75),
+    }
+
+
+def _picture(runs: dict[str, dict[str, np.ndarray]], t1: float, periods: int) -> Figure:
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    for method, series in runs.items():
+        t = series["time"]
+        shown = t > t1 - min(periods, 3) * PERIOD
+        for axis, name, scale, label in (
+            (axes[0], "chamber_level", 1e3, "level, mm"),
+            (axes[1], "P_a", 1.0, "P_a, Pa"),
+            (axes[2], "power_pto", 1.0, "power, W/m"),
+        ):
+            axis.plot(t[shown] / PERIOD, scale * series[name][shown], label=method)
+            axis.set_ylabel(label)
+    axes[0].legend()
+    axes[2].set_xlabel("t / T")
+    return figure
+
+
+if __name__ == "__main__":
+    typer.run(main)
