@@ -30,14 +30,14 @@ def main(coarse: float = 0.01, fine: float = 0.005, t1: float = 12.8) -> None:
         file = solved(case, f"owc_{method}_{dx:g}")
         runs[method] = file.series()
         results = file.results()
-        particles = results["particle_steps_per_second"] * results["wall_seconds"] / results["steps"]
-        cost[method] = particles * results["steps"]
+        particles = len(file.snapshot(-1)["x"])
+        cost[method] = particles * results["steps"] / results["particle_steps_per_second"]
     title = f"The OWC with regional ghosts (dx = {coarse:g} m) and multi-node ghosts (dx = {fine:g} m)"
     with Report("owc_methods", title, coarse) as report:
         periods = int((t1 - 6.0) / PERIOD)
-        for name, label, paper, expected in (
-            ("chamber_level", "level", (7.8, 3.8), abs(linear.level)),
-            ("P_a", "pressure", (8.1, 4.5), abs(linear.P_a)),
+        for name, label, expected in (
+            ("chamber_level", "level", abs(linear.level)),
+            ("P_a", "pressure", abs(linear.P_a)),
         ):
             a, b = runs["regional"], runs["multi_node"]
             last = analysis.whole_periods(a["time"], PERIOD, periods)
@@ -51,39 +51,39 @@ def main(coarse: float = 0.01, fine: float = 0.005, t1: float = 12.8) -> None:
             for method, series in runs.items():
                 found = amplitude(series, name, PERIOD, periods)
                 report.row(f"{label} amplitude, {method}", found, unit, theory=expected)
-            report.row(
-                f"the paper's MAE_a, MAE_p of the {label} against the experiment", "", paper=str(paper)
-            )
         for method, series in runs.items():
             for event, (when, published) in events(series, periods).items():
                 report.row(f"{event} after the lowest level, {method}", when, "T", paper=published)
         ratio = cost["multi_node"] / cost["regional"]
-        report.row("particle steps, multi-node / regional", ratio, paper=PAPER_COST)
+        report.row("wall time, multi-node / regional", ratio, paper=PAPER_COST)
         report.picture(_picture(runs, t1, periods))
 
 
 def events(series: dict[str, np.ndarray], periods: int) -> dict[str, tuple[float, float]]:
     """When in the cycle (periods after the lowest level) things happen, and when in the paper's Fig. 17.
 
-    From harmonics: the first of the level, the second of the power.
+    From the mean cycle, of which level and power keep four harmonics.
     """
-    t = series["time"]
-    last = analysis.whole_periods(t, PERIOD, periods)
-    omega = 2 * np.pi / PERIOD
+    last = analysis.whole_periods(series["time"], PERIOD, periods)
+    t = series["time"][last]
+    fine = np.linspace(0.0, 1.0, 1000, endpoint=False)
 
-    def phase(name: str, harmonic: int) -> float:
-        wave = np.exp(-1j * harmonic * omega * t[last])
-        return float(np.angle(np.mean((series[name][last] - np.mean(series[name][last])) * wave)))
+    def cycle(name: str) -> np.ndarray:
+        y = series[name][last]
+        total = np.full(fine.shape, np.mean(y))
+        for n in range(1, 5):
+            c = 2 * np.mean(y * np.exp(-2j * np.pi * n * t / PERIOD))
+            total += np.real(c * np.exp(2j * np.pi * n * fine))
+        return total
 
-    # y ~ cos(n omega t + phase): its maximum is at -phase/(n omega)
-    top = -phase("chamber_level", 1) / (2 * np.pi)
-    lowest = top - 0.5
-    power = -phase("power_pto", 2) / (4 * np.pi)
-    first = (power - lowest) % 0.5
+    level, power = cycle("chamber_level"), cycle("power_pto")
+    start = int(np.argmin(level))
+    level, power = np.roll(level, -start), np.roll(power, -start)
+    top = int(np.argmax(level))
     return {
-        "largest power while rising": (first, 0.25),
-        "highest level": ((top - lowest) % 1.0, 0.5),
-        "largest power while falling": (first + 0.5, 0.75),
+        "largest power while rising": (fine[int(np.argmax(power[:top]))], 0.25),
+        "highest level": (fine[top], 0.5),
+        "largest power while falling": (fine[top + int(np.argmax(power[top:]))], 0.75),
     }
 
 
