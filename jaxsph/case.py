@@ -67,7 +67,9 @@ class Tank(_Section):
     width: float | None = Field(None, gt=0)
     """Given, the case is three-dimensional."""
     height: float | None = Field(None, gt=0)
-    """Top of the walls, m; by default enough for the waves."""
+    """Top of the walls, m; by default enough for the waves, and four depths for a released column."""
+    column: float | None = Field(None, gt=0)
+    """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
 
 
@@ -326,6 +328,8 @@ class Geometry:
         self.notices: list[str] = []
         self.length = self.depth = self.height = 0.0
         self.width: float | None = None
+        self.column = 0.0
+        """Length that the water fills at the start, m."""
         self.plate: boundaries.WallPlate | None = None
         self.chamber_length = 0.0
 
@@ -355,7 +359,10 @@ class Geometry:
         geometry.width = None
         if tank.width is not None:
             geometry.width = geometry.snap("tank.width", tank.width, least=4, slack=0.1)
+        geometry._column(case)
         over = 0.1 + (3.0 * case.waves.H if case.waves is not None else 0.1 * tank.depth)
+        if tank.column is not None:
+            over = 3.0 * tank.depth  # the jet at the far wall: twice the depth where all energy is kept
         height = tank.height if tank.height is not None else tank.depth + max(over, 8 * case.dx)
         if height <= tank.depth:
             raise CaseError(
@@ -365,6 +372,19 @@ class Geometry:
         geometry._device(case)
         geometry._fits(case)
         return geometry
+
+    def _column(self, case: Case) -> None:
+        """The released column's length; the whole tank's where there is none."""
+        self.column = self.length
+        if case.tank.column is None:
+            return
+        asked = f"tank.column = {case.tank.column:g} m"
+        if case.tank.column > self.length:
+            raise CaseError(f"{asked}: must be at most tank.length = {self.length:g} m")
+        for name in ("waves", "device", "start"):
+            if getattr(case, name) is not None:
+                raise CaseError(f"{asked} leaves the tank's end dry, and {name} needs it full: remove one")
+        self.column = min(self.snap("tank.column", case.tank.column, least=4, slack=0.1), self.length)
 
     def _device(self, case: Case) -> None:
         device = case.device
@@ -462,6 +482,8 @@ def sound_speed(case: Case) -> float:
 def _speed_scale(case: Case) -> float:
     """Largest speed to expect, m/s."""
     shallow = float(np.sqrt(case.g * case.tank.depth))
+    if case.tank.column is not None:
+        return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
     if case.start is not None:
         return 0.1 * shallow
     if case.waves is None:
@@ -484,6 +506,29 @@ def _initial_velocity(case: Case, geometry: Geometry, x: np.ndarray) -> np.ndarr
     u[:, 0] = -scale * np.sin(k * x[:, 0]) * np.cosh(k * x[:, -1])
     u[:, -1] = scale * np.cos(k * x[:, 0]) * np.sinh(k * x[:, -1])
     return u
+
+
+def _initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
+    """Pressure at t = 0 over rho0 g, m: hydrostatic, or that of a column in the instant of its release.
+
+    Taking the gate away makes p = 0 on the released face at once: in incompressible water the pressure is
+    from then on the solution of lap p = 0 with p = 0 there and at the surface, dp/dx = 0 at the back wall
+    and dp/dz = -rho0 g on the bed. Weakly compressible water that started from the hydrostatic pressure
+    would get there by sound waves from the face, and ring: in a column of 15 x 30 the pressure then swung by
+    rho0 g H until it had run out.
+    With k_n = (n + 1/2) pi/H and L the column's length,
+        p/(rho0 g) = H - z - sum_n 2/(H k_n^2) cos(k_n z) cosh(k_n x)/cosh(k_n L).
+    """
+    H, L, z = geometry.depth, geometry.column, x[:, -1]
+    if L >= geometry.length:
+        return H - z
+    # the nearest column of particles is half a spacing from the face: what is left out is below exp(-10 pi)
+    k = (np.arange(int(20 * H / geometry.dx)) + 0.5) * np.pi / H
+    xs, column = np.unique(x[:, 0], return_inverse=True)
+    zs, row = np.unique(z, return_inverse=True)
+    a = np.exp(-np.outer(L - xs, k)) * (1 + np.exp(-2 * np.outer(xs, k))) / (1 + np.exp(-2 * k * L))
+    released = (2 / (H * k**2) * a) @ np.cos(np.outer(k, zs))
+    return H - z - released[column, row]
 
 
 def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
@@ -550,12 +595,12 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
     walls = boundaries.Ghosts.build(box, dx, smoothing, slip, geometry.plate, thin_wall, dtype=dtype)
 
-    surface = [geometry.length, geometry.depth]
+    surface = [geometry.column, geometry.depth]
     if dim == 3:
-        surface = [geometry.length, geometry.width, geometry.depth]
+        surface = [geometry.column, geometry.width, geometry.depth]
     x, volume = boundaries.lattice((0.0,) * dim, tuple(surface), dx, geometry.plate)
-    # Hydrostatic: the density of each row's pressure, and the mass that makes its volume.
-    rho = case.fluid.rho0 * case.g * (geometry.depth - x[:, -1]) / c0**2
+    # The density of the pressure at each place, and the mass that makes its volume there.
+    rho = case.fluid.rho0 * case.g * _initial_head(geometry, x) / c0**2
     m = (case.fluid.rho0 + rho) * volume
     particles = Particles(
         x=leaf(x),

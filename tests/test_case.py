@@ -185,7 +185,7 @@ def test_case_survives_its_own_text(description, K_dm, H, c0, gauges, absorption
 
 
 def test_built_in_cases_are_those_of_the_command_line():
-    assert {"owc", "wave_tank", "vessel", "hydrostatic"} <= set(js.built_in_cases())
+    assert {"owc", "wave_tank", "vessel", "hydrostatic", "dam_break"} <= set(js.built_in_cases())
     assert all(js.built_in_cases().values())
 
 
