@@ -95,8 +95,8 @@ def front_case(layers: int) -> js.Case:
 
 
 def connected(x: np.ndarray, dx: float) -> np.ndarray:
-    """Marks the particles of the largest body of water: those that gaps of 1.5 dx do not part from it."""
-    pairs = cKDTree(x).query_pairs(1.5 * dx, output_type="ndarray")
+    """Marks the particles of the largest body of water: those that gaps of 2 dx do not part from it."""
+    pairs = cKDTree(x).query_pairs(2.0 * dx, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(x), len(x)))
     label = connected_components(graph, directed=False)[1]
     return label == np.bincount(label).argmax()
@@ -321,7 +321,7 @@ def impact_case(layers: int) -> js.Case:
         {
             "dx": BUCHNER / layers,
             "probes.pressure": [[length, float(z)] for z in HEIGHTS],
-            "output.sample_dt": 0.001,
+            "output.sample_dt": 0.002,
         }
     )
 

@@ -145,12 +145,12 @@ def test_coarse_front_is_between_experiment_and_computation():
 
 
 def test_front_ignores_splashes():
-    """Particles farther than 1.5 spacings from the body do not carry the front."""
+    """Particles farther than two spacings from the body do not carry the front."""
     x = np.stack(np.meshgrid(np.arange(8.0), np.arange(4.0), indexing="ij"), -1).reshape(-1, 2)
     splash = np.array([[9.6, 0.0], [11.0, 3.0]])
     front, height = dam_break.front_and_height(np.concatenate([x, splash]), 1.0)
     assert (front, height) == (7.5, 3.5)
-    near = np.array([[8.4, 0.0]])  # within 1.5 spacings: still the tip
+    near = np.array([[8.4, 0.0]])  # within two spacings: still the tip
     assert dam_break.front_and_height(np.concatenate([x, near]), 1.0)[0] == pytest.approx(8.9)
 
 
