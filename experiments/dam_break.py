@@ -136,6 +136,12 @@ def mps() -> Series:
     return Series(*_read("koshizuka_oka_front_mps"))
 
 
+def residual(T: np.ndarray | float) -> np.ndarray | float:
+    """Martin and Moyce's height of the column at the back wall over 2a, at T; their table is in T/sqrt(2)."""
+    tau, height = _read("martin_moyce_height_table")
+    return np.interp(T, np.sqrt(2) * tau, height)
+
+
 def _read(name: str) -> np.ndarray:
     """Columns of a reference file, in the order of their first."""
     columns = np.loadtxt(REFERENCE / f"{name}.csv", delimiter=",", skiprows=1).T
@@ -198,7 +204,7 @@ def _fronts(resolutions: list[int]) -> None:
             _energy_rows(report, f"H/dx = {layers}", file, WIDTH, HEIGHT)
         report.seconds = seconds
         report.picture(_front_picture(fronts))
-        report.picture(_particles(file, case, [1.0, 2.0, 3.0, 4.0], WIDTH / 2), "_particles")
+        report.picture(_particles(file, case, [1.0, 2.0, 3.0, 4.0], WIDTH / 2, "t sqrt(2g/a)"), "_particles")
 
 
 def _front_rows(report: Report, label: str, front: Front) -> None:
@@ -282,8 +288,8 @@ def _front_picture(fronts: dict[int, Front]) -> Figure:
     return figure
 
 
-def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: float) -> Figure:
-    """Particles coloured by pressure at some t sqrt(g/unit_length)."""
+def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: float, unit: str) -> Figure:
+    """Particles coloured by pressure at some t sqrt(g/unit_length), which is called `unit`."""
     high = case.tank.depth
     snapshots = []
     for moment in moments:
@@ -293,10 +299,10 @@ def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: 
     right = min(case.tank.length, 1.1 * max(s["x"][:, 0].max() for s in snapshots))
     columns = 2
     rows = (len(moments) + 1) // columns
-    figure = Figure(figsize=(12, 0.7 + rows * (0.5 + 5.4 * top / right)), layout="constrained")
+    figure = Figure(figsize=(12, 0.7 + rows * (0.4 + 5.1 * top / right)), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     for axis, moment, snapshot in zip(axes, moments, snapshots, strict=False):
-        axis.set(xlim=(0, right), ylim=(0, top), aspect="equal", title=f"{moment:g} units of time")
+        axis.set(xlim=(0, right), ylim=(0, top), aspect="equal", title=f"{unit} = {moment:g}")
         # dots as wide as a spacing: 5.4 inches, the width of an axis, for `right` metres
         size = (1.3 * 72 * 5.4 / right * case.dx) ** 2
         dots = axis.scatter(
@@ -308,6 +314,9 @@ def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: 
             vmax=1.0,
         )
     figure.colorbar(dots, ax=axes, label="p/(rho g H)", extend="both")
+    for axis in axes:
+        axis.set(xlabel="x, m", ylabel="z, m")
+        axis.label_outer()
     return figure
 
 
@@ -393,7 +402,7 @@ def _impacts(resolutions: list[int]) -> None:
             )
         report.seconds = seconds
         report.picture(_impact_picture(found, t_there, p_there))
-        report.picture(_particles(file, case, [2.7, 4.0, 5.9, 7.0], BUCHNER), "_particles")
+        report.picture(_particles(file, case, [2.6, 3.6, 5.9, 7.0], BUCHNER, "t sqrt(g/H)"), "_particles")
 
 
 def _impact_picture(found: dict[int, tuple], t_there: np.ndarray, p_there: np.ndarray) -> Figure:
