@@ -7,6 +7,7 @@ in the water.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from typing import NamedTuple
 
@@ -98,15 +99,14 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
     began = time.perf_counter()
     model, state = js.build(case)
     every = steps_per_sample(case, model)
-    search = model.search
-    # Room for what a division that fails does to the tables: to be unquiet is the result, to overflow is not.
-    settings = {
-        "capacity": int(1.5 * search.capacity),
-        "node_capacity": int(1.5 * search.node_capacity),
-        "chamber_capacity": search.chamber_capacity,
-        "rebuild_every": max(n for n in range(1, 9) if every % n == 0),
-    }
-    model, state = js.build(case, settings)
+    # Room for what an unquiet division does to the tables; searched more often where that is not enough.
+    search = dataclasses.replace(
+        model.search,
+        capacity=int(1.5 * model.search.capacity),
+        node_capacity=int(1.5 * model.search.node_capacity),
+        rebuild_every=max(n for n in range(1, 9) if every % n == 0),
+    )
+    model = eqx.tree_at(lambda m: m.search, model, search)
     if not background:
         model = eqx.tree_at(lambda m: m.scheme.background, model, None)
     probes = js.make_probes(case, model, state)
@@ -115,8 +115,14 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
     series, ended = [], ""
     while float(model.time(state)) < t1 - 0.5 * float(model.dt):
         new, readings = advance(model, state)
-        series.append({k: np.asarray(v) for k, v in readings.items()})
         failure = Failure(int(new.status.bits))
+        if failure == Failure.STALE_TABLE and search.rebuild_every > 1:
+            # a particle is faster than the tables are good for: again from the last state, as `js.run` does
+            shorter = max(n for n in range(1, search.rebuild_every) if every % n == 0)
+            search = dataclasses.replace(search, rebuild_every=shorter)
+            model = eqx.tree_at(lambda m: m.search, model, search)
+            continue
+        series.append({k: np.asarray(v) for k, v in readings.items()})
         if failure:
             when = int(new.status.step) * float(model.dt)
             ended = f"{failure.name} at {when:.2f} s"
@@ -144,6 +150,21 @@ def pressure_error(run: Found) -> float:
     return float(np.sqrt(np.mean(error**2)) / DEPTH)
 
 
+def verdict(run: Found) -> str:
+    """Whether the water stays at rest: under the bar, and no less quiet in the end than once it has settled.
+
+    The settled level is the mean of the second fifth of the run, the end its last fifth. In a quiet run the
+    two are equal but for the noise, which is well under a factor of two.
+    """
+    if run.ended:
+        return "fails"
+    share = run.kinetic / SCALE
+    fifth = len(share) // 5
+    if share[fifth:].max() > BAR:
+        return "unsteady"
+    return "growing" if share[-fifth:].mean() > 2 * share[fifth : 2 * fifth].mean() else "at rest"
+
+
 def _rows(report: Report, division: str, background: bool, run: Found, t1: float) -> None:
     label = f"({division}) {'as a user runs it' if background else 'without the background'}"
     share = run.kinetic / SCALE
@@ -158,10 +179,7 @@ def _rows(report: Report, division: str, background: bool, run: Found, t1: float
         passes=(not run.ended and last < BAR) if barred else None,
     )
     report.row(f"{label}: largest ever / scale", float(np.nanmax(share)))
-    late = run.t >= 0.5 * t1
-    quiet = not run.ended and bool(np.all(share[late] < BAR))
-    verdict = "at rest" if quiet else "unsteady"
-    report.row(f"{label}: in the second half", verdict, theory="at rest", paper=PAPER[division])
+    report.row(f"{label}: the water is", verdict(run), theory="at rest", paper=PAPER[division])
     report.row(f"{label}: RMS pressure error / rho g d", 100 * pressure_error(run), "%", theory=0.0)
     report.row(f"{label}: largest speed at the end", float(run.max_speed[-1]), "m/s", theory=0.0)
 

@@ -70,7 +70,7 @@ def built():
 def test_column_holds_the_water_it_says(width, built):
     """In two dimensions, and in three."""
     deep = DAM.replace(
-        {"dx": 0.09, "tank": {"length": 2.7, "depth": 0.36, "width": width, "column": 0.9}} | NEAR
+        {"dx": 0.09, "tank": {"length": 1.8, "depth": 0.36, "width": width, "column": 0.9}} | NEAR
     )
     model, state = built if width is None else js.build(deep)
     x, dx = np.asarray(state.particles.x), float(model.dx)
