@@ -18,7 +18,7 @@ POINT = (H_STAR.index(0.16), B_STAR.index(121.96), 0.54, 0.30)
 
 def main(dx: float = 0.02) -> None:
     """Runs or goes on with the study at the spacing dx."""
-    case = study_case(dx).replace({"device.wall_thickness": 0.01})
+    case = study_case(dx, 12.0).replace({"device.wall_thickness": 0.01})
     K_dm = [round(damping_coefficient(b), 2) for b in B_STAR]
     H = [round(h * CHAMBER, 5) for h in H_STAR]
     study = swept(case, {"pto.K_dm": K_dm, "waves.H": H}, f"damping_study_{dx:g}")

@@ -16,7 +16,7 @@ PERIODS = (0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 
 def main(dx: float = 0.02) -> None:
     """Runs or goes on with the study at the spacing dx."""
-    case = study_case(dx)
+    case = study_case(dx, 13.0)
     over = {"device.wall_thickness": list(THICKNESS), "waves.T": list(PERIODS)}
     study = swept(case, over, f"wall_study_{dx:g}")
     xi = study["xi"]
