@@ -7,7 +7,7 @@ import importlib
 from typing import Any
 
 _ROOMS = {
-    "case": ("Case", "build", "built_in_cases", "check", "load_case", "make_probes"),
+    "case": ("Case", "assemble", "build", "built_in_cases", "check", "load_case", "make_probes"),
     "linear": (
         "ChamberGeometry",
         "LinearOWC",
@@ -17,10 +17,11 @@ _ROOMS = {
         "linear_response",
         "radiation_and_scattering",
     ),
+    "boundaries": ("Box", "FreeSlip", "Ghosts", "NoSlip"),
     "errors": ("CaseError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
     "design": ("Sweep", "read_sweep", "sweep"),
-    "driver": ("restore", "resume", "run", "simulate"),
+    "driver": ("march", "restore", "resume", "run", "simulate"),
     "state": ("Model", "Solution", "State"),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}

@@ -10,6 +10,7 @@ set is a static matrix of booleans, packed into bit masks that the neighbour sea
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -23,6 +24,7 @@ from jaxsph import laws
 from jaxsph._typing import Array, Components, Float, Int, Scalar, columns, dot, stacked
 from jaxsph.pairs import (
     Pair,
+    Period,
     Smoothing,
     outer_upper,
     pair_sum,
@@ -290,18 +292,56 @@ class MultiNodeGhosts(AbstractThinWall):
 # --------------------------------------------------------------------------- ghosts on the host
 
 
+SIDES = {
+    "walls": (True, True),
+    "floor": (True, False),
+    "lid": (False, True),
+    "open": (False, False),
+    "periodic": (False, False),
+}
+"""What may bound an axis, and whether that is a wall at its low and at its high end."""
+
+
 @dataclass(frozen=True)
 class Box:
-    """The tank: walls at low and high on every axis but the top of the last, which is open.
+    """The domain, low <= x <= high (m), and what bounds it along each axis.
 
-    `top` (m) is how high the walls reach; `paddle` says that the first axis' low wall moves.
+    **Raises** ValueError for a side that there is not, or an empty extent.
     """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     paddle: bool = False
+    """Whether the first axis' low wall moves."""
     stroke: float = 0.0
     """Largest displacement of the paddle towards negative x, m: the bed reaches that far."""
+    sides: tuple[str, ...] = ()
+    """One of `SIDES` for every axis; by default a tank's: walls, and along the last axis a floor. Where there
+    is no wall the box only says how far the fluid may go."""
+
+    def __post_init__(self) -> None:
+        """Fills in the default sides and checks them."""
+        if not self.sides:
+            object.__setattr__(self, "sides", ("walls",) * (len(self.low) - 1) + ("floor",))
+        wrong = [side for side in self.sides if side not in SIDES]
+        if wrong or len(self.sides) != len(self.low):
+            raise ValueError(f"sides = {self.sides}: one of {', '.join(SIDES)} for every axis")
+        if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
+            raise ValueError(f"low = {self.low} must be below high = {self.high} along every axis")
+
+    @property
+    def walls(self) -> np.ndarray:
+        """`[D, 2]`, True where there is a wall at the low and the high end of an axis."""
+        return np.array([SIDES[side] for side in self.sides])
+
+    @property
+    def period(self) -> Period:
+        """Length of every periodic axis, None for the others; None where there is none."""
+        found = tuple(
+            float(b - a) if side == "periodic" else None
+            for a, b, side in zip(self.low, self.high, self.sides, strict=True)
+        )
+        return found if any(found) else None
 
 
 def lattice(
@@ -341,6 +381,23 @@ class _Lattice(NamedTuple):
     volume: np.ndarray
 
 
+def _sliding(
+    x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]] | None
+) -> np.ndarray | None:
+    """Velocity of the wall that each ghost is behind, m/s."""
+    if not sliding:
+        return None
+    u = np.zeros_like(x)
+    for (axis, end), velocity in sliding.items():
+        if not box.walls[axis, end]:
+            raise ValueError(f"sliding: there is no wall at end {end} of axis {axis} ({box.sides[axis]})")
+        if velocity[axis]:
+            raise ValueError(f"sliding: wall {end} of axis {axis} may only move along itself, not {velocity}")
+        behind = x[:, axis] > box.high[axis] if end else x[:, axis] < box.low[axis]
+        u[behind] += np.asarray(velocity, float)
+    return u
+
+
 def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
     """Ghosts on the lattice outside the box; a corner's are mirrored in every wall they are behind."""
     dim = len(box.low)
@@ -349,8 +406,9 @@ def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
     axes = []
     for axis in range(dim):
         count = int(round((high[axis] - low[axis]) / dx))
-        first = -layers - (behind if axis == 0 else 0)
-        last = count + (0 if axis == dim - 1 else layers)
+        floor, lid = box.walls[axis]
+        first = -layers - (behind if axis == 0 else 0) if floor else 0
+        last = count + (layers if lid else 0)
         axes.append(low[axis] + (np.arange(first, last) + 0.5) * dx)
     x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
     under, over = x < low, x > high
@@ -489,6 +547,10 @@ class Ghosts(eqx.Module):
     """First and last index of the paddle's ghosts (they are stored together); () without one."""
     low: tuple[float, ...] = eqx.field(static=True)
     high: tuple[float, ...] = eqx.field(static=True)
+    sides: tuple[str, ...] = eqx.field(static=True)
+    """What bounds each axis, as in `Box`."""
+    sliding: Float[Array, "G D"] | None = None
+    """Velocity of walls that move along themselves, m/s."""
 
     @classmethod
     def build(
@@ -500,10 +562,13 @@ class Ghosts(eqx.Module):
         plate: WallPlate | None = None,
         thin_wall: AbstractThinWall | None = None,
         dtype: np.dtype | type = np.float32,
+        sliding: Mapping[tuple[int, int], Sequence[float]] | None = None,
     ) -> Ghosts:
-        """Places the ghosts of a tank and of a plate in it, on the host.
+        """Places the ghosts of a tank and of a plate in it, on the host; none where it has no walls.
 
-        **Raises** ValueError for a plate too thin for the method chosen.
+        **Arguments**: `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for the
+        low or 1 for the high end); only walls without slip drag the fluid with them.
+        **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         reach, h = smoothing.kernel.reach, float(smoothing.h)
         layers = int(np.ceil(reach * h / dx - 0.5))
@@ -520,9 +585,10 @@ class Ghosts(eqx.Module):
         plain = np.asarray(regions.sees(jnp.asarray(own))) & water_bits
         node_sees = np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
-        # full to the brim and a little over it
-        over = (*box.high[:-1], box.high[-1] + (2 * layers - 1) * dx)
-        brim, brim_volume = lattice(box.low, over, dx, plate)
+        # full to the brim and a little over it, as over every end without a wall
+        beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
+        under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
+        brim, brim_volume = lattice(under, over, dx, plate)
         full = np.zeros(len(ghosts.x))
         brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
         for mask in np.unique(node_sees):
@@ -552,7 +618,14 @@ class Ghosts(eqx.Module):
             paddle=(0, count) if count else (),
             low=box.low,
             high=box.high,
+            sides=box.sides,
+            sliding=None if sliding is None else jnp.asarray(_sliding(ghosts.x, box, sliding), dtype),
         )
+
+    @property
+    def period(self) -> Period:
+        """As `Box.period`."""
+        return Box(self.low, self.high, sides=self.sides).period
 
     @property
     def count(self) -> int:
@@ -581,9 +654,9 @@ class Ghosts(eqx.Module):
 
         low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
         high = jnp.asarray(self.high, x.dtype)
-        # the last axis has no lid: its high end is only where the walls stop
-        lid = jnp.ones(x.shape[1], x.dtype).at[-1].set(0.0)
-        push = away(x - low) - lid * away(high - x)
+        # where there is no wall the box only says how far the fluid may go
+        floor, lid = (jnp.asarray([SIDES[side][end] for side in self.sides], x.dtype) for end in (0, 1))
+        push = floor * away(x - low) - lid * away(high - x)
         plate = self.regions.plate
         if plate is None:
             return push

@@ -10,6 +10,7 @@ import difflib
 import importlib.resources
 import json
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,9 +23,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from jaxsph import boundaries, devices, kernels, neighbours, probes, waves, wcsph
 from jaxsph.errors import CaseError
 from jaxsph.pairs import Smoothing
-from jaxsph.state import Model, Particles, Search, State, Status, Work
+from jaxsph.state import AbstractForce, Model, Particles, Search, State, Status, Work
 
-__all__ = ["Case", "Geometry", "build", "built_in_cases", "check", "load_case", "make_probes"]
+__all__ = ["Case", "Geometry", "assemble", "build", "built_in_cases", "check", "load_case", "make_probes"]
 
 SKIN = 0.2
 """Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
@@ -551,38 +552,27 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         return jnp.asarray(a, dtype)
 
     h, c0 = _smoothing_length(case), sound_speed(case)
-    smoothing = Smoothing(_kernel(case), leaf(h))
     integrator = {
         "symplectic": wcsph.SymplecticEuler,
         "predictor_corrector": wcsph.PredictorCorrector,
     }[case.scheme.integrator]()
-    viscosity = (
-        wcsph.PhysicalViscosity(leaf(case.fluid.nu))
+    scheme = wcsph.DeltaSPH.of(
+        dx,
+        c0,
+        rho0=case.fluid.rho0,
+        delta=case.scheme.delta,
+        viscosity=wcsph.PhysicalViscosity(case.fluid.nu)
         if case.scheme.alpha is None
-        else wcsph.ArtificialViscosity(leaf(case.scheme.alpha))
-    )
-    scheme = wcsph.DeltaSPH(
-        smoothing,
-        leaf(c0),
-        leaf(case.fluid.rho0),
-        leaf(case.scheme.delta),
-        viscosity,
-        integrator,
+        else wcsph.ArtificialViscosity(case.scheme.alpha),
+        kernel=_kernel(case),
+        h_over_dx=case.scheme.h_over_dx,
+        integrator=integrator,
+        dtype=dtype,
         background=_background(case, geometry, leaf),
     )
     cfl = case.scheme.cfl if case.scheme.cfl is not None else integrator.cfl
     # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
     dt_limit = wcsph.stable_dt(scheme, case.g, cfl * case.scheme.h_over_dx * dx / h, dim)
-    skin = SKIN * dx
-    # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
-    # an even number of steps, so that there are shorter ones for a table that goes stale.
-    needed = case.output.sample_dt / dt_limit
-    most = max(2.0, 0.5 * skin / (_speed_scale(case) * dt_limit))
-    blocks = int(np.ceil(needed / most))
-    block = 2 * int(np.ceil(needed / blocks / 2))
-    steps_per_sample = blocks * block
-    dt = case.output.sample_dt / steps_per_sample
-
     stroke = 0.0
     if case.waves is not None:
         k = float(waves.wavenumber(2 * np.pi / case.waves.T, case.tank.depth, case.g))
@@ -593,22 +583,117 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     box = boundaries.Box((0.0,) * dim, tuple(high), case.waves is not None, 1.5 * stroke + 2 * dx)
     slip = boundaries.FreeSlip() if case.tank.slip == "free_slip" else boundaries.NoSlip()
     thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
-    walls = boundaries.Ghosts.build(box, dx, smoothing, slip, geometry.plate, thin_wall, dtype=dtype)
+    walls = boundaries.Ghosts.build(box, dx, scheme.smoothing, slip, geometry.plate, thin_wall, dtype=dtype)
 
     surface = [geometry.column, geometry.depth]
     if dim == 3:
         surface = [geometry.column, geometry.width, geometry.depth]
     x, volume = boundaries.lattice((0.0,) * dim, tuple(surface), dx, geometry.plate)
-    # The density of the pressure at each place, and the mass that makes its volume there.
+    # The density of the pressure at each place.
     rho = case.fluid.rho0 * case.g * _initial_head(geometry, x) / c0**2
-    m = (case.fluid.rho0 + rho) * volume
+    g = np.zeros(dim)
+    g[-1] = -case.g
+    wavemaker = _wavemaker(case, geometry, leaf, h)
+    sponge = None
+    if case.sponge is not None:
+        end = geometry.length
+        sponge = waves.Sponge(leaf(end - case.sponge.length), leaf(end + dx), leaf(case.sponge.strength))
+    model, state = assemble(
+        x,
+        _initial_velocity(case, geometry, x),
+        scheme=scheme,
+        walls=walls,
+        dx=dx,
+        sample_dt=case.output.sample_dt,
+        rho=rho,
+        volume=volume,
+        g=g,
+        wavemaker=wavemaker,
+        sponge=sponge,
+        chamber=_chamber(case, geometry, leaf),
+        speed=_speed_scale(case),
+        dt_most=dt_limit,
+        depth=geometry.depth,
+        stroke=stroke,
+        settings=settings,
+    )
+    particles = state.particles
+    if wavemaker is not None:
+        V = particles.m / (scheme.rho0 + particles.rho)
+        still = devices.column_depth(
+            (particles.x[:, 0], particles.x[:, 1]), V, wavemaker.gauge, 3.0 * model.dx
+        )
+        model = eqx.tree_at(lambda a: a.wavemaker.still, model, still)
+    return model, state
+
+
+def assemble(
+    x: np.ndarray,
+    u: np.ndarray,
+    *,
+    scheme: wcsph.DeltaSPH,
+    walls: boundaries.Ghosts,
+    dx: float,
+    sample_dt: float,
+    p: np.ndarray | None = None,
+    rho: np.ndarray | None = None,
+    volume: np.ndarray | float | None = None,
+    g: Sequence[float] | None = None,
+    force: AbstractForce | None = None,
+    wavemaker: devices.Wavemaker | None = None,
+    sponge: waves.Sponge | None = None,
+    chamber: devices.Chamber | None = None,
+    speed: float | None = None,
+    dt_most: float | None = None,
+    depth: float | None = None,
+    stroke: float = 0.0,
+    settings: dict[str, int] | None = None,
+) -> tuple[Model, State]:
+    """Model and initial state from arrays: any fluid in any box, where `build` makes the tanks of cases.
+
+    **Arguments**: `x` `[N, D]` (m) and `u` `[N, D]` (m/s); the numbers have the scheme's precision.
+    Either `p` `[N]`, the gauge pressure (Pa), or `rho` `[N]`, the density's deviation from rho0 (kg/m3); at
+    rest, and zero, without either. `volume` (m3; m2 in 2-D): each particle's, by default dx^D.
+    `walls`: `boundaries.Ghosts.build` of a `boundaries.Box`, whose `period` the scheme's smoothing must have.
+    `g` `[D]` (m/s2), by default none; `force`: a field beside it.
+    `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
+    `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
+    that of `u`, or a tenth of c0 at rest. `depth` (m): for depth-averaged results, by default the box's
+    height. `stroke` (m) of the wavemaker. `settings`: as for `build`.
+    **Raises** ValueError for shapes that do not fit, both of p and rho, another period than the walls', a
+    period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
+    """
+    dtype = np.dtype(scheme.smoothing.h.dtype)
+    x, u = np.asarray(x, float), np.asarray(u, float)
+    n, dim = _checked(x, u, p, rho, scheme, walls, dx)
+
+    def leaf(a: Any) -> jax.Array:
+        return jnp.asarray(a, dtype)
+
+    if rho is None:
+        rho = np.zeros(n) if p is None else np.asarray(p, float) / float(scheme.c0) ** 2
+    m = (float(scheme.rho0) + rho) * (dx**dim if volume is None else volume)
+    g = np.zeros(dim) if g is None else np.asarray(g, float)
+    if dt_most is None:
+        # Eq. 10 speaks of the Gaussian's h, a third of the support, whatever the kernel's own h
+        share = scheme.integrator.cfl * float(scheme.smoothing.radius) / 3.0 / float(scheme.smoothing.h)
+        dt_most = wcsph.stable_dt(scheme, float(np.linalg.norm(g)), share, dim)
+    if speed is None:
+        speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.1 * float(scheme.c0)
+    skin = SKIN * dx
+    # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
+    # an even number of steps, so that there are shorter ones for a table that goes stale.
+    needed = sample_dt / dt_most
+    most = max(2.0, 0.5 * skin / (speed * dt_most))
+    blocks = int(np.ceil(needed / most))
+    block = 2 * int(np.ceil(needed / blocks / 2))
     particles = Particles(
         x=leaf(x),
         x_carry=leaf(x - np.asarray(x, dtype)),
-        u=leaf(_initial_velocity(case, geometry, x)),
+        u=leaf(u),
         rho=leaf(rho),
         m=leaf(m),
-        id=jnp.arange(len(x), dtype=jnp.int32),
+        id=jnp.arange(n, dtype=jnp.int32),
     )
     state = State(
         particles=particles,
@@ -618,15 +703,6 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         step=jnp.zeros((), jnp.int32),
         status=Status.sound(dim, dtype),
     )
-    g = np.zeros(dim)
-    g[-1] = -case.g
-    chamber = _chamber(case, geometry, leaf)
-    wavemaker = _wavemaker(case, geometry, leaf, h)
-    sponge = None
-    if case.sponge is not None:
-        end = geometry.length
-        sponge = waves.Sponge(leaf(end - case.sponge.length), leaf(end + dx), leaf(case.sponge.strength))
-    search = _search(walls, x, smoothing, skin, stroke, block, chamber, settings)
     model = Model(
         scheme=scheme,
         walls=walls,
@@ -635,19 +711,36 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         chamber=chamber,
         g=leaf(g),
         dx=leaf(dx),
-        dt=leaf(dt),
+        dt=leaf(sample_dt / (blocks * block)),
         t0=leaf(0.0),
-        depth=leaf(geometry.depth),
+        depth=leaf(walls.high[-1] - walls.low[-1] if depth is None else depth),
         z0=leaf(x[:, -1]),
-        search=search,
+        search=_search(walls, x, scheme.smoothing, skin, stroke, block, chamber, settings),
+        force=force,
     )
-    if wavemaker is not None:
-        V = particles.m / (scheme.rho0 + particles.rho)
-        still = devices.column_depth(
-            (particles.x[:, 0], particles.x[:, 1]), V, wavemaker.gauge, 3.0 * model.dx
-        )
-        model = eqx.tree_at(lambda a: a.wavemaker.still, model, still)
     return model, state
+
+
+def _checked(x, u, p, rho, scheme, walls, dx) -> tuple[int, int]:
+    """Number of particles and dimensions; ValueError where what is given does not fit together."""
+    if x.ndim != 2 or x.shape[1] != len(walls.low) or u.shape != x.shape:
+        raise ValueError(f"x and u must be [N, {len(walls.low)}], not {x.shape} and {u.shape}")
+    if p is not None and rho is not None:
+        raise ValueError("give p or rho, not both")
+    for name, field in (("p", p), ("rho", rho)):
+        if field is not None and np.shape(field) != x.shape[:1]:
+            raise ValueError(f"{name} must be [{len(x)}], not {np.shape(field)}")
+    if scheme.smoothing.period != walls.period:
+        raise ValueError(
+            f"the smoothing's period, {scheme.smoothing.period}, must be that of the box, {walls.period}"
+        )
+    for axis, length in enumerate(walls.period or ()):
+        if length is not None and abs(length / dx - round(length / dx)) > 1e-6 * length / dx:
+            raise ValueError(f"dx = {dx:g} m does not divide the period {length:g} m of axis {axis}")
+    slack = 1e-6 * (np.asarray(walls.high) - np.asarray(walls.low))
+    if (x < walls.low - slack).any() or (x > walls.high + slack).any():
+        raise ValueError(f"particles are outside the box from {walls.low} to {walls.high} m")
+    return x.shape
 
 
 def _chamber(case: Case, geometry: Geometry, leaf: Any) -> devices.Chamber | None:
@@ -727,11 +820,15 @@ def _search(
     settings: dict[str, int] | None,
 ) -> Search:
     radius = float(smoothing.radius) + skin
-    low = np.minimum(np.asarray(walls.x).min(axis=0), x.min(axis=0))
-    high = np.maximum(np.asarray(walls.x).max(axis=0), x.max(axis=0))
+    everything = np.concatenate([np.asarray(walls.x), x])
+    low, high = everything.min(axis=0), everything.max(axis=0)
     low[0] -= stroke
     high[0] += stroke
-    grid = neighbours.grid_over(low, high, radius)
+    for axis, side in enumerate(walls.sides):
+        # what no wall holds may go anywhere in the box; cells along a period begin at its low end
+        if side in ("open", "periodic"):
+            low[axis], high[axis] = walls.low[axis], walls.high[axis]
+    grid = neighbours.grid_over(low, high, radius, walls.period)
     found = dict(settings or {})
     if "capacity" not in found:
         fluid, nodes = _fullest(walls, jnp.asarray(x, walls.x.dtype), grid)
@@ -777,8 +874,7 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
     """The probes that a case asks for, zeroed in its initial state."""
     dtype = model.dt.dtype
     sample_dt = jnp.asarray(case.output.sample_dt, dtype)
-    energy = probes.EnergyProbe(sample_dt, probes.EnergyProbe.compression(model, state))
-    found: list[Any] = [energy]
+    found: list[Any] = [probes.EnergyProbe.over(model, state, sample_dt)]
     if case.probes.gauges:
         at = jnp.asarray(case.probes.gauges, dtype)
         gauge = probes.WaveGauge(at, jnp.zeros_like(at))

@@ -24,7 +24,7 @@ from jaxsph.case import Case, build, make_probes, steps_per_sample
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.state import AbstractProbe, Failure, Model, Solution, State, Work
 
-__all__ = ["restore", "resume", "run", "simulate"]
+__all__ = ["march", "restore", "resume", "run", "simulate"]
 
 REPLAYS = 6
 """Times that one chunk is replayed with larger tables before the run gives up."""
@@ -221,9 +221,9 @@ def _drive(
     try:
         while int(state.step) < last:
             n_steps = min(per_chunk, last - int(state.step))
-            model, new, readings = _replayed(case, model, state, probes, n_steps, sample_every, bar)
+            model, new, readings = _replayed(case.name, model, state, probes, n_steps, sample_every, bar)
             series = {k: np.asarray(v) for k, v in readings.items()}
-            series["time"] = _exact_times(int(state.step), series["time"], case)
+            series["time"] = _exact_times(int(state.step), series["time"], case.output.sample_dt)
             record.append(series)
             state = new
             if file is not None:
@@ -244,14 +244,46 @@ def _drive(
     return eqx.tree_at(lambda s: s.results, solution, results, is_leaf=lambda x: x is None)
 
 
-def _exact_times(step: int, like: np.ndarray, case: Case) -> np.ndarray:
+def _exact_times(step: int, like: np.ndarray, every: float) -> np.ndarray:
     """Sample times in float64: the loop's own are float32."""
-    every = case.output.sample_dt
     first = np.round(float(like[0]) / every) * every
     return first + np.arange(len(like)) * every
 
 
-def _replayed(case, model, state, probes, n_steps, sample_every, bar):
+def march(
+    model: Model,
+    state: State,
+    t1: float,
+    sample_dt: float,
+    probes: Sequence[AbstractProbe] = (),
+    *,
+    name: str = "assembled",
+    progress: bool = False,
+) -> Solution:
+    """Runs what `case.assemble` gave to t1 (s) and samples it every `sample_dt` (s, as given there).
+
+    Tables that overflow or go stale are regrown and the run replayed, as in `run`; the model returned holds
+    the settings that it needed, and a further call goes on from the state returned. The first sample is
+    the state given, the last one sample before t1.
+    **Raises** ValueError where t1 is no sample after the state's time, SimulationError as `run`.
+    """
+    sample_every = int(round(sample_dt / float(model.dt)))
+    last = int(round(t1 / sample_dt)) * sample_every
+    start = int(state.step)
+    if last <= start or start % sample_every:
+        raise ValueError(f"t1 = {t1:g} s is not a sample after the state's {start * float(model.dt):g} s")
+    bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
+    model, state, readings = _replayed(name, model, state, tuple(probes), last - start, sample_every, bar)
+    bar.close()
+    series = {k: np.asarray(v) for k, v in readings.items()}
+    series["time"] = _exact_times(start, series["time"], sample_dt)
+    units = {"time": ("s", "time")}
+    for probe in probes:
+        units |= probe.describe()
+    return Solution(series, units, model, state)
+
+
+def _replayed(name, model, state, probes, n_steps, sample_every, bar):
     """One chunk, with tables regrown and the chunk replayed for as often as it takes."""
     for _ in range(REPLAYS):
         new, readings = _chunk(model, state, probes, n_steps, sample_every)
@@ -264,7 +296,7 @@ def _replayed(case, model, state, probes, n_steps, sample_every, bar):
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
         bar.write(f"tables regrown, chunk replayed: {what}")
         model = _with_settings(model, changed)
-    raise _explained(case, model, new)
+    raise _explained(name, model, new)
 
 
 def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
@@ -289,7 +321,7 @@ def _with_settings(model: Model, settings: dict[str, int]) -> Model:
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
 
 
-def _explained(case: Case, model: Model, state: State) -> SimulationError:
+def _explained(name: str, model: Model, state: State) -> SimulationError:
     """The first failure in words: what, where, when, and what to change."""
     failed = Failure(int(state.status.bits))
     step = int(state.status.step)
@@ -309,7 +341,7 @@ def _explained(case: Case, model: Model, state: State) -> SimulationError:
         what = f"the neighbour tables cannot be kept ({failed.name})"
         remedy = "reduce scheme.cfl or dx"
     return SimulationError(
-        f"case {case.name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
+        f"case {name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
         f"What to change: {remedy}.",
         step=step,
         time=t,

@@ -1,5 +1,5 @@
-"""Pure pair laws and the equation of state. A law sees one pair (`pairs.Pair`) and the fields of its
-two particles; equation numbers are those of Zhu et al. 2020.
+"""Pure pair laws, the equation of state and body forces. A law sees one pair (`pairs.Pair`) and the fields
+of its two particles; equation numbers are those of Zhu et al. 2020.
 
 Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3 per m of width in 2-D; a
 negative sign marks a wall's source, which takes no part in the density diffusion), grad_rho (kg/m4).
@@ -10,8 +10,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from jaxsph._typing import dot
+from jaxsph._typing import Array, Float, Scalar, dot
 from jaxsph.pairs import Fields, Pair, outer_upper
+from jaxsph.state import AbstractForce
 
 GUARD = 1.0e-3
 """Fraction of h^2 added to r^2 in denominators (0.1 % at r = h); the particle itself gives 0/GUARD."""
@@ -80,3 +81,20 @@ def density_diffusion(pair: Pair, i: Fields, j: Fields, guard: jax.Array) -> jax
     # Psi . grad W with x_j - x_i = -r: both terms share r^2/(r^2 + guard) and cancel in a linear field.
     psi = -2.0 * (j["rho"] - i["rho"]) - dot(gradient, pair.r)
     return psi * (pair.r2 / (pair.r2 + guard)) * water_volume(j) * pair.F
+
+
+class CentralForce(AbstractForce):
+    """-omega^2 (x - centre): what holds a drop together in Monaghan and Rafiee 2013, section 5.1."""
+
+    omega: Scalar
+    """rad/s."""
+    centre: Float[Array, " D"]
+    """m."""
+
+    def acceleration(self, x):
+        """See `AbstractForce`."""
+        return -(self.omega**2) * (x - self.centre)
+
+    def potential(self, x):
+        """See `AbstractForce`."""
+        return 0.5 * self.omega**2 * jnp.sum((x - self.centre) ** 2, axis=1)

@@ -2,7 +2,8 @@
 
 Sources are sorted by cells of half the search radius; in every line of cells the candidates of a target
 are one contiguous range of the sorted sources, which a loop walks and compacts. Who may see whom near a
-thin wall is a bit mask: a target sees a source when their bits meet.
+thin wall is a bit mask: a target sees a source when their bits meet. Along a periodic axis the cells divide
+the period, the lines go on at the other end, and distances are those to the nearest image.
 """
 
 from __future__ import annotations
@@ -16,24 +17,36 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph._typing import Array, Bool, Float, Int
+from jaxsph.pairs import Period, nearest_image
 
-__all__ = ["Grid", "Table", "cell_order", "grid_over", "needed_capacity", "search"]
+__all__ = ["Grid", "Table", "cell_order", "grid_over", "needed_capacity", "search", "wrapped"]
 
 WIDTH = 2
 """Cells per search radius: five lines of half-radius cells hold 30 % fewer candidates than three whole."""
 
 
 class Grid(eqx.Module):
-    """A box of cells. Particles outside it are counted in the nearest cell, which loses no pair."""
+    """A box of cells. Particles outside it are counted in the nearest cell, which loses no pair; along a
+    periodic axis they must have been `wrapped` into it."""
 
     origin: tuple[float, ...] = eqx.field(static=True)
     cell: float = eqx.field(static=True)
+    """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of them fits."""
     shape: tuple[int, ...] = eqx.field(static=True)
+    period: Period = eqx.field(static=True, default=None)
 
     @property
     def radius(self) -> float:
         """Search radius (support plus skin), m."""
         return WIDTH * self.cell
+
+    @property
+    def sides(self) -> tuple[float, ...]:
+        """Sides of a cell along every axis, m."""
+        period = self.period or (None,) * len(self.shape)
+        return tuple(
+            self.cell if length is None else length / n for n, length in zip(self.shape, period, strict=True)
+        )
 
 
 class Table(NamedTuple):
@@ -50,16 +63,47 @@ class Table(NamedTuple):
         return self.most > self.indices.shape[0]
 
 
-def grid_over(low: np.ndarray, high: np.ndarray, radius: float) -> Grid:
-    """The grid that covers the box from `low` to `high` for searches within `radius`."""
+def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = None) -> Grid:
+    """The grid that covers the box from `low` to `high` for searches within `radius`.
+
+    Along a periodic axis it covers one period from `low`. **Raises** ValueError for a period so short that
+    a particle would see a cell, and with it a source, from both ends.
+    """
     cell = float(radius) / WIDTH
     span = np.asarray(high, float) - np.asarray(low, float)
-    shape = tuple(int(n) for n in np.maximum(np.ceil(span / cell), 1))
-    return Grid(tuple(float(a) for a in low), cell, shape)
+    shape = [int(n) for n in np.maximum(np.ceil(span / cell), 1)]
+    for axis, length in enumerate(period or ()):
+        if length is None:
+            continue
+        shape[axis] = int(length / cell)
+        if shape[axis] < 2 * WIDTH + 1:
+            raise ValueError(
+                f"period = {length:g} m along axis {axis} is too short for a search radius of {radius:g} m: "
+                f"at least {(2 * WIDTH + 1) * cell:g} m are needed"
+            )
+    return Grid(tuple(float(a) for a in low), cell, tuple(shape), period)
+
+
+def wrapped(
+    x: Float[Array, "N D"], carry: Float[Array, "N D"], low: tuple[float, ...], period: Period
+) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
+    """Positions (m) moved by a period into [low, low + period), and what they have lost to rounding.
+
+    The move is exact: what x cannot hold of it goes into the carry (Knuth's two-sum).
+    """
+    if period is None:
+        return x, carry
+    length = jnp.asarray([0.0 if a is None else a for a in period], x.dtype)
+    low = jnp.asarray(low, x.dtype)
+    shift = jnp.where(x < low, length, jnp.where(x >= low + length, -length, 0.0))
+    new = x + shift
+    kept = new - x
+    return new, carry + ((x - (new - kept)) + (shift - kept))
 
 
 def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
-    scaled = (x - jnp.asarray(grid.origin, x.dtype)) / grid.cell
+    side = grid.cell if grid.period is None else jnp.asarray(grid.sides, x.dtype)
+    scaled = (x - jnp.asarray(grid.origin, x.dtype)) / side
     # clip first: an integer conversion of a huge float is undefined
     upper = jnp.asarray(grid.shape, x.dtype) - 1
     return jnp.floor(jnp.clip(scaled, 0.0, upper)).astype(jnp.int32)
@@ -105,16 +149,23 @@ def search(
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
     home = _cells(targets, grid)
+    period = grid.period or (None,) * len(grid.shape)
     last = grid.shape[-1]
-    low = jnp.maximum(home[:, -1] - WIDTH, 0)
-    high = jnp.minimum(home[:, -1] + WIDTH, last - 1)
+    bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
+    spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
+    if period[-1] is not None:
+        # what sticks out at one end of the last axis goes on at the other
+        over = jnp.where(bottom < 0, bottom + last, 0)
+        spans.append((over, jnp.where(bottom < 0, last - 1, jnp.where(top >= last, top - last, -1))))
 
-    def line(offset, found):
+    def line(offset, low, high, found):
         """Adds the candidates of one line of cells to what was found."""
-        inside = jnp.ones(n, bool)
+        inside = low <= high
         row = jnp.zeros(n, jnp.int32)
         for axis, step in enumerate(offset):
             index = home[:, axis] + step
+            if period[axis] is not None:
+                index = index % grid.shape[axis]
             inside &= (index >= 0) & (index < grid.shape[axis])
             row = row * grid.shape[axis] + index
         row = jnp.where(inside, row, 0)
@@ -124,7 +175,8 @@ def search(
         def candidate(c, found):
             flat, count = found
             k = jnp.minimum(first + c, m - 1)
-            r2 = sum((a - b[k]) ** 2 for a, b in zip(x_i, xs, strict=True))
+            r = nearest_image(tuple(a - b[k] for a, b in zip(x_i, xs, strict=True)), grid.period)
+            r2 = sum(a**2 for a in r)
             j = order[k]
             near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
             if same:
@@ -135,11 +187,12 @@ def search(
             flat = flat.at[slot * n + me].set(j, mode="promise_in_bounds", unique_indices=True)
             return flat, count + near.astype(jnp.int32)
 
-        return jax.lax.fori_loop(0, jnp.max(end - first), candidate, found)
+        return jax.lax.fori_loop(0, jnp.max(end - first, initial=0), candidate, found)
 
     found = (jnp.zeros((capacity + 1) * n, jnp.int32), jnp.zeros(n, jnp.int32))
     for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1):
-        found = line(offset, found)
+        for low, high in spans:
+            found = line(offset, low, high, found)
     flat, count = found
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
     indices = jnp.where(filled, flat[: capacity * n].reshape(capacity, n), m)

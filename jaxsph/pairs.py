@@ -25,16 +25,39 @@ FAR = 1.0e3
 """Coordinate (m) of the empty source: outside every kernel, and small enough for float32 squares."""
 
 
+Period = tuple[float | None, ...] | None
+"""Length (m) of the domain along every axis that is periodic, None along the others; None: no axis is."""
+
+
 class Smoothing(eqx.Module):
-    """Kernel and smoothing length: what turns a distance into a weight."""
+    """Kernel, smoothing length and periods: what turns two places into a weight."""
 
     kernel: AbstractKernel
     h: Scalar
+    period: Period = eqx.field(static=True, default=None)
 
     @property
     def radius(self) -> Scalar:
         """Support radius, m."""
         return self.kernel.reach * self.h
+
+
+def nearest_image(r: Components, period: Period) -> Components:
+    """x_i - x_j (m) to the nearest image of j, for places at most one period apart.
+
+    Nearer ones than half a period are left as they are. One period at most is added: the empty source
+    must stay far away.
+    """
+    if period is None:
+        return r
+
+    def nearest(a, length):
+        if length is None:
+            return a
+        length = jnp.asarray(length, a.dtype)
+        return a - jnp.where(a > 0.5 * length, length, 0.0) + jnp.where(a < -0.5 * length, length, 0.0)
+
+    return tuple(nearest(a, length) for a, length in zip(r, period, strict=True))
 
 
 class Pair(NamedTuple):
@@ -71,7 +94,7 @@ def pair_sum(
 
     def pair_terms(slot):
         j = jax.tree.map(lambda a: a.at[slot].get(mode="promise_in_bounds"), sources)
-        r = tuple(a - b for a, b in zip(x_i, j["x"], strict=True))
+        r = nearest_image(tuple(a - b for a, b in zip(x_i, j["x"], strict=True)), smoothing.period)
         r2 = dot(r, r)
         inside = r2 < radius2
         F = jnp.where(inside, kernel.slope(r2, h, dim), 0.0)
@@ -169,7 +192,9 @@ __all__ = [
     "Float",
     "Law",
     "Pair",
+    "Period",
     "Smoothing",
+    "nearest_image",
     "neighbour_count",
     "outer_upper",
     "pair_sum",

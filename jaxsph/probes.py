@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph import laws
-from jaxsph._typing import Array, Float, Scalar, columns, dot
+from jaxsph._typing import Array, Float, Scalar, columns, dot, stacked
 from jaxsph.devices import column_depth
+from jaxsph.pairs import nearest_image
 from jaxsph.state import AbstractProbe, Model, State
 
 __all__ = ["ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"]
@@ -28,7 +29,13 @@ class WaveGauge(AbstractProbe):
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         x, V = columns(state.particles.x), _volumes(model, state)
-        depth = jax.vmap(lambda at: column_depth(x, V, at, 3.0 * model.dx))(self.x)
+        period = model.scheme.smoothing.period
+
+        def column(at):
+            away = nearest_image((x[0] - at, *x[1:]), period)
+            return column_depth(away, V, jnp.zeros_like(at), 3.0 * model.dx)
+
+        depth = jax.vmap(column)(self.x)
         return {"eta": depth - self.still}
 
     def describe(self):
@@ -48,7 +55,7 @@ class PressureProbe(AbstractProbe):
         pressure = laws.pressure(p.rho, model.scheme.c0)
 
         def at(point):
-            r = point - p.x
+            r = stacked(nearest_image(columns(point - p.x), smoothing.period))
             r2 = jnp.sum(r * r, axis=1)
             w = jnp.where(
                 r2 < smoothing.radius**2,
@@ -107,6 +114,19 @@ class EnergyProbe(AbstractProbe):
     sample_dt: Scalar
     compression0: Scalar
     """Compression energy of the initial state, J (J/m in 2-D)."""
+    field0: Scalar | None = None
+    """Potential energy of the initial state in the body force field, J; None without a field."""
+
+    @classmethod
+    def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
+        """The probe whose stored energies are counted from this state."""
+        field0 = None if model.force is None else cls.field(model, state)
+        return cls(sample_dt, cls.compression(model, state), field0)
+
+    @staticmethod
+    def field(model: Model, state: State) -> Scalar:
+        """Potential energy in the body force field, J (J/m in 2-D)."""
+        return jnp.sum(state.particles.m * model.force.potential(state.particles.x))
 
     @staticmethod
     def compression(model: Model, state: State) -> Scalar:
@@ -121,9 +141,12 @@ class EnergyProbe(AbstractProbe):
         p = state.particles
         speed2 = dot(columns(p.u), columns(p.u))
         lost = model.scheme.dissipation(model, state, tables)
+        potential = -jnp.sum(p.m * model.g[-1] * (p.x[:, -1] - model.z0[p.id]))
+        if self.field0 is not None:
+            potential = potential + self.field(model, state) - self.field0
         return {
             "kinetic": 0.5 * jnp.sum(p.m * speed2),
-            "potential": -jnp.sum(p.m * model.g[-1] * (p.x[:, -1] - model.z0[p.id])),
+            "potential": potential,
             "compression": self.compression(model, state) - self.compression0,
             "power_paddle": state.work.paddle / self.sample_dt,
             "power_sponge": state.work.sponge / self.sample_dt,

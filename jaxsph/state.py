@@ -20,6 +20,7 @@ from jaxsph._typing import Array, Float, Int, Scalar
 from jaxsph.neighbours import Grid
 
 __all__ = [
+    "AbstractForce",
     "AbstractPTO",
     "AbstractProbe",
     "AbstractScheme",
@@ -157,6 +158,18 @@ class AbstractPTO(eqx.Module):
         """
 
 
+class AbstractForce(eqx.Module):
+    """A field of body force."""
+
+    @abc.abstractmethod
+    def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """At x (m), m/s2."""
+
+    @abc.abstractmethod
+    def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Potential energy per unit mass at x, J/kg: acceleration is minus its gradient."""
+
+
 class AbstractScheme(eqx.Module):
     """A way to advance the fluid."""
 
@@ -201,6 +214,8 @@ class Model(eqx.Module):
     z0: Float[Array, " N"]
     """Initial height of each particle by id, m: energies are counted from there."""
     search: Search
+    force: AbstractForce | None = None
+    """Body force beside the uniform g."""
 
     def time(self, state: State) -> Scalar:
         """Physical time of a state, s."""

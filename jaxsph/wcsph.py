@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,9 +12,11 @@ import jax.numpy as jnp
 
 from jaxsph import laws
 from jaxsph._typing import Array, Components, Float, Scalar, columns, dot, stacked
-from jaxsph.neighbours import cell_order, search
+from jaxsph.kernels import AbstractKernel, Gaussian
+from jaxsph.neighbours import cell_order, search, wrapped
 from jaxsph.pairs import (
     Pair,
+    Period,
     Smoothing,
     pair_sum,
     symmetric_inverse,
@@ -156,14 +158,53 @@ class DeltaSPH(AbstractScheme):
     integrator: AbstractIntegrator
     background: Background | None = None
 
+    @classmethod
+    def of(
+        cls,
+        dx: float,
+        c0: float,
+        *,
+        rho0: float = 1000.0,
+        delta: float = 0.1,
+        viscosity: AbstractViscosity | None = None,
+        kernel: AbstractKernel | None = None,
+        h_over_dx: float = 1.2,
+        integrator: AbstractIntegrator | None = None,
+        period: Period = None,
+        dtype: Any = jnp.float32,
+        **options: Any,
+    ) -> DeltaSPH:
+        """The scheme from plain numbers, in the precision `dtype`.
+
+        **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), ten times the largest speed or
+        more; `viscosity`, by default water's; `kernel`, by default the Gaussian: the support is
+        3 `h_over_dx` dx whichever it is; `period`: `Box.period`; `options`: further objects by name.
+        """
+        kernel = Gaussian() if kernel is None else kernel
+        viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
+
+        def leaf(a):
+            return jnp.asarray(a, dtype)
+
+        return cls(
+            Smoothing(kernel, leaf(h_over_dx * dx * (3.0 / kernel.reach)), period),
+            leaf(c0),
+            leaf(rho0),
+            leaf(delta),
+            jax.tree.map(leaf, viscosity),
+            SymplecticEuler() if integrator is None else integrator,
+            **jax.tree.map(leaf, options),
+        )
+
     # ---------------------------------------------------------------- tables
 
     def prepare(self, model, state):
         """See `AbstractScheme`."""
-        s = model.search
-        order = cell_order(state.particles.x, s.grid)
-        p = jax.tree.map(lambda a: a[order], state.particles)
-        walls = model.walls
+        s, walls, p = model.search, model.walls, state.particles
+        x, carry = wrapped(p.x, p.x_carry, walls.low, self.smoothing.period)
+        p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
+        order = cell_order(p.x, s.grid)
+        p = jax.tree.map(lambda a: a[order], p)
         region = walls.regions.index(p.x)
         kind = walls.regions.kind(region)
         ghosts, nodes = walls.moved(state.paddle[0])
@@ -234,6 +275,8 @@ class DeltaSPH(AbstractScheme):
         fit = walls.fit(nodes, water, self.smoothing, tables.nodes)
         at_node = walls.at_nodes(lambda j: j["p"], fit, nodes, water, self.smoothing, tables.nodes)
         force = jnp.broadcast_to(model.g, x.shape) * self.rho0
+        if model.force is not None:
+            force = force + self.rho0 * model.force.acceleration(0.5 * (x + nodes))
         force = force.at[:, 0].add(-self.rho0 * a_wall * walls.moves)
         pressure = walls.pressure(fit, at_node, x, nodes, force)
         here = fit.wet * walls.behind_paddle(x, state.paddle[0], model.dx)
@@ -260,6 +303,8 @@ class DeltaSPH(AbstractScheme):
         )
         zero = jnp.zeros_like(walls.moves)
         wall = (walls.moves * state.paddle[1],) + (zero,) * (len(at_node) - 1)
+        if walls.sliding is not None:
+            wall = tuple(a + b for a, b in zip(wall, columns(walls.sliding), strict=True))
         return ghosts._replace(
             u=walls.velocity(at_node, wall, walls.mirror), u_shear=walls.velocity(at_node, wall, walls.shear)
         )
@@ -444,8 +489,7 @@ class SymplecticEuler(AbstractIntegrator):
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
-        push = model.walls.push(p.x, state.paddle[0], model.dx, scheme.c0)
-        u = p.u + dt * (stacked(rates.acceleration) + push)
+        u = p.u + dt * (stacked(rates.acceleration) + _push(scheme, model, p, state.paddle[0]))
         u, air, work = _air(scheme, model, state, tables, sources, u, dt, t)
         u, sponge = _sponge(model, p, u, dt)
         state = eqx.tree_at(lambda a: a.paddle, state, state.paddle.at[1].set(paddle[1]))
@@ -484,8 +528,7 @@ class PredictorCorrector(AbstractIntegrator):
         rates = scheme.momentum(model, p, sources, tables)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        push = model.walls.push(p.x, at.paddle[0], model.dx, scheme.c0)
-        u = p0.u + dt * (stacked(rates.acceleration) + push)
+        u = p0.u + dt * (stacked(rates.acceleration) + _push(scheme, model, p, at.paddle[0]))
         u, air, work = _air(scheme, model, start, tables, sources, u, dt, t)
         u, sponge = _sponge(model, p0, u, dt)
         work = _paddle_work(scheme, model, tables, p, ghosts, work, sponge, at.paddle[1], dt)
@@ -493,6 +536,12 @@ class PredictorCorrector(AbstractIntegrator):
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
         new = scheme.drift(new, dt * p.u)
         return State(new, paddle, air, work, start.step, start.status)
+
+
+def _push(scheme: DeltaSPH, model: Model, p: Particles, displacement: Scalar) -> Float[Array, "N D"]:
+    """Acceleration that is no pair's: off the walls, and by the body force, m/s2."""
+    push = model.walls.push(p.x, displacement, model.dx, scheme.c0)
+    return push if model.force is None else push + model.force.acceleration(p.x)
 
 
 def _paddle(scheme: DeltaSPH, model: Model, state: State, dt: Scalar) -> tuple[jax.Array, Scalar]:
