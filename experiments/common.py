@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
+from jaxsph import boundaries
 from jaxsph.io import RunFile
 
 RUNS = Path("runs")
@@ -107,6 +108,16 @@ class Report:
         RESULTS.mkdir(exist_ok=True)
         text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
         (RESULTS / f"{self.name}.json").write_text(text, encoding="utf-8")
+
+
+def observed_order(dx: Sequence[float], errors: Sequence[float]) -> float:
+    """Slope of log(error) over log(dx): the order of convergence seen over these resolutions."""
+    return float(np.polyfit(np.log(dx), np.log(errors), 1)[0])
+
+
+def lattice(low: Sequence[float], high: Sequence[float], dx: float) -> np.ndarray:
+    """Positions `[N, D]` (m) of a box filled with particles of spacing dx."""
+    return boundaries.lattice(tuple(low), tuple(high), dx)[0]
 
 
 VERDICT = {None: "", True: "ok", False: "MISSED"}

@@ -645,6 +645,7 @@ def assemble(
     chamber: devices.Chamber | None = None,
     speed: float | None = None,
     dt_most: float | None = None,
+    skin: float = SKIN,
     depth: float | None = None,
     stroke: float = 0.0,
     settings: dict[str, int] | None = None,
@@ -658,8 +659,9 @@ def assemble(
     `g` `[D]` (m/s2), by default none; `force`: a field beside it.
     `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
-    that of `u`, or a tenth of c0 at rest. `depth` (m): for depth-averaged results, by default the box's
-    height. `stroke` (m) of the wavemaker. `settings`: as for `build`.
+    that of `u`, or a tenth of c0 at rest. `skin`, over dx, of the tables: a wider one costs pairs and saves
+    searches, which pays where particles move far in a step. `depth` (m): for depth-averaged results, by
+    default the box's height. `stroke` (m) of the wavemaker. `settings`: as for `build`.
     **Raises** ValueError for shapes that do not fit, both of p and rho, another period than the walls', a
     period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
     """
@@ -680,7 +682,7 @@ def assemble(
         dt_most = wcsph.stable_dt(scheme, float(np.linalg.norm(g)), share, dim)
     if speed is None:
         speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.1 * float(scheme.c0)
-    skin = SKIN * dx
+    skin = skin * dx
     # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
     # an even number of steps, so that there are shorter ones for a table that goes stale.
     needed = sample_dt / dt_most

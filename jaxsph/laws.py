@@ -69,6 +69,12 @@ def viscous_force(pair: Pair, i: Fields, j: Fields, guard: jax.Array) -> tuple[j
     return tuple(w * r for r in pair.r)
 
 
+def laplacian(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
+    """sum (u_i - u_j) (r.grad W)/r^2 V_j: half of lap u (Morris et al. 1997, Eq. 22), 1/(m s)."""
+    w = volume(j) * pair.F
+    return tuple(w * (a - b) for a, b in zip(i["u"], j["u"], strict=True))
+
+
 def divergence(pair: Pair, i: Fields, j: Fields) -> jax.Array:
     """sum (u_i - u_j).grad W V_j = -div u (Eq. 7 times 1/rho_i), 1/s."""
     u = tuple(a - b for a, b in zip(i["u"], j["u"], strict=True))

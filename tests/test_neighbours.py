@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsph.neighbours import Grid, cell_order, grid_over, needed_capacity, search
+from jaxsph.neighbours import Grid, cell_order, grid_over, needed_capacity, search, wrapped
 
 N, M, RADIUS = 60, 90, 0.45
 search_ = jax.jit(search, static_argnames=("grid", "capacity", "same"))
@@ -68,6 +68,53 @@ def test_table_is_brute_force(dim, seed, spread, shift):
     table = _find(targets, sources, GRIDS[dim], M, same=True)
     assert not table.overflow
     _assert_same(table, targets, sources, RADIUS, same=True)
+
+
+PERIODS = {2: [(1.4, None), (None, 1.4), (1.4, 1.7)], 3: [(1.4, None, 1.7), (1.2, 1.4, 1.7)]}
+LOW = -0.6
+
+
+@settings(max_examples=40, deadline=None)
+@given(dim=st.sampled_from([2, 3]), which=st.integers(0, 2), seed=st.integers(0, 2**32 - 1))
+def test_periodic_table_is_brute_force_with_nearest_images(dim, which, seed):
+    """Up to a place on the very end of the period, and outside the box along the other axes."""
+    period = PERIODS[dim][which % len(PERIODS[dim])]
+    rng = np.random.default_rng(seed)
+    length = np.array([a or 2.0 for a in period])
+    sources = LOW + rng.random((M, dim)) * length
+    sources[:3] = LOW + (np.arange(3)[:, None] - 1.0) * length * 1e-7  # around the seam
+    sources, _ = wrapped(jnp.float32(sources), jnp.zeros((M, dim)), (LOW,) * dim, period)
+    sources = np.asarray(sources)
+    grid = grid_over(np.full(dim, LOW), LOW + length, RADIUS, period)
+    found = _matrix(_find(sources[:N], sources, grid, M, same=True), M)
+    r = sources[:N, None].astype(float) - sources[None]
+    for axis, a in enumerate(period):
+        if a is not None:
+            r[..., axis] -= a * np.round(r[..., axis] / a)
+    r = np.linalg.norm(r, axis=-1)
+    clear = np.abs(r / RADIUS - 1.0) > 1e-5  # rounding, as below
+    np.fill_diagonal(clear, False)
+    np.testing.assert_array_equal(found[clear], (r < RADIUS)[clear].astype(int))
+    assert found.max() == 1 and not found[np.arange(N), np.arange(N)].any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(x=st.floats(-1.2, 2.3, width=32), carry=st.floats(-1e-8, 1e-8, width=32))
+def test_wrapping_moves_by_the_period_exactly(x, carry):
+    """What float32 cannot hold of the sum is in the carry: within its own rounding, 1e-7 of 1e-7."""
+    length, low = np.float32(1.7), np.float32(-0.6)
+    place = jnp.full((1, 2), x, jnp.float32)
+    new, rest = wrapped(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), (1.7, None))
+    new, rest = np.asarray(new, float), np.asarray(rest, float)
+    assert new[0, 1] == np.float32(x) and rest[0, 1] == np.float32(carry)
+    assert low <= new[0, 0] <= low + length or not (low - length <= x < low + 2 * length)
+    moved = (new[0, 0] + rest[0, 0]) - (float(np.float32(x)) + float(np.float32(carry)))
+    assert min(abs(moved - k * float(length)) for k in (-1, 0, 1)) < 1e-13
+
+
+def test_short_period_is_refused():
+    with pytest.raises(ValueError, match="period = 1 m along axis 1 is too short"):
+        grid_over(np.zeros(2), np.ones(2), RADIUS, (None, 1.0))
 
 
 @settings(max_examples=30, deadline=None)

@@ -1,0 +1,145 @@
+"""Fluids from arrays: periodic boxes, boxes with some walls or none, sliding walls, force fields."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxsph as js
+from experiments import taylor_green
+from experiments.common import lattice
+from jaxsph import laws, wcsph
+from jaxsph.boundaries import SIDES
+
+DX = 0.1
+
+
+def _assembled(sides, high=(1.2, 1.2), top=1.2, slip=None, sliding=None, u=None, **given):
+    box = js.Box((0.0,) * len(high), high, sides=sides)
+    scheme = wcsph.DeltaSPH.of(DX, 10.0, period=box.period)
+    walls = js.Ghosts.build(box, DX, scheme.smoothing, slip or js.FreeSlip(), sliding=sliding)
+    x = lattice(box.low, (*high[:-1], top), DX)
+    u = np.zeros_like(x) if u is None else np.broadcast_to(u, x.shape)
+    return js.assemble(x, u, scheme=scheme, walls=walls, dx=DX, sample_dt=0.02, **given)
+
+
+@pytest.fixture(scope="module")
+def vortex():
+    """A coarse Taylor-Green vortex: (model, state) and its run to 0.2 s."""
+    model, state = taylor_green.built(16)
+    return model, state, taylor_green.solved(16, 0.2)
+
+
+def test_periodic_lattice_has_full_kernels(vortex):
+    """Every particle, at the seam too: the same count of neighbours, and the divergence of position is 2."""
+    model, state, _ = vortex
+    state, tables = model.scheme.prepare(model, state)
+    count = np.sum(np.asarray(tables.fluid) != len(state.particles.x), axis=0)
+    assert count.min() == count.max()
+    # the Gaussian cut at 3h: 1.2e-3 of the second moment is lost
+    np.testing.assert_allclose(model.scheme.surface(model, state, tables), 2.0, rtol=2e-3)
+
+
+def test_periodic_flow_keeps_its_momentum(vortex):
+    """Pairs cancel across the seam: what is left is rounding, 1e-7 of the sum of |m u| per step."""
+    solution = vortex[2]
+    p = solution.state.particles
+    momentum = np.asarray(p.m, float) @ np.asarray(p.u, float)
+    assert np.all(np.abs(momentum) < 1e-5 * float(jnp.sum(p.m)))
+    assert p.x.min() > -0.5 / 16 and p.x.max() < 1.0 + 0.5 / 16
+
+
+def test_vortex_decays_as_viscosity_says(vortex):
+    """16 particles across: kernel smoothing makes 1 - (2 pi h)^2/2 of it, 11 %, too slow, shifting 3 % fast."""
+    assert taylor_green.decay_rate(vortex[2]) == pytest.approx(1.0, abs=0.12)
+    assert taylor_green.velocity_error(vortex[2]) < 0.06
+
+
+def test_period_must_be_the_box_s():
+    box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "floor"))
+    scheme = wcsph.DeltaSPH.of(DX, 10.0)
+    walls = js.Ghosts.build(box, DX, scheme.smoothing, js.FreeSlip())
+    x = lattice(box.low, box.high, DX)
+    with pytest.raises(ValueError, match="period"):
+        js.assemble(x, 0 * x, scheme=scheme, walls=walls, dx=DX, sample_dt=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"p": np.zeros(3)}, r"p must be \[144\]"),
+        ({"p": np.zeros(144), "rho": np.zeros(144)}, "not both"),
+        ({"top": 1.5}, "outside the box"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        _assembled(("open", "open"), **change)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_walls_stand_where_the_sides_say(side):
+    model, _ = _assembled((side, "walls"))
+    x = np.asarray(model.walls.x)
+    low, high = SIDES[side]
+    assert (x[:, 0] < 0).any() == low and (x[:, 0] > 1.2).any() == high
+    assert (x[:, 1] < 0).any() and (x[:, 1] > 1.2).any()
+    assert model.walls.period == ((pytest.approx(1.2), None) if side == "periodic" else None)
+    # every ghost stands before a full tank: its node's weights add up to the kernel's integral
+    np.testing.assert_allclose(model.walls.full, 1.0, atol=0.02)
+
+
+def test_unknown_side_and_impossible_slide_are_refused():
+    with pytest.raises(ValueError, match="one of walls, floor"):
+        js.Box((0.0, 0.0), (1.0, 1.0), sides=("walls", "wall"))
+    with pytest.raises(ValueError, match="along itself"):
+        _assembled(("periodic", "walls"), sliding={(1, 1): (0.0, 1.0)})
+    with pytest.raises(ValueError, match="no wall at end 1"):
+        _assembled(("periodic", "floor"), sliding={(1, 1): (1.0, 0.0)})
+
+
+def test_wall_that_slides_along_drags_the_fluid_and_nothing_else():
+    """Fluid and both walls at the same speed are at rest to each other; a free-slip wall drags nothing."""
+    both = {(1, 0): (0.5, 0.0), (1, 1): (0.5, 0.0)}
+    for slip, sliding, u in ((js.NoSlip(), both, 0.5), (js.FreeSlip(), both, 0.0)):
+        model, state = _assembled(("periodic", "walls"), slip=slip, sliding=sliding, u=(u, 0.0), speed=1.0)
+        state = js.march(model, state, 0.04, 0.02).state
+        # rounding of float32 sums, times some tens of steps
+        np.testing.assert_allclose(state.particles.u, np.broadcast_to((u, 0.0), (144, 2)), atol=1e-5)
+
+
+def test_box_without_walls_lets_fluid_fly():
+    """A block in free fall with no pressure: its centre falls by g t^2/2, and nothing else acts."""
+    model, state = _assembled(("open", "open"), high=(1.2, 2.4), top=1.2, g=(0.0, 1.0), u=(0.1, 0.0))
+    assert model.walls.count == 0
+    new = js.march(model, state, 0.2, 0.02).state
+    # the leapfrog's velocities are half a step behind: dt t g/2 of the distance
+    half = 0.5 * float(model.dt) * 0.2
+    moved = np.asarray(new.particles.x, float).mean(axis=0) - np.asarray(state.particles.x, float).mean(
+        axis=0
+    )
+    np.testing.assert_allclose(moved, [0.02, 0.02 + half], atol=1e-6)
+
+
+def test_central_force_is_minus_the_gradient_of_its_potential():
+    force = laws.CentralForce(jnp.float32(1.5), jnp.float32([0.2, -0.1]))
+    x = jnp.asarray(np.random.default_rng(0).normal(size=(20, 2)), jnp.float32)
+    slope = jax.grad(lambda x: jnp.sum(force.potential(x)))(x)
+    np.testing.assert_allclose(force.acceleration(x), -slope, atol=1e-5)  # float32, values of some units
+
+
+def test_periodic_step_is_the_shifted_one(vortex):
+    """Moving everything by a share of the period, with its seam, changes no velocity beyond rounding."""
+    model, state, _ = vortex
+    by = jnp.asarray([4 / 16, 7 / 16], jnp.float32)
+    moved = eqx.tree_at(lambda s: s.particles.x, state, (state.particles.x + by) % 1.0)
+
+    @jax.jit
+    def step(state):
+        state, tables = model.scheme.prepare(model, state)
+        new = model.scheme.step(model, state, tables)
+        return new.particles.u[jnp.argsort(new.particles.id)]
+
+    # forces of order c0^2/dx sum terms that cancel: 1e-7 of dt c0^2/dx, 0.5 m/s here, times ten
+    np.testing.assert_allclose(step(moved), step(state), atol=5e-6)
