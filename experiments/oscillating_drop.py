@@ -86,11 +86,10 @@ def built(n: int, c0: float = 15.0, alpha: float = 0.0, delta: float = 0.1):
     x = lattice((-R, -R), (R, R), dx)
     x = x[np.sum(x**2, axis=1) < R**2]
     u = SIGMA0 * x * [1.0, -1.0]
-    p = 0.5 * RHO * (SIGMA0**2 + OMEGA**2) * (R**2 - np.sum(x**2, axis=1))
-    # the lattice fills the circle to a fraction of a per cent: the particles share its area
-    volume = np.pi * R**2 / len(x)
+    # the lattice's own circle: its area is that of the particles
+    p = 0.5 * RHO * (SIGMA0**2 + OMEGA**2) * (len(x) * dx**2 / np.pi - np.sum(x**2, axis=1))
     force = laws.CentralForce(jnp.float32(OMEGA), jnp.zeros(2, jnp.float32))
-    given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, volume=volume, force=force)
+    given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, force=force)
     return js.assemble(x, u, **given, speed=0.8, skin=0.4)
 
 
@@ -101,20 +100,26 @@ def solved(n: int, t1: float, **options) -> js.Solution:
     return js.march(model, state, t1, SAMPLE, (energy, DropProbe()))
 
 
-def period(solution: js.Solution) -> float:
-    """Mean period, s, by a fit of a harmonic series to A - B: it needs two periods at least."""
+def crossings(solution: js.Solution) -> np.ndarray:
+    """Times at which A and B are equal, s; the first is the start."""
     t, difference = solution.t, solution["axes"][:, 0] - solution["axes"][:, 1]
-    up = np.flatnonzero((difference[:-1] < 0) & (difference[1:] >= 0))
-    share = -difference[up] / (difference[up + 1] - difference[up])
-    crossings = np.concatenate([[0.0], t[up] + share * np.diff(t)[0]])
-    crossings = crossings[np.concatenate([[True], np.diff(crossings) > 1.0])]
-    return float(np.polyfit(np.arange(len(crossings)), crossings, 1)[0])
+    at = np.flatnonzero(difference[:-1] * difference[1:] < 0)
+    at = at[t[at] > 0.25 * PERIOD]  # at the start they are equal but for rounding
+    share = difference[at] / (difference[at] - difference[at + 1])
+    return np.concatenate([[0.0], t[at] + share * SAMPLE])
+
+
+def period(solution: js.Solution, skip: int = 0) -> float:
+    """Mean period, s, over all crossings but the first `skip`."""
+    found = crossings(solution)[skip:]
+    return float(2.0 * np.polyfit(np.arange(len(found)), found, 1)[0])
 
 
 def axes_error(solution: js.Solution) -> float:
-    """RMS error of both semi-axes over the run, over R."""
+    """RMS error of both semi-axes over the run, over the lattice's own radius, by which the flow scales."""
+    radius = np.mean(solution["axes"][0])
     _, A, B, _ = exact(solution.t)
-    return float(np.sqrt(np.mean((solution["axes"] - np.stack([A, B], axis=1)) ** 2)) / R)
+    return float(np.sqrt(np.mean((solution["axes"] / radius - np.stack([A, B], axis=1)) ** 2)))
 
 
 def energy_drift(solution: js.Solution) -> float:
@@ -132,6 +137,11 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         found, last = period(good), exact(good.t[-1:])
         off = abs(found / PERIOD - 1.0)
         report.row("period", found, "s", theory=PERIOD, bar="within 1 %", passes=off < 0.01)
+        # the lattice falls out of line in the first half period, which shifts the phase and no more
+        late = period(good, skip=2)
+        report.row("period, after the first", late, "s", theory=PERIOD)
+        lead = len(crossings(good)) // 2 * PERIOD - crossings(good)[len(crossings(good)) // 2 * 2]
+        report.row("lead in phase that the first leaves", 1e3 * lead, "ms", theory=0.0)
         report.row("A at the end", good["axes"][-1, 0], "m", theory=float(last[1][0]))
         report.row("B at the end", good["axes"][-1, 1], "m", theory=float(last[2][0]))
         p = exact(good.t)[3]

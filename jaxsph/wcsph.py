@@ -39,7 +39,6 @@ __all__ = [
     "PredictorCorrector",
     "Shifting",
     "SymplecticEuler",
-    "TensionControl",
     "stable_dt",
 ]
 
@@ -219,23 +218,6 @@ class Shifting(eqx.Module):
         return -speed * dt * move * jnp.minimum(1.0, 0.5 / size)
 
 
-class TensionControl(eqx.Module):
-    """Where p_i < 0 inside the fluid, p_j - p_i in the place of p_j + p_i (Sun et al. 2018, Eq. 12)."""
-
-    depth: Scalar
-
-    def law(self, pair: Pair, i, j):
-        """What `force` needs of the pairs."""
-        return laws.surface_vector(pair, i, j), -laws.volume(j) * pair.F * pair.r2
-
-    def force(self, sums, p: Float[Array, " N"]) -> Components:
-        """What is added to -sum (p_j + p_i) grad W V_j, N/m3."""
-        vector, trace = sums
-        inside = jnp.clip((trace / len(vector) - 0.9) / 0.05, 0.0, 1.0)
-        w = -2.0 * jnp.maximum(-p, 0.0) * inside
-        return tuple(w * c for c in vector)
-
-
 class Rates(NamedTuple):
     """One evaluation's first pass."""
 
@@ -262,7 +244,6 @@ class DeltaSPH(AbstractScheme):
     integrator: AbstractIntegrator
     background: Background | None = None
     shifting: Shifting | None = None
-    tension: TensionControl | None = None
 
     @classmethod
     def of(
@@ -427,15 +408,11 @@ class DeltaSPH(AbstractScheme):
             force = laws.pressure_force(pair, i, j)
             shear = self.viscosity.shear(pair, i, j, guard)
             total = tuple(a + viscous * b for a, b in zip(force, shear, strict=True))
-            extra = None if self.tension is None else self.tension.law(pair, i, j)
-            return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j), extra
+            return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j)
 
         n = p.x.shape[0]
         targets = jax.tree.map(lambda a: a[:n], sources)
-        force, M, b, extra = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
-        if self.tension is not None:
-            extra = self.tension.force(extra, targets["p"])
-            force = tuple(a + b for a, b in zip(force, extra, strict=True))
+        force, M, b = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
         rho = self.rho0 + p.rho
         if self.background is not None:
             along, up = self.background.force(p.x, self.smoothing.h)
