@@ -5,6 +5,10 @@ The drop stays an ellipse of semi-axes A and B with the velocity (sigma x, -sigm
 from A = B = R and sigma = sigma0. Its pressure is
     p = rho (sigma^2 + Omega^2) A^2 B^2/(A^2 + B^2) (1 - x^2/A^2 - y^2/B^2)
 (Monaghan and Rafiee 2013; Antuono et al. 2015). No wall, no gravity: the surface is free all around.
+
+Pressures are positive and the particles keep their order, so there is no shifting: with it the period is
+exact to 0.02 %, but the surface creeps outwards and gains energy (8 % of the kinetic in two periods at
+R = 25 dx, `built(25, strength=12.0)`).
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 import jaxsph as js
-from experiments.common import Report, lattice, observed_order
+from experiments.common import Report, lattice
 from jaxsph import laws, wcsph
 from jaxsph.state import AbstractProbe
 
@@ -75,13 +79,13 @@ class DropProbe(AbstractProbe):
         }
 
 
-def built(n: int, c0: float = 15.0, alpha: float = 0.0, delta: float = 0.1):
-    """(model, state) of a drop with n spacings to its radius."""
+def built(n: int, c0: float = 15.0, strength: float | None = None):
+    """(model, state) of a drop with n spacings to its radius; no `strength`, no shifting."""
     dx = R / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
-    scheme = wcsph.DeltaSPH.of(
-        dx, c0, rho0=RHO, delta=delta, viscosity=wcsph.ArtificialViscosity(alpha), period=box.period
-    )
+    shifting = None if strength is None else wcsph.Shifting(strength)
+    inviscid = wcsph.ArtificialViscosity(0.0)
+    scheme = wcsph.DeltaSPH.of(dx, c0, rho0=RHO, viscosity=inviscid, shifting=shifting)
     walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())
     x = lattice((-R, -R), (R, R), dx)
     x = x[np.sum(x**2, axis=1) < R**2]
@@ -129,7 +133,10 @@ def energy_drift(solution: js.Solution) -> float:
 
 
 def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
-    """Runs a drop of n spacings' radius to t1 (two periods), and n/4 and n/2 for the order."""
+    """Runs a drop of n spacings' radius to t1 (two periods), and n/4 and n/2.
+
+    The axes' error is that of the phase, which does not fall with dx: there is no order to report.
+    """
     title = f"Oscillating drop under a central force, R = {n} dx, to {t1:g} s"
     with Report("oscillating_drop", title, R / n) as report:
         runs = {m: solved(m, t1, c0=c0) for m in (n // 4, n // 2, n)}
@@ -152,8 +159,6 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         report.row("of it by the density diffusion", 100 * diffused, "%", theory=0.0)
         for m, run in runs.items():
             report.row(f"RMS error of the semi-axes / R, R = {m} dx", 100 * axes_error(run), "%", theory=0.0)
-        order = observed_order([R / m for m in runs], [axes_error(run) for run in runs.values()])
-        report.row("order of convergence of the semi-axes", order)
         report.picture(_picture(good))
 
 

@@ -54,9 +54,9 @@ class AbstractViscosity(eqx.Module):
     def kinematic(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
         """The kinematic viscosity it stands for (Eq. 5), m2/s."""
 
+    @abc.abstractmethod
     def shear(self, pair: Pair, i: Fields, j: Fields, guard: Scalar) -> Components:
-        """What the coefficient multiplies, per pair: Monaghan's form, which keeps angular momentum."""
-        return laws.viscous_force(pair, i, j, guard)
+        """What the coefficient multiplies, per pair, 1/(m s)."""
 
 
 class PhysicalViscosity(AbstractViscosity):
@@ -73,13 +73,18 @@ class PhysicalViscosity(AbstractViscosity):
         """See `AbstractViscosity`."""
         return self.nu
 
+    def shear(self, pair, i, j, guard):
+        """See `AbstractViscosity`."""
+        return laws.viscous_force(pair, i, j, guard)
+
 
 class LaplacianViscosity(AbstractViscosity):
     """nu lap u as 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j (Morris et al. 1997, Eq. 22): exact viscosity.
 
     For flows that the physical viscosity governs. The weights of Monaghan's form are not smooth at r = 0,
     and a square lattice sums them 9 % off; here it need only sum the kernel's second moments. Angular
-    momentum is not kept exactly.
+    momentum is not kept, and at a free surface it stands for du/dn = 0, not for no stress: it dissipates
+    nu |grad u|^2, half of what it should in a wave.
     """
 
     nu: Scalar
@@ -109,6 +114,10 @@ class ArtificialViscosity(AbstractViscosity):
     def kinematic(self, h, c0, dim):
         """See `AbstractViscosity`."""
         return self.alpha * h * c0 / (2 * (dim + 2))
+
+    def shear(self, pair, i, j, guard):
+        """See `AbstractViscosity`."""
+        return laws.viscous_force(pair, i, j, guard)
 
 
 class Background(eqx.Module):
@@ -177,7 +186,9 @@ class Shifting(eqx.Module):
 
     dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, with U the largest speed, at most
     U dt/2. Near a free surface, where the kernel is not full, it fades out: there the gradient is the
-    surface's own. Velocities and densities stay with their particles.
+    surface's own. Velocities and densities stay with their particles, so angular momentum is not kept, and a
+    free surface creeps outwards: use it where pressures are negative (`experiments.rotating_square`), not
+    where they are positive anyway (`experiments.oscillating_drop`).
 
     A flow that stretches the lattice needs it: in the Taylor-Green vortex at Re = 100 half of the energy is
     lost within 0.4 s without, when the particles fall out of line (`python -m experiments.taylor_green`).
