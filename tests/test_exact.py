@@ -38,8 +38,8 @@ def test_drop_begins_as_the_exact_one():
     # the staircase of a coarse circle: its axes differ by dx/R times a fraction of one per cent
     assert oscillating_drop.axes_error(run) < 0.01
     np.testing.assert_allclose(run["sigma"], sigma, atol=0.03 * oscillating_drop.SIGMA0)
-    # The probe averages over three spacings, 0.3 R: p falls by 9 % over that distance. Sound waves of some per
-    # cent of p (c0 is 15 m/s) go out in the mean over the run.
+    # The probe averages over three spacings, 0.3 R: p falls by 9 % over that distance. Sound waves of some
+    # per cent of p (c0 is 15 m/s) go out in the mean over the run.
     assert np.mean(run["p_centre"]) / np.mean(p) == pytest.approx(0.91, abs=0.04)
     # 6 % of the kinetic energy is lost in two periods at R = 12 dx (`oscillating_drop`)
     assert abs(oscillating_drop.energy_drift(run)) < 0.02
