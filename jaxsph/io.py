@@ -668,7 +668,7 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
     _check_replaceable(path)
     with _writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with _replacing(Path(path), "w") as file:
+    with _replacing(path, "w") as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 2], np.int64)
         # VTK wants a fixed-length string here, and h5py writes variable ones.
