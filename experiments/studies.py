@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import RUNS
+from experiments.common import RUNS, Report
 from jaxsph import analysis
 
 T, K_DM = 1.2, 534.66
@@ -47,3 +48,48 @@ def amplitude(series: dict[str, np.ndarray], name: str, period: float, most: int
 def damping_coefficient(B_star: float) -> float:
     """K_dm (kg^0.5 m^-2.5) of the dimensionless damping B* (Eq. 32)."""
     return float(B_star * np.sqrt(RHO_AIR) / CHAMBER)
+
+
+def over_periods(
+    report: Report, case: js.Case, key: str, label: str, values: tuple[float, ...], periods: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sweeps a length of the device and the waves' period, and reports the efficiency's change and picture.
+
+    Returns xi of the simulation and of linear theory, `[len(values), len(periods)]`.
+    """
+    study = swept(case, {key: list(values), "waves.T": list(periods)}, report.name)
+    xi = study["xi"]
+    theory = np.array(
+        [[js.linear_owc(case.replace({key: a, "waves.T": T})).xi for T in periods] for a in values]
+    )
+    report.seconds = float(np.nansum(study["wall_seconds"]))
+    report.row("runs that failed", len(study.failures), theory=0.0, bar="none", passes=not study.failures)
+    for i, a in enumerate(values):
+        report.row(f"{label} {a:g} m: largest xi", np.nanmax(xi[i]), theory=np.max(theory[i]))
+        best, best_linear = periods[int(np.nanargmax(xi[i]))], periods[int(np.argmax(theory[i]))]
+        report.row(f"{label} {a:g} m: its period", best, "s", theory=best_linear)
+    for j, T in enumerate(periods):
+        change, expected = xi[-1, j] - xi[0, j], theory[-1, j] - theory[0, j]
+        report.row(
+            f"T = {T:g} s: change of xi from {values[0]:g} to {values[-1]:g} m", change, theory=expected
+        )
+    report.row("xi from period to period, median", np.nanmedian(study["xi_scatter"]))
+    report.table(
+        {
+            f"{key}_m": np.repeat(values, len(periods)),
+            "T_s": np.tile(periods, len(values)),
+            "xi": xi.ravel(),
+            "xi_scatter": study["xi_scatter"].ravel(),
+            "xi_linear": theory.ravel(),
+            "incident_height_m": study["incident_height"].ravel(),
+        }
+    )
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axis = figure.subplots()
+    for i, a in enumerate(values):
+        axis.plot(periods, xi[i], "o-", color=f"C{i}", label=f"{label} {a:g} m")
+        axis.plot(periods, theory[i], "--", color=f"C{i}", lw=1)
+    axis.set(xlabel="T, s", ylabel="efficiency xi", ylim=(0, None), title="SPH; linear theory dashed")
+    axis.legend()
+    report.picture(figure)
+    return xi, theory
