@@ -2,11 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from experiments import __main__ as table
-from experiments import common
+from experiments import common, damping_study, owc_methods
 from experiments.common import Report
 
 
@@ -73,3 +74,22 @@ def test_table_counts_what_misses(results, capsys):
 
 def test_gallery_is_that_of_the_committed_results():
     assert table.GALLERY.read_text(encoding="utf-8") == table.gallery_text()
+
+
+def test_optimum_of_a_parabola_in_the_logarithm():
+    K_dm = [100.0, 200.0, 400.0, 800.0]
+    xi = 0.8 - 0.1 * np.log(np.array(K_dm) / 270.0) ** 2
+    found = damping_study.optimum(K_dm, np.stack([xi, np.arange(4.0)]))
+    assert found == pytest.approx([270.0, 800.0])  # an end of the range is that end
+
+
+def test_events_of_the_cycle_are_found_in_its_mean():
+    """A level of cos, a power of sin^2: the paper's order of events, in quarters of the period."""
+    T = owc_methods.PERIOD
+    t = np.arange(0.0, 8 * T, 0.01)
+    phase = 2 * np.pi * t / T
+    level = np.cos(phase + 0.7)
+    power = np.sin(phase + 0.7) ** 2
+    found = owc_methods.events({"time": t, "chamber_level": level, "power_pto": power}, 4)
+    for when, published in found.values():
+        assert when == pytest.approx(published, abs=0.01)  # the samples do not divide the period
