@@ -52,13 +52,14 @@ def damping_coefficient(B_star: float) -> float:
 
 def over_periods(
     report: Report, case: js.Case, key: str, label: str, values: tuple[float, ...], periods: tuple[float, ...]
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sweeps a length of the device and the waves' period, and reports the efficiency's change and picture.
 
-    Returns xi of the simulation and of linear theory, `[len(values), len(periods)]`.
+    Returns xi of the simulation, its standard error from the scatter between periods, and xi of linear
+    theory, `[len(values), len(periods)]` each.
     """
     study = swept(case, {key: list(values), "waves.T": list(periods)}, report.name)
-    xi = study["xi"]
+    xi, error = study["xi"], study["xi_scatter"] / np.sqrt(study["periods"])
     theory = np.array(
         [[js.linear_owc(case.replace({key: a, "waves.T": T})).xi for T in periods] for a in values]
     )
@@ -73,13 +74,13 @@ def over_periods(
         report.row(
             f"T = {T:g} s: change of xi from {values[0]:g} to {values[-1]:g} m", change, theory=expected
         )
-    report.row("xi from period to period, median", np.nanmedian(study["xi_scatter"]))
+    report.row("standard error of xi, median", np.nanmedian(error))
     report.table(
         {
             f"{key}_m": np.repeat(values, len(periods)),
             "T_s": np.tile(periods, len(values)),
             "xi": xi.ravel(),
-            "xi_scatter": study["xi_scatter"].ravel(),
+            "xi_error": error.ravel(),
             "xi_linear": theory.ravel(),
             "incident_height_m": study["incident_height"].ravel(),
         }
@@ -87,9 +88,9 @@ def over_periods(
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axis = figure.subplots()
     for i, a in enumerate(values):
-        axis.plot(periods, xi[i], "o-", color=f"C{i}", label=f"{label} {a:g} m")
+        axis.errorbar(periods, xi[i], error[i], fmt="o-", color=f"C{i}", label=f"{label} {a:g} m")
         axis.plot(periods, theory[i], "--", color=f"C{i}", lw=1)
     axis.set(xlabel="T, s", ylabel="efficiency xi", ylim=(0, None), title="SPH; linear theory dashed")
     axis.legend()
     report.picture(figure)
-    return xi, theory
+    return xi, error, theory
