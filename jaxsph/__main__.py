@@ -161,8 +161,7 @@ def plot(
 
     with _explained():
         opened = io.RunFile.open(file)
-        stored = tomllib.loads(opened.case_toml)
-        expected = js.linear_owc(js.Case.from_dict(stored)) if linear else None
+        expected = js.linear_owc(js.Case.from_dict(tomllib.loads(opened.case_toml))) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
             typer.echo(path)
         if vtk is not None:

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from jaxsph.case import Case
 from jaxsph.errors import CaseError, FileError, JaxsphError
-from jaxsph.io import RunFile, SweepFile, Variable
+from jaxsph.io import RunFile, SweepFile, Variable, gathered
 
 __all__ = ["Sweep", "read_sweep", "sweep"]
 
@@ -143,13 +143,9 @@ def _swept(case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int,
     def place(index: int) -> tuple[int, ...]:
         return tuple(int(k) for k in np.unravel_index(index, shape))
 
-    results = {}
-    for name in sorted({n for m in members.values() for n in m["results"]}):
-        results[name] = np.full(shape, np.nan)
-        for i, member in members.items():
-            results[name][place(i)] = member["results"].get(name, np.nan)
     failures = {place(i): m["failure"] for i, m in members.items() if m["failure"]}
-    return Sweep(case, dict(axes), results, failures, {place(i): m["series"] for i, m in members.items()})
+    series = {place(i): m["series"] for i, m in members.items()}
+    return Sweep(case, dict(axes), gathered(members, shape), failures, series)
 
 
 # --------------------------------------------------------------------------- one member

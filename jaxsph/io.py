@@ -31,7 +31,7 @@ import numpy as np
 
 from jaxsph.errors import FileError
 
-__all__ = ["SCHEMA", "RunFile", "SweepFile", "Variable", "export_vtkhdf"]
+__all__ = ["SCHEMA", "RunFile", "SweepFile", "Variable", "export_vtkhdf", "gathered"]
 
 SCHEMA = 1
 """Version of the layout; files of a newer one are refused."""
@@ -294,10 +294,7 @@ class SweepFile:
         with _replacing(self.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=_version(), case=case_toml, kind="sweep")
             dims = _write_axes(file, axes, shape)
-            for name in sorted({n for m in members.values() for n in m["results"]}):
-                values = np.full(shape, np.nan)
-                for index, member in members.items():
-                    values.flat[index] = member["results"].get(name, np.nan)
+            for name, values in gathered(members, shape).items():
                 _over(file, name, values, dims)
             failure = np.full(shape, "waiting", h5py.string_dtype())
             for index, member in members.items():
@@ -345,6 +342,16 @@ class SweepFile:
             own = {n: v[there] for n, v in own.items()} | {"time": time[there]} if there.any() else {}
             members[index] = {"results": results, "series": own, "failure": text}
         return StoredSweep(case, axes, shape, members, variables)
+
+
+def gathered(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Every scalar result over the members of a sweep; NaN where a member has none."""
+    found = {}
+    for name in sorted({n for m in members.values() for n in m["results"]}):
+        found[name] = np.full(shape, np.nan)
+        for index, member in members.items():
+            found[name].flat[index] = member["results"].get(name, np.nan)
+    return found
 
 
 def _last_dimension(data: h5py.Dataset, axis: int) -> str | None:
