@@ -205,15 +205,18 @@ def _member(
     run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
     toml.write_text(case.to_toml(), encoding="utf-8")
     command = [sys.executable, "-m", "jaxsph"]
-    if _begun(run):
+    begun, ended = _progress(run)
+    if begun:
         command += ["resume", str(run), "--t1", repr(case.t1)]
     else:
         command += ["run", str(toml), "--out", str(run), "--overwrite"]
-    core = cores.get()
-    try:
-        status = children.run([*command, "--quiet", "--no-plot"], core, log)
-    finally:
-        cores.put(core)
+    status = 0
+    if not ended:
+        core = cores.get()
+        try:
+            status = children.run([*command, "--quiet", "--no-plot"], core, log)
+        finally:
+            cores.put(core)
     try:
         file = RunFile.open(run)
         found = {"results": file.results(), "series": file.series(), "failure": ""}
@@ -226,9 +229,11 @@ def _member(
     return found, variables
 
 
-def _begun(run: Path) -> bool:
-    """Whether a member has a checkpoint to go on from."""
+def _progress(run: Path) -> tuple[bool, bool]:
+    """Whether a member has a checkpoint to go on from, and whether it has ended: a sweep that was stopped
+    before it recorded such a member has nothing left to run."""
     try:
-        return bool(RunFile.open(run).checkpoint())
+        file = RunFile.open(run)
+        return bool(file.checkpoint()), bool(file.results())
     except FileError:
-        return False
+        return False, False

@@ -7,7 +7,7 @@ import xarray as xr
 import jaxsph as js
 from jaxsph import design
 from jaxsph.errors import CaseError, FileError
-from jaxsph.io import Variable
+from jaxsph.io import RunFile, Variable
 
 CASE = js.load_case("hydrostatic").replace({"dx": 0.25, "t1": 0.1, "probes": {"gauges": [0.5]}})
 
@@ -105,3 +105,16 @@ def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
         js.sweep(CASE, {"g": [2.0]}, out, progress=False)
     with pytest.raises(KeyError, match="no result 'xi'; there are t_end, value"):
         js.read_sweep(out)["xi"]
+
+
+def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_path):
+    stem = tmp_path / "0000"
+    run = RunFile.create(stem.with_suffix(".h5"), CASE.to_toml(), {}, {})
+    series = {"time": np.arange(3.0), "kinetic": np.ones(3)}
+    kinetic = {"kinetic": Variable("J m-1", "energy")}
+    run.append(series, kinetic, {"kinetic"}, None, {"x": np.zeros(2)}, {})
+    run.finish({"t_end": 0.1})
+    # neither cores nor processes: it would fail at the first use of either
+    found, variables = design._member(CASE, stem, None, None)
+    assert found["failure"] == "" and found["results"] == {"t_end": 0.1}
+    assert variables["kinetic"] == kinetic["kinetic"] and list(found["series"]["kinetic"]) == [1.0] * 3
