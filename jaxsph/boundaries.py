@@ -10,7 +10,7 @@ set is a static matrix of booleans, packed into bit masks that the neighbour sea
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -44,6 +44,7 @@ __all__ = [
     "MultiNodeGhosts",
     "NoSlip",
     "NodeFit",
+    "Platform",
     "Regions",
     "RegionalGhosts",
     "WallPlate",
@@ -51,7 +52,7 @@ __all__ = [
     "wall_normals",
 ]
 
-PLAIN = 1 << 8
+PLAIN = 1 << 16
 """Kind bit of an ordinary wall's ghosts: every region sees them."""
 
 
@@ -96,6 +97,22 @@ class WallPlate:
         return self.thickness <= layers * dx
 
 
+@dataclass(frozen=True)
+class Platform:
+    """A raised bed: solid for x >= start and z <= height (m), to the end of the tank."""
+
+    start: float
+    height: float
+
+    def in_front(self, x: Components) -> jax.Array:
+        """True for what is beside its front rather than above its top: particles pressed a little into it
+        stay under the ghosts of the face that they entered."""
+        below = self.height - x[-1]
+        return (below > 0) & (x[0] - self.start < below)
+
+
+PLATFORM_SETS = ("top", "front")
+"""Ghost sets of a platform, one per face."""
 SETS = ("left", "right", "tip")
 """Ghost sets of a thin wall, one per face."""
 
@@ -186,16 +203,39 @@ class FivePartDivision(AbstractDivision):
 
 
 class Regions(eqx.Module):
-    """Who sees whom, as static tables of bits. Without a plate there is one region."""
+    """Who sees whom, as static tables of bits.
+
+    The division's regions (one without a plate), twice where there is a platform: above its top, then in
+    front of it. Across the platform's edge the water sees itself as it would without; only the ghosts of
+    the two faces are seen from their own side alone.
+    """
 
     plate: WallPlate | None = eqx.field(static=True)
     division: AbstractDivision | None
+    platform: Platform | None = eqx.field(static=True, default=None)
+
+    @property
+    def _around_plate(self) -> int:
+        return 1 if self.plate is None else len(self.division.regions)
+
+    @property
+    def count(self) -> int:
+        """Number of regions."""
+        return self._around_plate * (1 if self.platform is None else 2)
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Ghost sets beside the plain ones, in the order of their bits."""
+        return (() if self.plate is None else SETS) + (() if self.platform is None else PLATFORM_SETS)
 
     def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
         """Region of every particle."""
-        if self.plate is None:
-            return jnp.zeros(x.shape[0], jnp.int32)
-        return self.division.region(columns(x), self.plate)
+        region = jnp.zeros(x.shape[0], jnp.int32)
+        if self.plate is not None:
+            region = self.division.region(columns(x), self.plate)
+        if self.platform is not None:
+            region = region + self._around_plate * self.platform.in_front(columns(x)).astype(jnp.int32)
+        return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
         """Kind bit of particles."""
@@ -206,19 +246,28 @@ class Regions(eqx.Module):
         return jnp.asarray(self._packed())[region]
 
     def _packed(self) -> np.ndarray:
-        if self.plate is None:
-            return np.array([1 | PLAIN], np.int32)
-        count = len(self.division.regions)
-        bits = np.concatenate([self.division.water_mask(), self.division.ghost_mask()], axis=1)
-        return (bits @ (1 << np.arange(count + len(SETS))) | PLAIN).astype(np.int32)
+        water, ghosts = np.ones((1, 1), bool), np.zeros((1, 0), bool)
+        if self.plate is not None:
+            water, ghosts = self.division.water_mask(), self.division.ghost_mask()
+        if self.platform is not None:
+            faces = np.repeat(np.eye(2, dtype=bool), len(water), axis=0)
+            water, ghosts = np.tile(water, (2, 2)), np.hstack([np.tile(ghosts, (2, 1)), faces])
+        bits = np.concatenate([water, ghosts], axis=1)
+        return (bits @ (1 << np.arange(bits.shape[1])) | PLAIN).astype(np.int32)
 
     def set_kind(self, which: int) -> int:
-        """Kind bit of a thin wall's ghost set."""
-        return 1 << (len(self.division.regions) + which)
+        """Kind bit of a ghost set, by its place in `sets`."""
+        return 1 << (self.count + which)
 
     def node_sees(self, which: int) -> int:
         """Bits of the particles that the nodes of a set use."""
-        return int(self.division.node_mask()[which] @ (1 << np.arange(len(self.division.regions))))
+        regions = np.arange(self.count)
+        name = self.sets[which]
+        if name in PLATFORM_SETS:
+            used = regions // self._around_plate == PLATFORM_SETS.index(name)
+        else:
+            used = self.division.node_mask()[which][regions % self._around_plate]
+        return int(used @ (1 << regions))
 
 
 class AbstractThinWall(eqx.Module):
@@ -345,12 +394,18 @@ class Box:
 
 
 def lattice(
-    low: tuple[float, ...], high: tuple[float, ...], dx: float, plate: WallPlate | None = None
+    low: tuple[float, ...],
+    high: tuple[float, ...],
+    dx: float,
+    plate: WallPlate | None = None,
+    platform: Platform | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around a plate.
+    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around a plate and over a
+    platform.
 
-    The box is a whole number of spacings, and so is the level of the plate's tip. The plate's faces need
-    not be: beside it the columns of either side are stretched to fill that side, below it they are not.
+    The box is a whole number of spacings, and so are the level of the plate's tip and the platform's lengths.
+    The plate's faces need not be: beside it the columns of either side are stretched to fill that side, below
+    it they are not.
     """
     axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
 
@@ -358,15 +413,20 @@ def lattice(
         x = np.stack(np.meshgrid(columns, *axes[1:-1], rows, indexing="ij"), -1).reshape(-1, len(low))
         return x, np.full(len(x), width * dx ** (len(low) - 1))
 
-    if plate is None:
-        return filled(axes[0], axes[-1], dx)
-    above = axes[-1] > plate.tip
-    parts = [filled(axes[0], axes[-1][~above], dx)]
-    for start, end in ((low[0], plate.x0), (plate.x1, high[0])):
-        count = max(1, int(np.floor((end - start) / dx + 0.5 + 1e-9)))
-        width = (end - start) / count
-        parts.append(filled(start + (np.arange(count) + 0.5) * width, axes[-1][above], width))
+    parts = [filled(axes[0], axes[-1], dx)]
+    if plate is not None:
+        above = axes[-1] > plate.tip
+        parts = [filled(axes[0], axes[-1][~above], dx)]
+        for start, end in ((low[0], plate.x0), (plate.x1, high[0])):
+            count = max(1, int(np.floor((end - start) / dx + 0.5 + 1e-9)))
+            width = (end - start) / count
+            parts.append(filled(start + (np.arange(count) + 0.5) * width, axes[-1][above], width))
     x, volume = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if platform is not None:
+        wet = (x[:, 0] < platform.start) | (x[:, -1] > platform.height)
+        x, volume = x[wet], volume[wet]
+    if plate is None:
+        return x, volume
     order = np.lexsort((x[:, -1], x[:, 0]))
     return x[order], volume[order]
 
@@ -445,6 +505,50 @@ def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
     whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves, np.full(len(x), dx**dim))
     whole = _Lattice(*(a[keep] for a in whole))
     return _Lattice(*(np.concatenate(parts) for parts in zip(whole, *extra, strict=True)))
+
+
+def _above_platform(
+    ghosts: _Lattice, box: Box, platform: Platform, regions: Regions, dx: float, layers: int
+) -> _Lattice:
+    """The box's ghosts where a platform fills its end: those in the two inner corners of the platform are
+    mirrored in its faces too and seen from one side, and what else is behind it is left out."""
+    x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
+    kind, node_sees = ghosts.kind.copy(), ghosts.node_sees.copy()
+    behind = (x[:, 0] > platform.start) & (x[:, -1] < platform.height)
+    keep = ~behind
+    at_end, at_bed = behind & (x[:, 0] > box.high[0]), behind & (x[:, -1] < box.low[-1])
+    for rows, near, axis, face, name in (
+        (at_end, x[:, -1] > platform.height - layers * dx, -1, platform.height, "top"),
+        (at_bed & ~at_end, x[:, 0] < platform.start + layers * dx, 0, platform.start, "front"),
+    ):
+        rows = rows & near
+        which = regions.sets.index(name)
+        node[rows, axis] = 2 * face - x[rows, axis]
+        # in the end's corner the bed was the other mirror, and is no longer there
+        mirror[rows, axis] = -1.0
+        kind[rows], node_sees[rows] = regions.set_kind(which), regions.node_sees(which)
+        keep |= rows
+    changed = _Lattice(x, node, mirror, kind, node_sees, ghosts.moves, ghosts.volume)
+    return _Lattice(*(a[keep] for a in changed))
+
+
+def _platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> _Lattice:
+    """Behind each face its own full depth of ghosts, which the other face's water does not see."""
+    depth = layers * dx
+    faces = {
+        "top": ((platform.start, box.high[0]), (platform.height - depth, platform.height)),
+        "front": ((platform.start, platform.start + depth), (box.low[-1], platform.height)),
+    }
+    parts = []
+    for name, ((x0, x1), (z0, z1)) in faces.items():
+        x, volume = lattice((x0, z0), (x1, z1), dx)
+        axis, face = (-1, platform.height) if name == "top" else (0, platform.start)
+        node, mirror, which, n = x.copy(), np.ones_like(x), regions.sets.index(name), len(x)
+        node[:, axis] = 2 * face - x[:, axis]
+        mirror[:, axis] = -1.0
+        kind, sees = np.full(n, regions.set_kind(which), np.int32), np.full(n, regions.node_sees(which))
+        parts.append(_Lattice(x, node, mirror, kind, sees, np.zeros(n, bool), volume))
+    return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
 def _plate_ghosts(
@@ -563,17 +667,26 @@ class Ghosts(eqx.Module):
         thin_wall: AbstractThinWall | None = None,
         dtype: np.dtype | type = np.float32,
         sliding: Mapping[tuple[int, int], Sequence[float]] | None = None,
+        platform: Platform | None = None,
     ) -> Ghosts:
         """Places the ghosts of a tank and of a plate in it, on the host; none where it has no walls.
 
         **Arguments**: `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for the
-        low or 1 for the high end); only walls without slip drag the fluid with them.
+        low or 1 for the high end); only walls without slip drag the fluid with them. `platform`: a raised
+        bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings.
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         reach, h = smoothing.kernel.reach, float(smoothing.h)
         layers = int(np.ceil(reach * h / dx - 0.5))
-        regions = Regions(plate, thin_wall.division if plate is not None else None)
+        regions = Regions(plate, thin_wall.division if plate is not None else None, platform)
         parts = [_box_ghosts(box, dx, layers)]
+        if platform is not None:
+            if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
+                raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
+            parts = [
+                _above_platform(parts[0], box, platform, regions, dx, layers),
+                _platform_ghosts(box, platform, regions, dx, layers),
+            ]
         if plate is not None:
             parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers))
         ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
@@ -581,14 +694,14 @@ class Ghosts(eqx.Module):
         order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves))
         ghosts = _Lattice(*(a[order] for a in ghosts))
         own = np.asarray(regions.index(jnp.asarray(ghosts.node, jnp.float32)))
-        water_bits = (1 << 5) - 1
+        water_bits = (1 << regions.count) - 1
         plain = np.asarray(regions.sees(jnp.asarray(own))) & water_bits
         node_sees = np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
         # full to the brim and a little over it, as over every end without a wall
         beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
         under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
-        brim, brim_volume = lattice(under, over, dx, plate)
+        brim, brim_volume = lattice(under, over, dx, plate, platform)
         full = np.zeros(len(ghosts.x))
         brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
         for mask in np.unique(node_sees):
@@ -657,19 +770,29 @@ class Ghosts(eqx.Module):
         # where there is no wall the box only says how far the fluid may go
         floor, lid = (jnp.asarray([SIDES[side][end] for side in self.sides], x.dtype) for end in (0, 1))
         push = floor * away(x - low) - lid * away(high - x)
-        plate = self.regions.plate
-        if plate is None:
-            return push
-        beside = jnp.abs(x[:, 0] - plate.middle) - 0.5 * plate.thickness
-        side = jnp.where(x[:, 0] < plate.middle, -1.0, 1.0)
-        below = plate.tip - x[:, -1]
-        corner = (beside > 0) & (below > 0)
-        distance = jnp.sqrt(jnp.where(corner, beside**2 + below**2, 1.0))
-        gap = jnp.where(corner, distance, jnp.maximum(beside, below))
-        out = away(gap)
-        sideways = jnp.where(corner, beside / distance, beside > below)
-        down = jnp.where(corner, below / distance, beside <= below)
-        return push.at[:, 0].add(side * sideways * out).at[:, -1].add(-down * out)
+        plate, platform = self.regions.plate, self.regions.platform
+        if plate is not None:
+            beside = jnp.abs(x[:, 0] - plate.middle) - 0.5 * plate.thickness
+            side = jnp.where(x[:, 0] < plate.middle, -1.0, 1.0)
+            along, up = _off_edge(beside, plate.tip - x[:, -1], away)
+            push = push.at[:, 0].add(side * along).at[:, -1].add(-up)
+        if platform is not None:
+            along, up = _off_edge(platform.start - x[:, 0], x[:, -1] - platform.height, away)
+            push = push.at[:, 0].add(-along).at[:, -1].add(up)
+        return push
+
+    def entered(self, x: Float[Array, "N D"], displacement: Scalar, dx: Scalar) -> Array:
+        """True for particles that are in a wall, and not by a rounding: on their way out."""
+        low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
+        high = jnp.asarray(self.high, x.dtype)
+        out = jnp.any((x < low - 0.5 * dx) | (x > high + 0.5 * dx), axis=1)
+        plate, platform = self.regions.plate, self.regions.platform
+        if plate is not None:
+            depth = jnp.minimum(x[:, 0] - plate.x0, plate.x1 - x[:, 0])
+            out |= (depth > 0.4 * plate.thickness) & (x[:, -1] > plate.tip + 0.5 * dx)
+        if platform is not None:
+            out |= jnp.minimum(x[:, 0] - platform.start, platform.height - x[:, -1]) > 0.5 * dx
+        return out
 
     def behind_paddle(self, x: Float[Array, "G D"], displacement: Scalar, dx: Scalar) -> Array:
         """1 for ghosts in front of the paddle's face or part of it, 0 for the bed behind it."""
@@ -758,6 +881,18 @@ class Ghosts(eqx.Module):
         return stacked(
             [m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)]
         )
+
+
+def _off_edge(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[jax.Array, jax.Array]:
+    """What `away` (of a gap, m) gives off a solid's outer edge, along both normals: from the distances
+    (m) beside one face and beyond the other, negative behind them."""
+    corner = (beside > 0) & (beyond > 0)
+    distance = jnp.sqrt(jnp.where(corner, beside**2 + beyond**2, 1.0))
+    out = away(jnp.where(corner, distance, jnp.maximum(beside, beyond)))
+    return (
+        out * jnp.where(corner, beside / distance, beside > beyond),
+        out * jnp.where(corner, beyond / distance, beside <= beyond),
+    )
 
 
 def _flat_inverse(C: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:

@@ -101,6 +101,16 @@ class Device(_Section):
     thin_wall: Literal["regional", "multi_node"] = "regional"
     division: Literal["a", "b", "c"] = "b"
     """Regions around the plate (section 2.4.1.2)."""
+    platform_length: float | None = Field(None, gt=0)
+    """Length of a raised bed under the OWC, from the end wall, m; given with its height, or neither."""
+    platform_height: float | None = Field(None, ge=0)
+    """Height of that bed, m; 0 leaves the bed flat."""
+
+    @model_validator(mode="after")
+    def _whole_platform(self) -> Device:
+        if (self.platform_length is None) != (self.platform_height is None):
+            raise ValueError("give both device.platform_length and device.platform_height, or neither")
+        return self
 
 
 class PTOSection(_Section):
@@ -332,6 +342,7 @@ class Geometry:
         self.column = 0.0
         """Length that the water fills at the start, m."""
         self.plate: boundaries.WallPlate | None = None
+        self.platform: boundaries.Platform | None = None
         self.chamber_length = 0.0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
@@ -419,6 +430,23 @@ class Geometry:
         self.plate = boundaries.WallPlate(x0, x1, self.depth - draught)
         if self.plate.x0 < 4 * self.dx:
             raise CaseError(f"tank.length = {case.tank.length:g} m leaves no water in front of the device")
+        if device.platform_height:
+            self._platform(device, device.platform_length, device.platform_height)
+
+    def _platform(self, device: Device, length: float, height: float) -> None:
+        length = self.snap("device.platform_length", length, least=4, slack=0.1)
+        height = self.snap("device.platform_height", height, least=1, slack=0.1)
+        if height > self.plate.tip - 2 * self.dx:
+            raise CaseError(
+                f"device.platform_height = {device.platform_height:g} m: must leave at least two spacings of "
+                f"water under the plate, so at most {self.plate.tip - 2 * self.dx:g} m here"
+            )
+        if length > self.length - 4 * self.dx:
+            raise CaseError(
+                f"device.platform_length = {device.platform_length:g} m: must leave water in front of it, so "
+                f"at most {self.length - 4 * self.dx:g} m here"
+            )
+        self.platform = boundaries.Platform(float(np.round(self.length - length, 12)), height)
 
     def _fits(self, case: Case) -> None:
         for index, x in enumerate(case.probes.gauges):
@@ -583,12 +611,21 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     box = boundaries.Box((0.0,) * dim, tuple(high), case.waves is not None, 1.5 * stroke + 2 * dx)
     slip = boundaries.FreeSlip() if case.tank.slip == "free_slip" else boundaries.NoSlip()
     thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
-    walls = boundaries.Ghosts.build(box, dx, scheme.smoothing, slip, geometry.plate, thin_wall, dtype=dtype)
+    walls = boundaries.Ghosts.build(
+        box,
+        dx,
+        scheme.smoothing,
+        slip,
+        geometry.plate,
+        thin_wall,
+        dtype=dtype,
+        platform=geometry.platform,
+    )
 
     surface = [geometry.column, geometry.depth]
     if dim == 3:
         surface = [geometry.column, geometry.width, geometry.depth]
-    x, volume = boundaries.lattice((0.0,) * dim, tuple(surface), dx, geometry.plate)
+    x, volume = boundaries.lattice((0.0,) * dim, tuple(surface), dx, geometry.plate, geometry.platform)
     # The density of the pressure at each place.
     rho = case.fluid.rho0 * case.g * _initial_head(geometry, x) / c0**2
     g = np.zeros(dim)

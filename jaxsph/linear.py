@@ -224,11 +224,13 @@ def linear_owc(case: Case) -> LinearOWC:
 
     The incident wave is the linear one, of amplitude waves.H / 2. The water's part is remembered: to sweep
     the damping or the height, call this for each changed case, or `linear_response` with arrays.
-    **Raises** CaseError for a case without a device, waves, pto.K_dm or gravity.
+    **Raises** CaseError for a case without a device, waves, pto.K_dm or gravity, or with a platform.
     """
     missing = _missing(case)
     if missing is not None:
-        raise CaseError(f"{missing}: linear theory of an OWC needs a device in waves with a damping")
+        raise CaseError(
+            f"{missing}: linear theory of an OWC needs a device in waves with a damping, over a flat bed"
+        )
     device = case.device
     geometry = ChamberGeometry(case.tank.depth, device.chamber_length, device.draught, device.wall_thickness)
     water = radiation_and_scattering(geometry, 2.0 * np.pi / case.waves.T, case.g)
@@ -257,6 +259,8 @@ def _missing(case: Case) -> str | None:
         return "pto.K_dm is not given"
     if case.g == 0.0:
         return "g = 0"
+    if case.device.platform_height:
+        return f"device.platform_height = {case.device.platform_height:g} m"
     return None
 
 

@@ -325,6 +325,8 @@ class _Tank:
     """Upper edge of the view."""
     plate: tuple[float, float, float] | None
     """Front wall of an OWC: its two faces and the height of its tip."""
+    platform: tuple[float, float] | None
+    """Raised bed under it: its start and its height."""
 
     @classmethod
     def of(cls, run: RunFile) -> _Tank:
@@ -348,6 +350,7 @@ class _Tank:
             depth=depth,
             top=top,
             plate=_plate(case.get("device", {}), x1, depth, dx),
+            platform=_platform(case.get("device", {}), x1, dx),
         )
 
     def strips(self) -> list[tuple[float, float]]:
@@ -378,6 +381,12 @@ def _plate(
         return None
     length, thickness, draught = (device[name] for name in names)
     return end - length - thickness, end - length, depth - _snapped(draught, dx)
+
+
+def _platform(device: dict[str, Any], end: float, dx: float) -> tuple[float, float] | None:
+    if not device.get("platform_height"):
+        return None
+    return end - _snapped(device["platform_length"], dx), _snapped(device["platform_height"], dx)
 
 
 @_styled
@@ -452,6 +461,9 @@ class _Picture:
         if tank.plate is not None:
             x0, x1, tip = tank.plate
             ax.add_patch(Rectangle((x0, tip), x1 - x0, z[1] - tip, **solid))
+        if tank.platform is not None:
+            start, height = tank.platform
+            ax.add_patch(Rectangle((start, z[0]), tank.x1 - start, height - z[0], **solid))
         if tank.depth is not None:
             ax.axhline(tank.depth, color="0.5", lw=0.8, ls=(0, (6, 4)), zorder=1)
 

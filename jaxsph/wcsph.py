@@ -471,14 +471,7 @@ class DeltaSPH(AbstractScheme):
         fastest = jnp.argmax(speed2)
         finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1)
         bad = ~(finite & jnp.isfinite(p.rho))
-        low = jnp.asarray(model.walls.low, p.x.dtype).at[0].add(state.paddle[0])
-        high = jnp.asarray(model.walls.high, p.x.dtype)
-        # half a spacing into a wall is no rounding: the particle is on its way out
-        out = jnp.any((p.x < low - 0.5 * model.dx) | (p.x > high + 0.5 * model.dx), axis=1)
-        plate = model.walls.regions.plate
-        if plate is not None:
-            depth = jnp.minimum(p.x[:, 0] - plate.x0, plate.x1 - p.x[:, 0])
-            out |= (depth > 0.4 * plate.thickness) & (p.x[:, -1] > plate.tip + 0.5 * model.dx)
+        out = model.walls.entered(p.x, state.paddle[0], model.dx)
         status = state.status
         status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
         status = status.flag(

@@ -39,6 +39,15 @@ OWC = js.load_case("owc")
         ({"tank.depth": 0.0}, r"tank.depth = 0.0: .*greater than 0"),
         ({"device.draught": -0.1}, r"device.draught = -0.1: .*greater than 0"),
         ({"device.draught": 0.42}, r"device.draught = 0.42 m: .* at most 0.38 m"),
+        ({"device.platform_height": 0.1}, r"both device.platform_length and device.platform_height, or"),
+        (
+            {"device.platform_height": 0.24, "device.platform_length": 0.5},
+            r"device.platform_height = 0.24 m: must leave at least two spacings .* at most 0.22 m",
+        ),
+        (
+            {"device.platform_height": 0.1, "device.platform_length": 7.8},
+            r"device.platform_length = 7.8 m: must leave water in front of it, so at most 7.76 m",
+        ),
         ({"tank.height": 0.3}, r"tank.height = 0.3 m: must be above the water, tank.depth = 0.42 m"),
         ({"sponge.length": 20.0}, r"sponge.length = 20 m: must be shorter than the tank"),
         ({"dx": math.nan}, r"dx = nan: .*finite"),

@@ -257,6 +257,7 @@ def test_case_lengths_are_not_snapped():
         ({"pto": None}, "pto.K_dm"),
         ({"pto.P_a": 100.0}, "pto.K_dm"),
         ({"g": 0.0}, "g = 0"),
+        ({"device.platform_height": 0.1, "device.platform_length": 0.5}, "platform_height = 0.1 m"),
     ],
 )
 def test_incomplete_cases(changes, field):

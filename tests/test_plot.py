@@ -152,6 +152,15 @@ def test_plate_is_where_the_case_is_built(tmp_path):
     tank = plot._Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
     # the faces are where the case puts them; the draught is whole spacings
     assert tank.plate == pytest.approx((2.76, 2.81, 0.2))
+    assert tank.platform is None
+
+
+def test_platform_is_drawn_where_the_case_is_built(tmp_path):
+    text = CASE.replace("[device]\n", "[device]\nplatform_length = 0.52\nplatform_height = 0.12\n")
+    run = _make(tmp_path / "run.h5", text, snapshots=1)
+    assert plot._Tank.of(run).platform == pytest.approx((2.5, 0.1))
+    boxes = [patch.get_bbox() for patch in plot.particles(run).axes[0].patches]
+    assert any(box.x0 == pytest.approx(2.5) and box.y1 == pytest.approx(0.1) for box in boxes)
 
 
 def test_overlay_is_drawn_at_each_gauge(tmp_path):
