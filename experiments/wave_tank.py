@@ -23,20 +23,20 @@ def main(dx: float = 0.01, wavelengths: int = 4) -> None:
     case = js.load_case("wave_tank").replace({"dx": dx})
     H, T, d = case.waves.H, case.waves.T, case.tank.depth
     wavelength = float(waves.wavelength(T, d))
+    speed = float(waves.group_velocity(2 * np.pi / T, d))
     if wavelengths != 4:
         far = [float(np.round(at * wavelength, 3)) for at in PAPER if 2 < at < wavelengths - 1]
         changes = {
             "tank.length": round(case.tank.length / 4 * wavelengths, 3),
             "probes.gauges": [*case.probes.gauges, *far],
-            # as many settled periods at the last gauge as in the short tank
-            "t1": round(case.t1 + 0.5 * (wavelengths - 4) * T / 0.5, 1),
+            # as many settled periods as in the short tank, for waves that travel with their group
+            "t1": round(case.t1 + (wavelengths - 4) * wavelength / speed, 1),
         }
         case = case.replace(changes)
     suffix = "" if wavelengths == 4 else f"_{wavelengths}"
     file = solved(case, f"wave_tank_{dx:g}{suffix}")
     series, results = file.series(), file.results()
     t, x, eta = series["time"], np.asarray(case.probes.gauges), series["eta"]
-    speed = float(waves.group_velocity(2 * np.pi / T, d))
     amplitudes, means, shown = [], [], []
     title = f"Wave tank of {wavelengths} wavelengths against Stokes' second order"
     with Report(f"wave_tank_{dx:g}{suffix}", title, dx) as report:
