@@ -18,9 +18,10 @@ _ROOMS = {
         "radiation_and_scattering",
     ),
     "boundaries": ("Box", "FreeSlip", "Ghosts", "NoSlip"),
-    "errors": ("CaseError", "FileError", "JaxsphError", "SimulationError"),
+    "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
     "design": ("Sweep", "read_sweep", "sweep"),
+    "gradients": ("Derivative", "Ensemble", "Exact", "derivative"),
     "driver": ("march", "restore", "resume", "run", "simulate"),
     "state": ("Model", "Solution", "State"),
 }

@@ -1,4 +1,4 @@
-"""The `jaxsph` command: run, sweep, resume, plot, check, cases."""
+"""The `jaxsph` command: run, sweep, slope, resume, plot, check, cases."""
 
 from __future__ import annotations
 
@@ -122,6 +122,45 @@ def sweep(
             typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
         if done.failures:
             raise typer.Exit(1)
+
+
+@app.command()
+def slope(
+    case: CaseName,
+    over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
+    of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Through the loop, for a fraction of a second; else by many runs.")
+    ] = False,
+    members: Annotated[int, typer.Option(help="Runs around the case's value.")] = 9,
+    spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_<KEY>.h5"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Slope of a result over one number of the case, with its error."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        method = js.Exact()
+        if not exact:
+            out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
+            method = js.Ensemble(spread, members, out)
+        found = js.derivative(loaded, over, of, method, progress=not quiet)
+        error = "" if found.error is None else f" +- {found.error:.2g}"
+        _table(
+            [
+                (of, f"{found.value:.4g}"),
+                (f"d {of} / d {over}", f"{found.slope:.4g}{error}"),
+                ("speaks of changes up to", f"{found.reach:.3g}"),
+            ]
+        )
+        if not exact:
+            typer.echo(f"recorded in {out}")
 
 
 @app.command()

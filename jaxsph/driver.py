@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -221,7 +221,10 @@ def _drive(
     try:
         while int(state.step) < last:
             n_steps = min(per_chunk, last - int(state.step))
-            model, new, readings = _replayed(case.name, model, state, probes, n_steps, sample_every, bar)
+            advance = functools.partial(
+                _chunk, state=state, probes=probes, n_steps=n_steps, sample_every=sample_every
+            )
+            model, new, readings = replayed(case.name, model, advance, sample_every, bar.write)
             series = {k: np.asarray(v) for k, v in readings.items()}
             series["time"] = _exact_times(int(state.step), series["time"], case.output.sample_dt)
             record.append(series)
@@ -273,7 +276,10 @@ def march(
     if last <= start or start % sample_every:
         raise ValueError(f"t1 = {t1:g} s is not a sample after the state's {start * float(model.dt):g} s")
     bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
-    model, state, readings = _replayed(name, model, state, tuple(probes), last - start, sample_every, bar)
+    advance = functools.partial(
+        _chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every
+    )
+    model, state, readings = replayed(name, model, advance, sample_every, bar.write)
     bar.close()
     series = {k: np.asarray(v) for k, v in readings.items()}
     series["time"] = _exact_times(start, series["time"], sample_dt)
@@ -283,18 +289,25 @@ def march(
     return Solution(series, units, model, state)
 
 
-def _replayed(name, model, state, probes, n_steps, sample_every, bar):
-    """One chunk, with tables regrown and the chunk replayed for as often as it takes."""
+def replayed(
+    name: str,
+    model: Model,
+    advance: Callable[[Model], tuple[State, Any]],
+    sample_every: int,
+    say: Callable[[str], None],
+) -> tuple[Model, State, Any]:
+    """One chunk, `advance(model)` giving the new state and whatever else, with tables regrown and the chunk
+    replayed for as often as it takes. Returns the model that it took, too. **Raises** SimulationError."""
     for _ in range(REPLAYS):
-        new, readings = _chunk(model, state, probes, n_steps, sample_every)
+        new, found = advance(model)
         failed = Failure(int(new.status.bits))
         if not failed:
-            return model, new, readings
+            return model, new, found
         changed = _mended(model, failed, sample_every)
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
-        bar.write(f"tables regrown, chunk replayed: {what}")
+        say(f"tables regrown, chunk replayed: {what}")
         model = _with_settings(model, changed)
     raise _explained(name, model, new)
 
@@ -389,8 +402,7 @@ def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict
         return results | {f"energy_{k}": v for k, v in budget.items()}
     T, d = case.waves.T, float(solution.model.depth)
     t = solution.t
-    whole = int((t[-1] - _transient(case)) / T + 1e-6)
-    periods = min(case.output.periods, whole)
+    periods = settled_periods(case, float(t[-1]))
     # Over whole periods: the paddle gives and takes back far more than the waves keep.
     over = analysis.whole_periods(t, T, periods) if periods >= 1 else slice(None)
     budget = analysis.energy_budget({k: v[over] for k, v in solution.series.items()})
@@ -415,6 +427,12 @@ def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict
             "incident_height": 2 * found.incident,
         }
     return results
+
+
+def settled_periods(case: Case, t1: float) -> int:
+    """Whole periods at the end of a run to t1 (s) over which its results are averaged; below 1: none."""
+    whole = int((t1 - _transient(case)) / case.waves.T + 1e-6)
+    return min(case.output.periods, whole)
 
 
 def _transient(case: Case) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["CaseError", "FileError", "JaxsphError", "SimulationError"]
+__all__ = ["CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"]
 
 
 class JaxsphError(Exception):
@@ -17,6 +17,10 @@ class CaseError(JaxsphError):
 
 class FileError(JaxsphError):
     """A file that cannot be read or written: names the file and the remedy."""
+
+
+class DerivativeError(JaxsphError):
+    """A derivative that cannot be trusted: says since when and which method to use instead."""
 
 
 class SimulationError(JaxsphError):

@@ -17,7 +17,7 @@ LAYERS = (
     ("wcsph",),
     ("probes", "case"),
     ("analysis", "linear", "driver"),
-    ("io", "plot", "design"),
+    ("io", "plot", "design", "gradients"),
     ("__main__",),
 )
 UNRELATED = {("loop", "pairs"), ("loop", "neighbours"), ("loop", "kernels"), ("devices", "boundaries")}

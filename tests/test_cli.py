@@ -205,6 +205,25 @@ def test_interruption_while_plotting(calls, monkeypatch, tmp_path):
     assert _jaxsph("plot", _record(tmp_path / "a.h5").path).exit_code == 130
 
 
+def test_slope_is_printed_with_its_error(calls, monkeypatch):
+    def derivative(case, parameter, of, method, progress):
+        calls.append((parameter, of, method))
+        error = 3e-5 if isinstance(method, js.Ensemble) else None
+        return js.Derivative(parameter, of, 0.5, 2e-4, error, 160.0, method)
+
+    monkeypatch.setattr(js, "derivative", derivative, raising=False)
+    result = _jaxsph("slope", "owc", "--over", "pto.K_dm", "--members", "5")
+    assert (
+        result.exit_code == 0 and "d xi / d pto.K_dm" in result.stdout and "0.0002 +- 3e-05" in result.stdout
+    )
+    method = calls[0][2]
+    assert (method.members, method.spread, method.out.as_posix()) == (5, 0.3, "runs/fake_pto.K_dm.h5")
+    exact = _jaxsph("slope", "owc", "--over", "pto.K_dm", "--of", "energy_pto", "--exact")
+    assert isinstance(calls[1][2], js.Exact) and "+-" not in exact.stdout and "recorded" not in exact.stdout
+    bad = _jaxsph("slope", "owc", "--over", "pto.K_dm", "--members", "2")
+    assert bad.exit_code == 2 and "members = 2" in bad.stderr
+
+
 def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     def sweep(case, over, out, **options):
         calls.append((over, out, options))

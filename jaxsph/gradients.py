@@ -1,0 +1,331 @@
+"""The derivative of a result with respect to a number of the case, with what is known of its error."""
+
+from __future__ import annotations
+
+import abc
+import functools
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from jaxsph import analysis, waves
+from jaxsph.case import Case, build, make_probes, steps_per_sample
+from jaxsph.design import sweep
+from jaxsph.driver import replayed, settled_periods, simulate
+from jaxsph.errors import CaseError, DerivativeError
+from jaxsph.probes import ChamberProbe
+from jaxsph.state import Model, State
+
+__all__ = ["Derivative", "Ensemble", "Exact", "derivative"]
+
+SMOOTH = (
+    "pto.K_dm",
+    "pto.P_a",
+    "waves.H",
+    "fluid.nu",
+    "fluid.rho0",
+    "scheme.alpha",
+    "scheme.delta",
+    "sponge.strength",
+)
+"""Numbers on which a model depends smoothly. Lengths are not among them: they move the lattice."""
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """A result, its slope over a number of the case, and how far the slope can be trusted."""
+
+    parameter: str
+    of: str
+    value: float
+    slope: float
+    """d(of)/d(parameter)."""
+    error: float | None
+    """Standard error of the slope; None where the method has none to give."""
+    reach: float
+    """Change of the parameter for which the slope speaks, in the parameter's unit: an ensemble's spread, or
+    what moves neighbouring particles a tenth of a spacing against each other."""
+    method: AbstractMethod
+    series: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    """Readings of the chamber, `[T]`, "time" among them; empty for an ensemble."""
+    slopes: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    """Their slopes, and "grain": how far the particles' slopes of place differ from their neighbours', m per
+    unit of the parameter."""
+    members: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    """An ensemble's values of the parameter and of the result; empty otherwise."""
+
+
+class AbstractMethod(eqx.Module):
+    """A way to a derivative."""
+
+    @abc.abstractmethod
+    def derivative(self, case: Case, parameter: str, of: str, progress: bool) -> Derivative:
+        """See `derivative`."""
+
+
+def derivative(
+    case: Case,
+    parameter: str,
+    of: str = "xi",
+    method: AbstractMethod | None = None,
+    progress: bool = True,
+) -> Derivative:
+    """Value of a result at the end of a case, and its slope over one number of it.
+
+    **Arguments**: `parameter`: a dotted name, one of `SMOOTH`; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m
+    from the start to t1). `method`: `Exact()`, for a fraction of a second; `Ensemble()`, the default, for
+    whole wave periods.
+    **Raises** CaseError for a parameter that fixes shapes or a result that the case does not have,
+    DerivativeError where the slope would not be one of the flow, SimulationError as `run`.
+    """
+    if parameter not in SMOOTH:
+        raise CaseError(
+            f"{parameter}: no number that a derivative is taken over (there are {', '.join(SMOOTH)}); "
+            "compare runs with js.sweep"
+        )
+    _number(case, parameter)
+    _result(case, of)
+    return (Ensemble() if method is None else method).derivative(case, parameter, of, progress)
+
+
+def _number(case: Case, parameter: str) -> float:
+    section, name = parameter.split(".")
+    value = getattr(getattr(case, section), name, None)
+    if value is None:
+        raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")
+    return float(value)
+
+
+def _result(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
+    """The result as a functional of (t, power of the PTO); linear in the power."""
+    if case.pto is None or case.pto.K_dm is None:
+        raise CaseError(f"of = {of!r} needs a device with a damping, pto.K_dm")
+    if of == "energy_pto":
+        # a reading is the mean since the one before it: none for the first
+        return lambda t, power: float(np.sum(power) * case.output.sample_dt)
+    if of not in ("xi", "P_owc"):
+        raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
+    periods = settled_periods(case, case.t1 - case.output.sample_dt) if case.waves is not None else 0
+    if periods < 1:
+        raise CaseError(
+            f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
+        )
+    P = 1.0 if of == "P_owc" else _incident_power(case)
+    return lambda t, power: analysis.efficiency(t, power, case.waves.T, P, periods).xi
+
+
+def _incident_power(case: Case) -> float:
+    return float(waves.incident_power(case.waves.H, case.waves.T, case.tank.depth, case.fluid.rho0, case.g))
+
+
+# --------------------------------------------------------------------------- through the loop
+
+
+class Exact(AbstractMethod):
+    """Forward mode through every step: the derivative of the program itself.
+
+    It is the flow's for as long as neighbouring particles agree on it. Then, within a fraction of a second,
+    it becomes that of the particles' own chaotic paths, and speaks of smaller and smaller changes: the run
+    stops when a change of the parameter by the share `least` would, by these slopes, move neighbours a tenth
+    of a spacing against each other.
+    """
+
+    least: float = eqx.field(static=True, default=0.01)
+
+    def derivative(self, case, parameter, of, progress):
+        """See `derivative`."""
+        result = _result(case, of)
+        model, state = build(case)
+        seed = _seed(case, parameter, model, state)
+        probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe))
+        sample_every = steps_per_sample(case, model)
+        last = int(round(case.t1 / case.output.sample_dt)) * sample_every
+        chunk = max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
+        d_model, d_state = seed
+        readings, slopes, grains = [], [], []
+        bar = tqdm(total=last, unit="step", disable=not progress, dynamic_ncols=True)
+        with bar:
+            while int(state.step) < last:
+                n_steps = min(chunk, last - int(state.step))
+                advance = functools.partial(
+                    _pushed,
+                    state=state,
+                    d_model=d_model,
+                    d_state=d_state,
+                    probes=probes,
+                    n_steps=n_steps,
+                    sample_every=sample_every,
+                )
+                model, state, (d_state, read, slope) = replayed(
+                    case.name, model, advance, sample_every, bar.write
+                )
+                readings.append({k: np.asarray(v) for k, v in read.items()})
+                slopes.append({k: np.asarray(v) for k, v in slope.items()})
+                t = float(model.time(state))
+                unlike = grain(np.asarray(state.particles.x), np.asarray(d_state.particles.x), case.dx)
+                grains.append(np.full(len(slopes[-1]["time"]), unlike))
+                reach = 0.1 * case.dx / unlike if unlike > 0 else np.inf
+                if not reach > self.least * abs(_number(case, parameter)):  # NaN too
+                    raise DerivativeError(
+                        f"the exact derivative over {parameter} is lost to the paths of single particles: at "
+                        f"t = {t:.2f} s it speaks of changes below {reach:.1g} only.\n"
+                        "What to change: an earlier t1, or method=js.Ensemble()"
+                    )
+                bar.update(n_steps)
+        series = {k: np.concatenate([r[k] for r in readings]) for k in readings[0]}
+        series["time"] = np.arange(len(series["time"])) * case.output.sample_dt
+        slope = {k: np.concatenate([s[k] for s in slopes]) for k in slopes[0] if k != "time"}
+        slope["grain"] = np.concatenate(grains)
+        t, power = series["time"], series["power_pto"]
+        value = result(t, power)
+        total = result(t, slope["power_pto"])
+        if of == "xi":
+            ahead, behind, step = _beside(case, parameter)
+            P_inc = _incident_power(case)
+            total -= value * (_incident_power(ahead) - _incident_power(behind)) / (2 * step) / P_inc
+        return Derivative(parameter, of, value, total, None, reach, self, series, slope)
+
+
+@functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
+def _pushed(model, state, d_model, d_state, probes, n_steps, sample_every):
+    """`simulate` and its derivative along (d_model, d_state): (state, (d_state, readings, d_readings))."""
+    varying, fixed = eqx.partition((model, state), eqx.is_inexact_array)
+
+    def advance(varying):
+        new, readings = simulate(
+            *eqx.combine(varying, fixed), n_steps=n_steps, probes=probes, sample_every=sample_every
+        )
+        floats, others = eqx.partition(new, eqx.is_inexact_array)
+        return (floats, readings), others
+
+    (floats, readings), (d_state, d_readings), others = jax.jvp(
+        advance, (varying,), ((d_model, d_state),), has_aux=True
+    )
+    return eqx.combine(floats, others), (d_state, readings, d_readings)
+
+
+def _beside(case: Case, parameter: str) -> tuple[Case, Case, float]:
+    """The case with a little more and a little less of the parameter, and by how much."""
+    value = _number(case, parameter)
+    # what builds make of a number is smooth: the square of the share is lost, or a rounding over it
+    share = 1e-4 if case.precision == "float64" else 1e-2
+    step = share * value if value else share
+    return case.replace({parameter: value + step}), case.replace({parameter: value - step}), step
+
+
+def _seed(case: Case, parameter: str, model: Model, state: State) -> tuple[Any, Any]:
+    """Slopes of the floats of model and initial state over the parameter, by differences of two builds.
+
+    The time step counts as constant: it only ever jumps, to divide the sampling interval.
+    """
+    ahead, behind, step = _beside(case, parameter)
+    settings = {
+        "capacity": model.search.capacity,
+        "node_capacity": model.search.node_capacity,
+        "chamber_capacity": model.search.chamber_capacity,
+        "rebuild_every": model.search.rebuild_every,
+    }
+    floats = eqx.filter((model, state), eqx.is_inexact_array)
+    leaves, structure = jax.tree.flatten(floats)
+    beside = [
+        jax.tree.leaves(eqx.filter(build(near, settings), eqx.is_inexact_array)) for near in (ahead, behind)
+    ]
+    shapes = [[leaf.shape for leaf in one] for one in (leaves, *beside)]
+    if not shapes[0] == shapes[1] == shapes[2]:
+        raise CaseError(f"{parameter} changes the number of ghosts here: compare runs with js.sweep")
+    slopes = [(a - b) / (2 * step) for a, b in zip(*beside, strict=True)]
+    d_model, d_state = jax.tree.unflatten(structure, slopes)
+    return eqx.tree_at(lambda m: m.dt, d_model, 0.0 * d_model.dt), d_state
+
+
+def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:
+    """Root mean square of what a field `[N, D]` at x differs from straight lines through it, in cells of
+    four spacings (m): zero for a flow's field, the field's own size where neighbours have nothing in common.
+    """
+    cells = np.unique(np.floor(x / (4 * spacing)).astype(int), axis=0, return_inverse=True)[1].ravel()
+    rest = 0.0
+    for cell in range(cells.max() + 1):
+        here = cells == cell
+        A = np.hstack([np.ones((here.sum(), 1)), x[here]])
+        rest += np.sum((dx[here] - A @ np.linalg.lstsq(A, dx[here], rcond=None)[0]) ** 2)
+    return float(np.sqrt(rest / len(x)))
+
+
+# --------------------------------------------------------------------------- over many runs
+
+
+class Ensemble(AbstractMethod):
+    """The slope of a parabola through the results of several runs around the case's value.
+
+    Each member is a whole run with its own chaotic particles, so the scatter about the parabola is the error
+    to reckon with, and a wide enough spread the remedy. `out` keeps the members in a file that resumes.
+    """
+
+    spread: float = eqx.field(static=True, default=0.3)
+    """Members lie evenly within this share of the value, on both sides."""
+    members: int = eqx.field(static=True, default=9)
+    out: str | Path | None = eqx.field(static=True, default=None)
+    workers: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self) -> None:
+        """Refuses what gives no slope, or one without an error."""
+        if not 0.0 < self.spread < 1.0 or self.members < 4:
+            raise CaseError(
+                f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} be four "
+                "or more"
+            )
+
+    def derivative(self, case, parameter, of, progress):
+        """See `derivative`."""
+        value = _number(case, parameter)
+        if value == 0.0:
+            raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
+        offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
+        values = [float(v) for v in value * (1.0 + offsets)]
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
+            done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
+        found = done[of]
+        known = np.isfinite(found)
+        if known.sum() < 4:
+            first = next(iter(done.failures.values()), "the members have no such result")
+            raise DerivativeError(f"only {known.sum()} of {self.members} members gave {of}: {first}")
+        fit = parabola(offsets[known], found[known])
+        members = {parameter: np.asarray(values), of: found}
+        scale = 1.0 / value
+        return Derivative(
+            parameter,
+            of,
+            fit.value,
+            fit.slope * scale,
+            fit.error * abs(scale),
+            self.spread * abs(value),
+            self,
+            members=members,
+        )
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """y = value + slope x + curvature x^2/2 through points, and the standard error of its slope."""
+
+    value: float
+    slope: float
+    error: float
+    curvature: float
+
+
+def parabola(x: np.ndarray, y: np.ndarray) -> Parabola:
+    """Least squares of points of equal, unknown error; with four points or more that is known too."""
+    A = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
+    found, *_ = np.linalg.lstsq(A, y, rcond=None)
+    variance = np.sum((y - A @ found) ** 2) / (len(x) - 3)
+    covariance = variance * np.linalg.inv(A.T @ A)
+    return Parabola(float(found[0]), float(found[1]), float(np.sqrt(covariance[1, 1])), float(found[2]))

@@ -1,0 +1,168 @@
+"""Derivatives of results: through the loop against differences, over ensembles, and what is refused."""
+
+import jax
+import numpy as np
+import pytest
+from conftest import coarse, enable_x64
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxsph as js
+from jaxsph import design
+from jaxsph.gradients import SMOOTH, _seed, grain, parabola
+
+# Waves of one period's quarter ramp in a short tank: the chamber breathes within 0.2 s.
+SHORT = {
+    "tank.length": 1.2,
+    "probes": {"gauges": [0.5]},
+    "waves.ramp_periods": 0.25,
+    "output.snapshot_dt": 0.1,
+    "t1": 0.2,
+    "precision": "float64",
+}
+CASE = coarse("owc", SHORT)
+OWC = js.load_case("owc")
+
+
+# --- through the loop
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """The energy absorbed and its slope, by changes to the case and the parameter; one compilation."""
+
+    def found(changes, parameter, method=None):
+        with enable_x64():
+            return js.derivative(
+                CASE.replace(changes), parameter, "energy_pto", method or js.Exact(0.0), progress=False
+            )
+
+    return found
+
+
+# the stroke is part of the grid's static extent: each H is compiled anew
+@pytest.mark.parametrize("parameter", ["pto.K_dm", pytest.param("waves.H", marks=pytest.mark.slow)])
+def test_exact_slope_is_that_of_differences(exact, parameter):
+    section, name = parameter.split(".")
+    value = getattr(getattr(CASE, section), name)
+    step = 1e-5 * value
+    ahead, behind = (exact({parameter: value + s * step}, parameter).value for s in (1, -1))
+    here = exact({}, parameter)
+    # The difference's own error: truncation (1e-5)^2, round-off 1e-16/1e-5. Measured: 3e-11 over 0.5 s; the
+    # seed of H is itself a difference of builds, good to 1e-8.
+    assert here.slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
+    assert here.error is None and here.reach > 0.01 * value
+    # the result is made of the readings, and its slope of theirs
+    assert here.value == pytest.approx(0.01 * here.series["power_pto"].sum())
+    assert here.slope == pytest.approx(0.01 * here.slopes["power_pto"].sum())
+    assert here.slopes["grain"].shape == here.series["time"].shape == (20,)
+
+
+def test_a_slope_that_speaks_of_no_change_is_refused(exact):
+    with pytest.raises(js.DerivativeError, match=r"lost to the paths of single particles: at t = 0.10 s"):
+        exact({}, "pto.K_dm", js.Exact(least=1e6))
+
+
+# --- over an ensemble
+
+
+@pytest.fixture
+def members(monkeypatch):
+    """Members of a sweep whose efficiency is a parabola with a given scatter, without running them."""
+    scatter, failing = {}, set()
+
+    def member(case, stem, cores, children):
+        K = case.pto.K_dm
+        xi = 0.5 - 1e-6 * (K - 600.0) ** 2 + scatter.get(round(K), 0.0)
+        results = {} if round(K) in failing else {"xi": xi, "P_owc": 2 * xi}
+        series = {"time": np.arange(3) * 0.01}
+        return {"results": results, "series": series, "failure": "too fast" if not results else ""}, {}
+
+    monkeypatch.setattr(design, "_member", member)
+    return scatter, failing
+
+
+def test_ensemble_finds_the_slope_of_a_parabola(members):
+    found = js.derivative(OWC.replace({"pto.K_dm": 500.0}), "pto.K_dm", method=js.Ensemble(), progress=False)
+    assert found.value == pytest.approx(0.49) and found.slope == pytest.approx(2e-4)
+    assert found.error < 1e-12 and found.reach == pytest.approx(150.0)
+    assert found.members["pto.K_dm"] == pytest.approx(np.linspace(350.0, 650.0, 9))
+
+
+def test_ensemble_goes_on_without_members_that_failed(members, tmp_path):
+    _, failing = members
+    failing |= {350, 650}
+    method = js.Ensemble(spread=0.3, members=7, out=tmp_path / "e.h5")
+    case = OWC.replace({"pto.K_dm": 500.0})
+    found = js.derivative(case, "pto.K_dm", "P_owc", method, progress=False)
+    assert found.slope == pytest.approx(4e-4) and np.isnan(found.members["P_owc"][[0, -1]]).all()
+    failing |= {400, 450}
+    (tmp_path / "e.h5").unlink()
+    with pytest.raises(js.DerivativeError, match="only 3 of 7 members gave P_owc: too fast"):
+        js.derivative(case, "pto.K_dm", "P_owc", method, progress=False)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 1000))
+def test_error_of_a_parabola_s_slope_covers_it(seed):
+    """Of 2000 parabolas with a known scatter the slope's error, squared, is in the mean what it says."""
+    x = np.linspace(-1.0, 1.0, 9)
+    noise = np.random.default_rng(seed).normal(scale=0.1, size=(2000, 9))
+    fits = [parabola(x, 2.0 + 3.0 * x - 0.5 * 4.0 * x**2 + e) for e in noise]
+    spread = np.mean([(f.slope - 3.0) ** 2 for f in fits])
+    # the relative error of a mean of 2000 squares is 0.03 to 0.05: five of them
+    assert np.mean([f.error**2 for f in fits]) == pytest.approx(spread, rel=0.25)
+    assert np.mean([f.curvature for f in fits]) == pytest.approx(-4.0, abs=0.1)
+
+
+# --- grain
+
+
+@given(st.floats(-2, 2), st.floats(-2, 2), st.integers(0, 100))
+def test_grain_sees_what_neighbours_differ_by(a, b, seed):
+    rng = np.random.default_rng(seed)
+    x = rng.random((2000, 2))
+    smooth = np.stack([a * x[:, 0] + b * x[:, 1], b - a * x[:, 1]], 1)
+    assert grain(x, smooth, 0.02) < 1e-12
+    rough = rng.normal(size=x.shape)
+    # lines through some 13 points in a cell take three of them; sqrt(2) for two components
+    assert grain(x, smooth + rough, 0.02) == pytest.approx(np.sqrt(2 * 10 / 13), rel=0.05)
+
+
+# --- what is refused
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "message"),
+    [
+        ({}, {"parameter": "device.draught"}, "device.draught: no number .*fluid.nu.* js.sweep"),
+        ({}, {"parameter": "pto.P_a"}, "pto.P_a is not given in the case"),
+        ({}, {"parameter": "pto.K_dm", "of": "eta"}, "of = 'eta': must be 'xi', 'P_owc' or 'energy_pto'"),
+        ({"t1": 5.0}, {"parameter": "pto.K_dm"}, "of = 'xi' needs a whole wave period .* raise t1 = 5 s"),
+        ({"pto": None}, {"parameter": "waves.H"}, "needs a device with a damping"),
+        ({"pto.K_dm": 0.0}, {"parameter": "pto.K_dm"}, "pto.K_dm = 0: an ensemble spreads"),
+    ],
+)
+def test_what_has_no_derivative_is_named(changes, arguments, message):
+    with pytest.raises(js.CaseError, match=message):
+        js.derivative(OWC.replace(changes), progress=False, **arguments)
+
+
+@pytest.mark.parametrize("arguments", [{"spread": 1.0}, {"spread": 0.0}, {"members": 3}])
+def test_an_ensemble_without_a_slope_is_refused(arguments):
+    with pytest.raises(js.CaseError, match="spread = .* must lie between 0 and 1, and members = .* four"):
+        js.Ensemble(**arguments)
+
+
+def test_what_the_lattice_takes_its_shape_from_is_no_derivative_s():
+    """Every number offered is one that a build takes over smoothly: arrays keep their shapes."""
+    case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.04, "scheme.alpha": 0.01})
+    model, state = js.build(case)
+    for name in ("pto.K_dm", "waves.H", "scheme.alpha"):
+        assert name in SMOOTH
+        d_model, d_state = _seed(case, name, model, state)
+        moved = [np.abs(np.asarray(leaf)).max() for leaf in jax.tree.leaves((d_model, d_state)) if leaf.size]
+        assert np.isfinite(moved).all() and max(moved) > 0
+    d_model, _ = _seed(case, "pto.K_dm", model, state)
+    # float32: a rounding of 535 over 1 % of it
+    assert float(d_model.chamber.pto.K_dm) == pytest.approx(1.0, abs=1e-4)
