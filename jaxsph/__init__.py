@@ -21,7 +21,7 @@ _ROOMS = {
     "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
     "design": ("Sweep", "read_sweep", "sweep"),
-    "gradients": ("Derivative", "Ensemble", "Exact", "derivative"),
+    "gradients": ("Derivative", "Ensemble", "Exact", "Maximum", "derivative", "maximise"),
     "driver": ("march", "restore", "resume", "run", "simulate"),
     "state": ("Model", "Solution", "State"),
 }

@@ -1,4 +1,4 @@
-"""The `jaxsph` command: run, sweep, slope, resume, plot, check, cases."""
+"""The `jaxsph` command: run, sweep, slope, optimise, resume, plot, check, cases."""
 
 from __future__ import annotations
 
@@ -164,6 +164,41 @@ def slope(
 
 
 @app.command()
+def optimise(
+    case: CaseName,
+    over: Annotated[
+        list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
+    ],
+    of: Annotated[str, typer.Option("--of", help="What to maximise: xi, P_owc or energy_pto.")] = "xi",
+    members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
+    spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
+    evaluations: Annotated[int, typer.Option(help="Slopes at most.")] = 10,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_optimum.h5"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Search the values that make a result largest, or go on with an interrupted search."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
+        method = js.Ensemble(spread, members)
+        bounds = dict(_bounds(text) for text in over)
+        found = js.maximise(loaded, bounds, out, of, method, evaluations=evaluations, progress=not quiet)
+        for here in found.history:
+            _table(
+                [(f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in bounds), f"{here[of]:.4g}")]
+            )
+        best = ", ".join(f"{key} = {_value(found.case, key):.4g}" for key in bounds)
+        typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
+        typer.echo(f"recorded in {out}")
+
+
+@app.command()
 def resume(file: RunName, t1: EndTime = None, plot: Pictures = True, quiet: Quiet = False) -> None:
     """Go on with a run from its last checkpoint."""
     import jaxsph as js
@@ -269,6 +304,21 @@ def _values(text: str) -> tuple[str, list[float]]:
     if not key or not equals or not values:
         raise CaseError(f"--grid {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
     return key, values
+
+
+def _bounds(text: str) -> tuple[str, tuple[float, float]]:
+    """("a.b", (low, high)) from "a.b=low:high"."""
+    key, _, value = (part.strip() for part in text.partition("="))
+    try:
+        low, high = (float(part) for part in value.split(":"))
+    except ValueError:
+        raise CaseError(f"--over {text!r}: must be KEY=LOW:HIGH, such as --over pto.K_dm=100:2500") from None
+    return key, (low, high)
+
+
+def _value(case: Any, key: str) -> float:
+    section, name = key.split(".")
+    return float(getattr(getattr(case, section), name))
 
 
 def _match_precision(precision: str | None) -> None:

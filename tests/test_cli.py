@@ -224,6 +224,25 @@ def test_slope_is_printed_with_its_error(calls, monkeypatch):
     assert bad.exit_code == 2 and "members = 2" in bad.stderr
 
 
+def test_optimise_prints_the_way_and_the_best(calls, monkeypatch):
+    def maximise(case, over, out, of, method, evaluations, progress):
+        calls.append((over, out, method, evaluations))
+        history = [{"pto.K_dm": 300.0, "xi": 0.4}, {"pto.K_dm": 500.0, "xi": 0.5}]
+        best = types.SimpleNamespace(pto=types.SimpleNamespace(K_dm=500.0))
+        return js.Maximum(best, of, 0.5, "2 evaluations", history)
+
+    monkeypatch.setattr(js, "maximise", maximise, raising=False)
+    result = _jaxsph("optimise", "owc", "--over", "pto.K_dm=100:2500", "--members", "5")
+    assert result.exit_code == 0
+    assert "xi at pto.K_dm = 300" in result.stdout
+    assert "best: xi = 0.5 at pto.K_dm = 500 (2 evaluations)" in result.stdout
+    over, out, method, evaluations = calls[0]
+    assert over == {"pto.K_dm": (100.0, 2500.0)} and out.as_posix() == "runs/fake_optimum.h5"
+    assert method.members == 5 and evaluations == 10
+    bad = _jaxsph("optimise", "owc", "--over", "pto.K_dm")
+    assert bad.exit_code == 2 and "must be KEY=LOW:HIGH" in bad.stderr
+
+
 def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     def sweep(case, over, out, **options):
         calls.append((over, out, options))

@@ -115,6 +115,63 @@ def test_error_of_a_parabola_s_slope_covers_it(seed):
     assert np.mean([f.curvature for f in fits]) == pytest.approx(-4.0, abs=0.1)
 
 
+# --- towards a maximum
+
+
+@pytest.fixture
+def theory(monkeypatch):
+    """Members whose efficiency is linear theory's with a scatter of 0.005; returns the cases run."""
+    ran = []
+
+    def member(case, stem, cores, children):
+        ran.append(case)
+        noise = 0.005 * np.random.default_rng(int(1e3 * case.pto.K_dm)).normal()
+        series = {"time": np.arange(3) * 0.01}
+        return {"results": {"xi": js.linear_owc(case).xi + noise}, "series": series, "failure": ""}, {}
+
+    monkeypatch.setattr(design, "_member", member)
+    return ran
+
+
+@pytest.mark.parametrize("start", [150.0, 2400.0])
+def test_maximise_climbs_to_the_best_damping(theory, tmp_path, start):
+    case = OWC.replace({"pto.K_dm": start})
+    found = js.maximise(case, {"pto.K_dm": (100.0, 2500.0)}, tmp_path / "o.h5", progress=False)
+    best = js.linear_owc(case)
+    assert js.linear_owc(found.case).xi > 0.95 * best.eta_max
+    assert len(found.history) <= 10 and found.history[0]["pto.K_dm"] == pytest.approx(start)
+    assert found.value == max(one["xi"] for one in found.history)
+
+
+def test_an_interrupted_search_goes_on(theory, tmp_path):
+    case = OWC.replace({"pto.K_dm": 150.0})
+    arguments = (case, {"pto.K_dm": (100.0, 2500.0)}, tmp_path / "o.h5")
+    method = js.Ensemble(members=5)
+    js.maximise(*arguments, method=method, evaluations=2, progress=False)
+    assert len(theory) == 10
+    found = js.maximise(*arguments, method=method, evaluations=3, progress=False)
+    assert len(theory) == 15 and len(found.history) == 3
+    stored = js.read_sweep(tmp_path / "o.h5")
+    assert stored.axes["pto.K_dm"] == pytest.approx([one["pto.K_dm"] for one in found.history])
+    assert stored["slope pto.K_dm"] == pytest.approx([one["slope pto.K_dm"] for one in found.history])
+    with pytest.raises(js.FileError, match="holds a search from another case"):
+        js.maximise(OWC, *arguments[1:], method=method, progress=False)
+
+
+def test_a_search_ends_at_its_bounds(theory, tmp_path):
+    case = OWC.replace({"pto.K_dm": 150.0})
+    found = js.maximise(case, {"pto.K_dm": (100.0, 200.0)}, tmp_path / "o.h5", progress=False)
+    assert found.reason == "at the bounds" and found.case.pto.K_dm == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize("bounds", [(0.0, 100.0), (100.0, 50.0), (600.0, 700.0)])
+def test_bounds_must_hold_the_case(bounds, tmp_path):
+    with pytest.raises(
+        js.CaseError, match="must be positive and in order, and hold the case's own value, 534"
+    ):
+        js.maximise(OWC, {"pto.K_dm": bounds}, tmp_path / "o.h5")
+
+
 # --- grain
 
 
