@@ -99,9 +99,11 @@ def test_periodic_table_is_brute_force_with_nearest_images(dim, which, seed):
 
 
 @settings(max_examples=60, deadline=None)
-@given(x=st.floats(-1.25, 2.25, width=32), carry=st.sampled_from([-1e-8, 0.0, 1e-8]))
+@given(x=st.floats(-1.25, 2.25, width=32, allow_subnormal=False), carry=st.sampled_from([-1e-8, 0.0, 1e-8]))
 def test_wrapping_moves_by_the_period_exactly(x, carry):
-    """What float32 cannot hold of the sum is in the carry: within its own rounding, 1e-7 of 1e-7."""
+    """What float32 cannot hold of the sum is in the carry: within its own rounding, 1e-7 of 1e-7.
+
+    Places below 1e-38 m are flushed to zero."""
     length, low = np.float32(1.7), np.float32(-0.6)
     place = jnp.full((1, 2), x, jnp.float32)
     new, rest = wrapped(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), (1.7, None))
