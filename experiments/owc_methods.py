@@ -24,16 +24,18 @@ def main(coarse: float = 0.01, fine: float = 0.005, t1: float = 12.8) -> None:
     """Runs both to t1 (s) and prints how far they are apart, the order of events, and what each costs."""
     base = study_case(coarse, t1).replace({"waves.T": PERIOD})
     linear = js.linear_owc(base)
-    runs, cost = {}, {}
+    runs, cost, seconds = {}, {}, 0.0
     for method, dx in (("regional", coarse), ("multi_node", fine)):
         case = base.replace({"dx": dx, "device.thin_wall": method})
         file = solved(case, f"owc_{method}_{dx:g}")
         runs[method] = file.series()
         results = file.results()
         particles = len(file.snapshot(-1)["x"])
+        seconds += results["wall_seconds"]
         cost[method] = particles * results["steps"] / results["particle_steps_per_second"]
     title = f"The OWC with regional ghosts (dx = {coarse:g} m) and multi-node ghosts (dx = {fine:g} m)"
     with Report("owc_methods", title, coarse) as report:
+        report.seconds = seconds
         periods = int((t1 - 6.0) / PERIOD)
         for name, label, expected in (
             ("chamber_level", "level", abs(linear.level)),
