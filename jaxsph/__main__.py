@@ -193,7 +193,8 @@ def optimise(
             _table(
                 [(f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in bounds), f"{here[of]:.4g}")]
             )
-        best = ", ".join(f"{key} = {_value(found.case, key):.4g}" for key in bounds)
+        highest = max(found.history, key=lambda here: here[of])
+        best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
 
@@ -314,11 +315,6 @@ def _bounds(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         raise CaseError(f"--over {text!r}: must be KEY=LOW:HIGH, such as --over pto.K_dm=100:2500") from None
     return key, (low, high)
-
-
-def _value(case: Any, key: str) -> float:
-    section, name = key.split(".")
-    return float(getattr(getattr(case, section), name))
 
 
 def _match_precision(precision: str | None) -> None:

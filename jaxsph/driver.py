@@ -116,7 +116,7 @@ def run(
     file = None
     if out is not None:
         file = io.RunFile.create(
-            out, case.to_toml(), _settings(model), _coordinates(case), overwrite=overwrite
+            out, case.to_toml(), search_settings(model), _coordinates(case), overwrite=overwrite
         )
     return _drive(case, model, state, case.t1 if t1 is None else t1, file, progress)
 
@@ -159,7 +159,8 @@ def _parse(text: str) -> dict[str, Any]:
     return tomllib.loads(text)
 
 
-def _settings(model: Model) -> dict[str, int]:
+def search_settings(model: Model) -> dict[str, int]:
+    """What `build` needs to make the model's tables again."""
     s = model.search
     names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
     return {name: int(getattr(s, name)) for name in names}
@@ -197,12 +198,17 @@ def _unflatten(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
     return jax.tree_util.tree_unflatten(tree, found)
 
 
+def steps_per_chunk(case: Case, sample_every: int) -> int:
+    """Steps between two snapshots, a whole number of samples."""
+    return max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
+
+
 def _drive(
     case: Case, model: Model, state: State, t1: float, file: io.RunFile | None, progress: bool
 ) -> Solution:
     sample_every = steps_per_sample(case, model)
-    per_chunk = max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
-    first = build(case, _settings(model))[1]
+    per_chunk = steps_per_chunk(case, sample_every)
+    first = build(case, search_settings(model))[1]
     probes = make_probes(case, model, first)
     units = {"time": ("s", "time")}
     for probe in probes:
@@ -314,7 +320,7 @@ def replayed(
 
 def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
     """Settings that would let the chunk pass, or None where no setting would."""
-    s = _settings(model)
+    s = search_settings(model)
     mend = {}
     if failed & Failure.NEIGHBOUR_OVERFLOW:
         mend |= {"capacity": int(s["capacity"] * 1.25) + 4}
@@ -330,7 +336,7 @@ def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] 
 
 def _with_settings(model: Model, settings: dict[str, int]) -> Model:
     search = model.search
-    values = {name: getattr(search, name) for name in ("grid", "skin")} | _settings(model) | settings
+    values = {name: getattr(search, name) for name in ("grid", "skin")} | search_settings(model) | settings
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
 
 
@@ -381,7 +387,7 @@ def _save(file, case, model, state, series, units, seconds) -> None:
         {n for n in series if n in ENERGY},
         snapshot,
         _flatten(state),
-        _settings(model) | {"wall_seconds": seconds},
+        search_settings(model) | {"wall_seconds": seconds},
     )
 
 

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from jaxsph import analysis, waves
 from jaxsph.case import Case, build, make_probes, steps_per_sample
 from jaxsph.design import sweep
-from jaxsph.driver import replayed, settled_periods, simulate
+from jaxsph.driver import replayed, search_settings, settled_periods, simulate, steps_per_chunk
 from jaxsph.errors import CaseError, DerivativeError, FileError
 from jaxsph.io import SweepFile
 from jaxsph.probes import ChamberProbe
@@ -148,12 +148,11 @@ class Exact(AbstractMethod):
         """See `derivative`."""
         result = _result(case, of)
         model, state = build(case)
-        seed = _seed(case, parameter, model, state)
+        d_model, d_state = _seed(case, parameter, model, state)
         probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe))
         sample_every = steps_per_sample(case, model)
         last = int(round(case.t1 / case.output.sample_dt)) * sample_every
-        chunk = max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
-        d_model, d_state = seed
+        chunk = steps_per_chunk(case, sample_every)
         readings, slopes, grains = [], [], []
         bar = tqdm(total=last, unit="step", disable=not progress, dynamic_ncols=True)
         with bar:
@@ -231,12 +230,7 @@ def _seed(case: Case, parameter: str, model: Model, state: State) -> tuple[Any, 
     The time step counts as constant: it only ever jumps, to divide the sampling interval.
     """
     ahead, behind, step = _beside(case, parameter)
-    settings = {
-        "capacity": model.search.capacity,
-        "node_capacity": model.search.node_capacity,
-        "chamber_capacity": model.search.chamber_capacity,
-        "rebuild_every": model.search.rebuild_every,
-    }
+    settings = search_settings(model)
     floats = eqx.filter((model, state), eqx.is_inexact_array)
     leaves, structure = jax.tree.flatten(floats)
     beside = [
@@ -297,7 +291,16 @@ class Ensemble(AbstractMethod):
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
             done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
-        found = done[of]
+        if of == "energy_pto":
+            # the sweep's own result of that name is of the last whole periods only
+            energy = _result(case, of)
+            series = [done.members.get((i,), {}) for i in range(len(values))]
+            found = np.array(
+                [energy(s["time"], s["power_pto"]) if "power_pto" in s else np.nan for s in series]
+            )
+            found[[place[0] for place in done.failures]] = np.nan
+        else:
+            found = done[of]
         known = np.isfinite(found)
         if known.sum() < 4:
             first = next(iter(done.failures.values()), "the members have no such result")

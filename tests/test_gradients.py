@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import jaxsph as js
 from jaxsph import design
 from jaxsph.gradients import SMOOTH, _seed, grain, parabola
+from jaxsph.io import Variable
 
 # Waves of one period's quarter ramp in a short tank: the chamber breathes within 0.2 s.
 SHORT = {
@@ -87,6 +88,22 @@ def test_ensemble_finds_the_slope_of_a_parabola(members):
     assert found.value == pytest.approx(0.49) and found.slope == pytest.approx(2e-4)
     assert found.error < 1e-12 and found.reach == pytest.approx(150.0)
     assert found.members["pto.K_dm"] == pytest.approx(np.linspace(350.0, 650.0, 9))
+
+
+def test_energy_of_an_ensemble_is_that_from_the_start(monkeypatch):
+    """Not the sweep's result of that name, which is of the last whole periods."""
+
+    def member(case, stem, cores, children):
+        t = np.arange(100) * 0.01
+        series = {"time": t, "power_pto": np.full(100, 1e-3 * case.pto.K_dm)}
+        return {"results": {"energy_pto": -1.0}, "series": series, "failure": ""}, {
+            "power_pto": Variable("W m-1", "power")
+        }
+
+    monkeypatch.setattr(design, "_member", member)
+    case = OWC.replace({"pto.K_dm": 500.0})
+    found = js.derivative(case, "pto.K_dm", "energy_pto", js.Ensemble(), progress=False)
+    assert found.value == pytest.approx(0.5) and found.slope == pytest.approx(1e-3)
 
 
 def test_ensemble_goes_on_without_members_that_failed(members, tmp_path):
