@@ -21,9 +21,10 @@ _ROOMS = {
     "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "probes": ("ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"),
     "design": ("Sweep", "read_sweep", "sweep"),
-    "gradients": ("Derivative", "Ensemble", "Exact", "Maximum", "derivative", "maximise"),
+    "gradients": ("Derivative", "Ensemble", "Exact", "Filtered", "Maximum", "derivative", "maximise"),
     "driver": ("march", "restore", "resume", "run", "simulate"),
     "state": ("Model", "Solution", "State"),
+    "tangents": ("TangentFilter",),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

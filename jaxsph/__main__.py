@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import enum
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -58,6 +59,35 @@ Settings = Annotated[
 ]
 EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of the run, s.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+class Way(enum.StrEnum):
+    """A method of `jaxsph.gradients`."""
+
+    ensemble = enum.auto()
+    filtered = enum.auto()
+    exact = enum.auto()
+
+    def of(self, spread: float, members: int, out: Path | None = None) -> Any:
+        """The method itself."""
+        import jaxsph as js
+
+        match self:
+            case Way.ensemble:
+                return js.Ensemble(spread, members, out)
+            case Way.filtered:
+                return js.Filtered()
+            case Way.exact:
+                return js.Exact()
+
+
+Method = Annotated[
+    Way,
+    typer.Option(
+        help="ensemble: many runs, with a standard error; filtered: one run, with a bias; "
+        "exact: for a fraction of a second."
+    ),
+]
 Pictures = Annotated[bool, typer.Option("--plot/--no-plot", help="Make pictures after the run.")]
 
 
@@ -129,9 +159,7 @@ def slope(
     case: CaseName,
     over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
     of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Through the loop, for a fraction of a second; else by many runs.")
-    ] = False,
+    method: Method = Way.ensemble,
     members: Annotated[int, typer.Option(help="Runs around the case's value.")] = 9,
     spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
     settings: Settings = None,
@@ -146,11 +174,8 @@ def slope(
 
     with _explained():
         loaded = _load(case, settings)
-        method = js.Exact()
-        if not exact:
-            out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
-            method = js.Ensemble(spread, members, out)
-        found = js.derivative(loaded, over, of, method, progress=not quiet)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
+        found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
         error = "" if found.error is None else f" +- {found.error:.2g}"
         _table(
             [
@@ -159,7 +184,7 @@ def slope(
                 ("speaks of changes up to", f"{found.reach:.3g}"),
             ]
         )
-        if not exact:
+        if method is Way.ensemble:
             typer.echo(f"recorded in {out}")
 
 
@@ -170,6 +195,7 @@ def optimise(
         list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
     ],
     of: Annotated[str, typer.Option("--of", help="What to maximise: xi, P_owc or energy_pto.")] = "xi",
+    method: Method = Way.ensemble,
     members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
     spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
     evaluations: Annotated[int, typer.Option(help="Slopes at most.")] = 10,
@@ -186,9 +212,9 @@ def optimise(
     with _explained():
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
-        method = js.Ensemble(spread, members)
         bounds = dict(_bounds(text) for text in over)
-        found = js.maximise(loaded, bounds, out, of, method, evaluations=evaluations, progress=not quiet)
+        way = method.of(spread, members)
+        found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         for here in found.history:
             _table(
                 [(f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in bounds), f"{here[of]:.4g}")]
@@ -229,12 +255,16 @@ def plot(
         bool, typer.Option("--linear", help="Draw what linear theory expects of the chamber.")
     ] = False,
 ) -> None:
-    """Make pictures of a run, finished or not, and export its particles."""
+    """Make pictures of a run or a sweep, finished or not, and export a run's particles."""
     import jaxsph as js
     from jaxsph import io
-    from jaxsph.plot import plot_run
+    from jaxsph.plot import plot_run, plot_sweep
 
     with _explained():
+        if io.SweepFile(file).is_one():
+            for path in plot_sweep(file, folder):
+                typer.echo(path)
+            return
         opened = io.RunFile.open(file)
         expected = js.linear_owc(js.Case.from_dict(tomllib.loads(opened.case_toml))) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):

@@ -81,7 +81,7 @@ def simulate(
     state, readings = loop.blocks(
         functools.partial(model.scheme.prepare, model),
         measure,
-        functools.partial(model.scheme.step, model),
+        model.step,
         state,
         n_steps // every,
         every,

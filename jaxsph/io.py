@@ -274,6 +274,12 @@ class SweepFile:
         """A sweep's file, there or not."""
         self.path = Path(path)
 
+    def is_one(self) -> bool:
+        """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
+        _check_signature(self.path)
+        with _reading(self.path) as file:
+            return file.attrs.get("kind") == "sweep"
+
     def write(
         self,
         case_toml: str,

@@ -182,6 +182,14 @@ class AbstractScheme(eqx.Module):
         """One time step."""
 
 
+class AbstractTangents(eqx.Module):
+    """What happens to derivatives, and not to values, after every step."""
+
+    @abc.abstractmethod
+    def filtered(self, model: Model, state: State, tables: Tables) -> State:
+        """The state, to be differentiated otherwise."""
+
+
 class AbstractProbe(eqx.Module):
     """Something measured in the loop."""
 
@@ -216,6 +224,13 @@ class Model(eqx.Module):
     search: Search
     force: AbstractForce | None = None
     """Body force beside the uniform g."""
+    tangents: AbstractTangents | None = None
+    """What keeps derivatives smooth; None for exact ones."""
+
+    def step(self, state: State, tables: Tables) -> State:
+        """One time step of the scheme."""
+        new = self.scheme.step(self, state, tables)
+        return new if self.tangents is None else self.tangents.filtered(self, new, tables)
 
     def time(self, state: State) -> Scalar:
         """Physical time of a state, s."""

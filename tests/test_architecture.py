@@ -14,7 +14,7 @@ LAYERS = (
     ("_typing", "kernels", "pairs", "neighbours", "loop"),
     ("state", "laws", "waves"),
     ("boundaries", "devices"),
-    ("wcsph",),
+    ("wcsph", "tangents"),
     ("probes", "case"),
     ("analysis", "linear", "driver"),
     ("io", "plot", "design", "gradients"),

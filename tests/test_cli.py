@@ -218,8 +218,10 @@ def test_slope_is_printed_with_its_error(calls, monkeypatch):
     )
     method = calls[0][2]
     assert (method.members, method.spread, method.out.as_posix()) == (5, 0.3, "runs/fake_pto.K_dm.h5")
-    exact = _jaxsph("slope", "owc", "--over", "pto.K_dm", "--of", "energy_pto", "--exact")
+    exact = _jaxsph("slope", "owc", "--over", "pto.K_dm", "--of", "energy_pto", "--method", "exact")
     assert isinstance(calls[1][2], js.Exact) and "+-" not in exact.stdout and "recorded" not in exact.stdout
+    _jaxsph("slope", "owc", "--over", "pto.K_dm", "--method", "filtered")
+    assert isinstance(calls[2][2], js.Filtered)
     bad = _jaxsph("slope", "owc", "--over", "pto.K_dm", "--members", "2")
     assert bad.exit_code == 2 and "members = 2" in bad.stderr
 

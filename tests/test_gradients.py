@@ -64,6 +64,15 @@ def test_a_slope_that_speaks_of_no_change_is_refused(exact):
         exact({}, "pto.K_dm", js.Exact(least=1e6))
 
 
+def test_a_filtered_slope_has_the_filter_s_bias_for_an_error(exact):
+    """Within 0.2 s, twenty averages, little of the water's response is lost; the value is the run's own."""
+    sharp, smooth = (exact({}, "pto.K_dm", method) for method in (js.Exact(0.0), js.Filtered()))
+    assert smooth.value == sharp.value
+    response = smooth.slope - 2.0 * smooth.value / CASE.pto.K_dm
+    assert smooth.error == pytest.approx(smooth.method.lost * abs(response))
+    assert abs(smooth.slope - sharp.slope) < smooth.error and smooth.slope != sharp.slope
+
+
 # --- over an ensemble
 
 

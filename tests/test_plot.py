@@ -1,5 +1,6 @@
 """Pictures: there when their data are, not blank, and drawn to scale."""
 
+import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -7,7 +8,7 @@ from matplotlib.collections import PathCollection
 
 from jaxsph import plot
 from jaxsph.errors import FileError
-from jaxsph.io import RunFile, Variable
+from jaxsph.io import RunFile, SweepFile, Variable
 from jaxsph.linear import ChamberGeometry, linear_response, radiation_and_scattering
 
 CASE = """
@@ -211,3 +212,49 @@ def test_energy_where_the_device_does_work_on_the_water(tmp_path, monkeypatch):
     monkeypatch.setattr(RunFile, "series", lambda self: series)
     ax = plot.energy(run).axes[0]
     assert len(ax.lines) > 3 and "largest kinetic energy" in ax.get_title(loc="left")
+
+
+# --- sweeps and searches
+
+
+def _swept(path, axes, shape, **results):
+    members = {
+        i: {"results": {k: float(np.ravel(v)[i]) for k, v in results.items()}, "series": {}, "failure": ""}
+        for i in range(int(np.prod(shape)))
+    }
+    SweepFile(path).write(CASE, axes, shape, members, {})
+    return path
+
+
+K, H = np.array([200.0, 400.0, 600.0]), np.array([0.02, 0.04])
+
+
+@pytest.mark.parametrize(
+    ("axes", "shape", "results"),
+    [
+        ({"pto.K_dm": K}, (3,), {"xi": [0.3, 0.5, 0.4], "xi_scatter": [0.1] * 3, "periods": [9.0] * 3}),
+        ({"pto.K_dm": K}, (3,), {"xi": [0.3, 0.5, 0.4], "slope pto.K_dm": [1e-3, 1e-4, -1e-3]}),
+        ({"pto.K_dm": K, "waves.H": H}, (3, 2), {"xi": np.arange(6.0)}),
+        ({"pto.K_dm": K, "waves.H": np.full(3, 0.04)}, (3,), {"xi": [0.3, 0.5, 0.4]}),
+    ],
+    ids=["one", "search", "grid", "list"],
+)
+def test_sweeps_have_a_picture(tmp_path, axes, shape, results):
+    file = _swept(tmp_path / "s.h5", axes, shape, **results)
+    (picture,) = plot.plot_sweep(file)
+    assert picture == tmp_path / "s_plots" / "xi.png" and matplotlib.image.imread(picture).std() > 0.02
+    assert plot.plot_sweep(file, of="nothing") == []
+
+
+def test_slopes_are_drawn_as_they_are():
+    """A tangent's short line has the slope that the search found."""
+    found = {"xi": np.array([0.3, 0.5, 0.4]), "slope pto.K_dm": np.array([1e-3, 1e-4, -1e-3])}
+    (axis,) = plot._over_one({"pto.K_dm": K}, found, "xi").axes
+    lines = [line.get_xydata() for line in axis.lines if line.get_color() == plot.ORANGE]
+    assert [(b[1] - a[1]) / (b[0] - a[0]) for a, b in lines] == pytest.approx(found["slope pto.K_dm"])
+
+
+def test_the_grid_s_picture_names_the_largest():
+    (axis, _) = plot._over_grid({"pto.K_dm": K, "waves.H": H}, np.arange(6.0).reshape(3, 2), "xi").axes
+    star = axis.lines[-1].get_xydata()
+    assert star == pytest.approx(np.array([[600.0, 0.04]])) and "largest, 5" in axis.get_title(loc="left")
