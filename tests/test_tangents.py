@@ -128,6 +128,7 @@ def energy(moving):
     return of(forward), of(reverse)
 
 
+@pytest.mark.slow  # `test_gradients` has the same of a whole derivative
 def test_values_do_not_know_of_the_filter_and_slopes_little(energy):
     forward, _ = energy
     (value, exact), (same, filtered) = forward(None), forward(TangentFilter())

@@ -1,0 +1,56 @@
+"""Do the hard switches of a thin wall's regions spoil exact slopes? Against differences, before chaos.
+
+The OWC in a tank of 1.2 m over the first wave period, with a front wall of one spacing, where a particle that
+passes the tip's level changes what it sees at once, and with one of four, where next to nothing changes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import typer
+
+import jaxsph as js
+from experiments.common import Report
+from jaxsph.gradients import parabola
+
+MEMBERS, SPREAD = 7, 0.1
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs the slopes of the energy absorbed within a period over K_dm."""
+    with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.2 s", dx) as report:
+        for layers in (1, 4):
+            case = js.load_case("owc").replace(
+                {
+                    "dx": dx,
+                    "t1": 1.2,
+                    "tank.length": 1.2,
+                    "probes.gauges": [0.5],
+                    "probes.pressure": None,
+                    "waves.ramp_periods": 0.5,
+                    "device.wall_thickness": layers * dx,
+                }
+            )
+            exact = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(0.0), progress=False)
+            offsets = SPREAD * np.linspace(-1.0, 1.0, MEMBERS)
+            K = case.pto.K_dm
+            energies = np.array([energy(case.replace({"pto.K_dm": K * (1 + a)})) for a in offsets])
+            fit = parabola(K * offsets, energies)
+            name = f"wall of {layers} spacings" if layers > 1 else "wall of one spacing"
+            report.row(
+                f"{name}: exact slope over that of {MEMBERS} runs, less 1",
+                100 * (exact.slope / fit.slope - 1),
+                "%",
+            )
+            report.row(f"{name}: standard error of that", 100 * fit.error / fit.slope, "%")
+
+
+def energy(case: js.Case) -> float:
+    """Energy absorbed to t1, J/m."""
+    solution = js.run(case, progress=False)
+    last = round(case.t1 / case.output.sample_dt)
+    return float(solution["power_pto"][:last].sum() * case.output.sample_dt)
+
+
+if __name__ == "__main__":
+    typer.run(main)
