@@ -1,7 +1,7 @@
 """Do the hard switches of a thin wall's regions spoil exact slopes? Against differences, before chaos.
 
-The OWC in a tank of 1.2 m over the first wave period, with a front wall of one spacing, where a particle that
-passes the tip's level changes what it sees at once, and with one of four, where next to nothing changes.
+The OWC in a tank of 1.2 m over a wave period and a half, with a front wall of one spacing, where a particle
+that passes the tip's level changes what it sees at once, and with one of four, where next to nothing changes.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ MEMBERS, SPREAD = 7, 0.1
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the slopes of the energy absorbed within a period over K_dm."""
-    with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.2 s", dx) as report:
+    """Runs the slopes of the energy absorbed by 1.8 s over K_dm."""
+    with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.8 s", dx) as report:
         for layers in (1, 4):
             case = js.load_case("owc").replace(
                 {
                     "dx": dx,
-                    "t1": 1.2,
+                    "t1": 1.8,
                     "tank.length": 1.2,
                     "probes.gauges": [0.5],
                     "probes.pressure": None,
