@@ -15,7 +15,7 @@ from experiments.common import Report, use_threads
 
 
 def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True) -> None:
-    """Times `blocks` blocks of steps of the built-in OWC, in turns, then one period in reverse mode."""
+    """Times blocks of steps of the built-in OWC, the best of `turns`, then one period in reverse mode."""
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx})
     model, state = js.build(case)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import RUNS, Report
-from experiments.studies import study_case, swept
+from experiments.studies import T, short_case, study_case, swept
 from jaxsph.gradients import incident_power
 
 POINTS = (257.0, 534.66, 1300.0)
@@ -29,7 +29,7 @@ def main(dx: float = 0.02) -> None:
     case = study_case(dx)
     K = np.round(np.geomspace(*RANGE, MEMBERS), 2)
     found = [slope(case.replace({"pto.K_dm": k}), f"filter_study_{dx:g}_{k:g}") for k in POINTS]
-    long = slope(long_case(dx), f"filter_study_{dx:g}_long")
+    long = slope(short_case(dx, 30 * T), f"filter_study_{dx:g}_long")
     study = swept(case, {"pto.K_dm": list(K)}, f"filter_study_{dx:g}")
     fit = Fit(K, study["xi"])
     with Report(f"filter_study_{dx:g}", "Filtered derivative of the efficiency over K_dm", dx) as report:
@@ -80,13 +80,6 @@ def main(dx: float = 0.02) -> None:
         right.set_ylim(-1e4 * long["direct"], 2e4 * long["direct"])
         right.legend()
         report.picture(figure)
-
-
-def long_case(dx: float) -> js.Case:
-    """A tank of 1.2 m for 30 periods."""
-    case = js.load_case("owc")
-    changes = {"dx": dx, "t1": 30 * case.waves.T, "tank.length": 1.2, "probes.gauges": [0.5]}
-    return case.replace(changes | {"probes.pressure": None, "waves.ramp_periods": 0.5})
 
 
 def slope(case: js.Case, name: str) -> dict:

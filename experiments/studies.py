@@ -32,6 +32,20 @@ def study_case(dx: float, t1: float = 14.0) -> js.Case:
     )
 
 
+def short_case(dx: float, t1: float) -> js.Case:
+    """The OWC in a tank of 1.2 m, where the first waves reach the chamber within a period."""
+    return js.load_case("owc").replace(
+        {
+            "dx": dx,
+            "t1": t1,
+            "tank.length": 1.2,
+            "probes.gauges": [0.5],
+            "probes.pressure": None,
+            "waves.ramp_periods": 0.5,
+        }
+    )
+
+
 def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = True) -> js.Sweep:
     """The sweep in `runs/<name>.h5`, made, finished or only read."""
     return js.sweep(case, over, RUNS / f"{name}.h5", grid=grid)

@@ -11,6 +11,7 @@ import typer
 
 import jaxsph as js
 from experiments.common import Report
+from experiments.studies import short_case
 from jaxsph.gradients import parabola
 
 MEMBERS, SPREAD = 7, 0.1
@@ -20,17 +21,7 @@ def main(dx: float = 0.02) -> None:
     """Runs the slopes of the energy absorbed by 1.8 s over K_dm."""
     with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.8 s", dx) as report:
         for layers in (1, 4):
-            case = js.load_case("owc").replace(
-                {
-                    "dx": dx,
-                    "t1": 1.8,
-                    "tank.length": 1.2,
-                    "probes.gauges": [0.5],
-                    "probes.pressure": None,
-                    "waves.ramp_periods": 0.5,
-                    "device.wall_thickness": layers * dx,
-                }
-            )
+            case = short_case(dx, 1.8).replace({"device.wall_thickness": layers * dx})
             exact = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(0.0), progress=False)
             offsets = SPREAD * np.linspace(-1.0, 1.0, MEMBERS)
             K = case.pto.K_dm

@@ -11,21 +11,12 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report
+from experiments.studies import short_case
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
     """Runs the exact derivative to t1 (s) and prints the growth of what neighbours differ by."""
-    case = js.load_case("owc").replace(
-        {
-            "dx": dx,
-            "t1": t1,
-            "tank.length": 1.2,
-            "probes.gauges": [0.5],
-            "probes.pressure": None,
-            "waves.ramp_periods": 0.5,
-            "output.snapshot_dt": 0.1,
-        }
-    )
+    case = short_case(dx, t1).replace({"output.snapshot_dt": 0.1})
     found = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(least=0.0))
     t, grain = found.series["time"], found.slopes["grain"]
     reach = 0.1 * dx / np.maximum(grain, 1e-300) / case.pto.K_dm
