@@ -58,6 +58,10 @@ def main(dx: float = 0.02) -> None:
         spread, moves = (float(np.max(b[fine]) / np.min(b[fine])) for b in (best, best_linear))
         report.row("the same for waves of 1.5 spacings and more", spread, theory=moves, paper="hardly moves")
         report.row("xi from period to period, median", np.nanmedian(scatter))
+        # members run one per core, at the same time: the sum over the cores
+        speed = float(np.nansum(study["steps"]) / np.nansum(study["wall_seconds"]))
+        report.row("steps per second of a member on its core", speed)
+        report.row("members x steps per second, two cores", 2.0 * speed)
         report.table(
             {
                 "H_star": np.repeat(H_STAR, len(B_STAR)),

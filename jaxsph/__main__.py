@@ -135,6 +135,9 @@ def sweep(
         typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_sweep.h5"),
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Runs at a time; default: one per core.")] = None,
+    batch: Annotated[
+        int | None, typer.Option(help="Runs side by side in one call; the default on an accelerator, 8.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a case for every combination of values, or go on with an interrupted sweep."""
@@ -144,7 +147,7 @@ def sweep(
         loaded = _load(case, settings)
         over = dict(_values(text) for text in grid)
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
-        done = js.sweep(loaded, over, out, workers=workers, progress=not quiet)
+        done = js.sweep(loaded, over, out, workers=workers, batch=batch, progress=not quiet)
         if not quiet:
             _table(_sweep_rows(done))
         typer.echo(f"recorded in {out}")

@@ -1,4 +1,5 @@
-"""Many runs of one case: `sweep` over parameters, one member per core, in one file that resumes."""
+"""Many runs of one case: `sweep` over parameters, one member per core or many in one call, in one file that
+resumes."""
 
 from __future__ import annotations
 
@@ -10,16 +11,18 @@ import subprocess
 import sys
 import threading
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+import jax
 import numpy as np
 from tqdm import tqdm
 
+from jaxsph import driver
 from jaxsph.case import Case
 from jaxsph.errors import CaseError, FileError, JaxsphError
 from jaxsph.io import RunFile, SweepFile, Variable, gathered
@@ -29,6 +32,13 @@ __all__ = ["Sweep", "read_sweep", "sweep"]
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
 """What the members' compiler is told: a step takes 0.83 of its time. It cannot compile a checkpointed
 reverse pass, so it is no default of the package; a member only runs forward."""
+
+
+BATCH = 8
+"""Members in one call on an accelerator, where none is said."""
+
+Ended = tuple[dict[str, Any], dict[str, Variable]]
+"""What a member gave, and what that is."""
 
 
 @dataclass(frozen=True)
@@ -60,19 +70,27 @@ def sweep(
     *,
     grid: bool = True,
     workers: int | None = None,
+    batch: int | None = None,
     progress: bool = True,
 ) -> Sweep:
-    """Runs a case for every combination of values, each member in a process of its own on one core.
+    """Runs a case for every combination of values: on a CPU each member in a process of its own on one core,
+    on an accelerator in vmapped batches.
 
     **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`,
     geometry and `t1` included; `grid`: every combination, or one member for each place in lists of equal
     length; `out`: the file. Called again it goes on where it was interrupted: a member's checkpoints lie
     beside the file, in `<out>.members`, until the member has ended. `workers`: members at a time (by
-    default one per core).
+    default one per core). `batch`: in its place, so many members in one vmapped call in this process, as far
+    as their arrays have the same shapes. On a CPU a member of a batch takes 1.4 times as long as alone
+    (`python -m experiments.bench_batch`), so batches are the default on an accelerator only.
     **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
     **Raises** CaseError for a member that cannot be built, before any runs; FileError where `out` is of
     another sweep.
     """
+    if batch is None and workers is None and jax.default_backend() != "cpu":
+        batch = BATCH
+    if batch is not None and (batch < 1 or workers is not None):
+        raise CaseError(f"batch = {batch}: must be 1 or more, and without workers (here {workers})")
     axes = {name: np.asarray(values) for name, values in over.items()}
     cases, shape = _cases(case, axes, grid)
     file, members, variables = SweepFile(out), {}, {}
@@ -89,30 +107,22 @@ def sweep(
         variables = stored.variables
     folder = file.path.with_name(f"{file.path.name}.members")
     folder.mkdir(parents=True, exist_ok=True)
-    cores, workers = _cores(workers)
-    children = _Children(folder / "compiled")
+    missing = {i: member for i, member in enumerate(cases) if i not in members}
     bar = tqdm(total=len(cases), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
-    with bar, ThreadPoolExecutor(workers) as pool:
-        try:
-            jobs = {
-                pool.submit(_member, member, folder / f"{i:04d}", cores, children): i
-                for i, member in enumerate(cases)
-                if i not in members
-            }
-            for job in as_completed(jobs):
-                i = jobs[job]
-                members[i], described = job.result()
-                variables = variables | described
-                file.write(case.to_toml(), axes, shape, members, variables)
-                for part in folder.glob(f"{i:04d}.*"):
-                    part.unlink()
-                bar.update()
-                if members[i]["failure"]:
-                    bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
-        except BaseException:
-            children.stop()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    ended = (
+        _in_processes(missing, folder, workers)
+        if batch is None
+        else _in_batches(missing, folder, batch, progress)
+    )
+    with bar, contextlib.closing(ended):
+        for i, (members[i], described) in ended:
+            variables = variables | described
+            file.write(case.to_toml(), axes, shape, members, variables)
+            for part in folder.glob(f"{i:04d}.*"):
+                part.unlink()
+            bar.update()
+            if members[i]["failure"]:
+                bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
     shutil.rmtree(folder)
     return _swept(case, axes, shape, members)
 
@@ -148,7 +158,27 @@ def _swept(case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int,
     return Sweep(case, dict(axes), gathered(members, shape), failures, series)
 
 
-# --------------------------------------------------------------------------- one member
+# --------------------------------------------------------------------------- a process for each member
+
+
+def _in_processes(
+    cases: Mapping[int, Case], folder: Path, workers: int | None
+) -> Iterator[tuple[int, Ended]]:
+    """Members as they end, each in a process on a core of its own."""
+    cores, workers = _cores(workers)
+    children = _Children(folder / "compiled")
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            jobs = {
+                pool.submit(_member, member, folder / f"{i:04d}", cores, children): i
+                for i, member in cases.items()
+            }
+            for job in as_completed(jobs):
+                yield jobs[job], job.result()
+        except BaseException:
+            children.stop()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _cores(workers: int | None) -> tuple[SimpleQueue[int], int]:
@@ -198,10 +228,8 @@ class _Children:
                 child.terminate()
 
 
-def _member(
-    case: Case, stem: Path, cores: SimpleQueue[int], children: _Children
-) -> tuple[dict[str, Any], dict[str, Variable]]:
-    """Runs, or finishes, one member beside the sweep's file; returns what it gave and what that is."""
+def _member(case: Case, stem: Path, cores: SimpleQueue[int], children: _Children) -> Ended:
+    """Runs, or finishes, one member beside the sweep's file."""
     run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
     toml.write_text(case.to_toml(), encoding="utf-8")
     command = [sys.executable, "-m", "jaxsph"]
@@ -217,16 +245,21 @@ def _member(
             status = children.run([*command, "--quiet", "--no-plot"], core, log)
         finally:
             cores.put(core)
-    try:
-        file = RunFile.open(run)
-        found = {"results": file.results(), "series": file.series(), "failure": ""}
-        variables = file.variables()
-    except JaxsphError:
-        found, variables = {"results": {}, "series": {}, "failure": ""}, {}
+    found, variables = _recorded(run)
     if status:
         found["results"] = {}
         found["failure"] = log.read_text(encoding="utf-8").strip() or f"ended with status {status}"
     return found, variables
+
+
+def _recorded(run: Path) -> Ended:
+    """What a member's file holds."""
+    try:
+        file = RunFile.open(run)
+        found = {"results": file.results(), "series": file.series(), "failure": ""}
+        return found, file.variables()
+    except JaxsphError:
+        return {"results": {}, "series": {}, "failure": ""}, {}
 
 
 def _progress(run: Path) -> tuple[bool, bool]:
@@ -237,3 +270,26 @@ def _progress(run: Path) -> tuple[bool, bool]:
         return bool(file.checkpoint()), bool(file.results())
     except FileError:
         return False, False
+
+
+# --------------------------------------------------------------------------- many members at once
+
+
+def _in_batches(
+    cases: Mapping[int, Case], folder: Path, size: int, progress: bool
+) -> Iterator[tuple[int, Ended]]:
+    """Members as they end, up to `size` of them side by side in this process."""
+    runs = {i: folder / f"{i:04d}.h5" for i in cases}
+    alike: dict[Any, list[int]] = {}
+    for i, member in cases.items():
+        if _progress(runs[i])[1]:
+            yield i, _recorded(runs[i])
+        else:
+            alike.setdefault(driver.shape(member), []).append(i)
+    for batch in (group[k : k + size] for group in alike.values() for k in range(0, len(group), size)):
+        given = driver.run_together([cases[i] for i in batch], [runs[i] for i in batch], progress)
+        for i, one in zip(batch, given, strict=True):
+            found, variables = _recorded(runs[i])
+            if isinstance(one, JaxsphError):
+                found |= {"results": {}, "failure": str(one)}
+            yield i, (found, variables)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,10 @@ from tqdm import tqdm
 from jaxsph import analysis, io, laws, loop, waves
 from jaxsph.case import Case, build, make_probes, steps_per_sample
 from jaxsph.errors import CaseError, FileError, SimulationError
+from jaxsph.lanes import in_any_lane
 from jaxsph.state import AbstractProbe, Failure, Model, Solution, State, Work
 
-__all__ = ["march", "restore", "resume", "run", "simulate"]
+__all__ = ["march", "restore", "resume", "run", "run_together", "shape", "simulate"]
 
 REPLAYS = 6
 """Times that one chunk is replayed with larger tables before the run gives up."""
@@ -73,7 +75,7 @@ def simulate(
     def measure(s, tables):
         due = s.step % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
-        readings = jax.lax.cond(due, read, lambda s, tables: blank, s, tables)
+        readings = jax.lax.cond(in_any_lane(due), read, lambda s, tables: blank, s, tables)
         zero = Work.zero(model.dt.dtype)
         work = jax.tree.map(lambda a, b: jnp.where(due, a, b), zero, s.work)
         return eqx.tree_at(lambda a: a.work, s, work), readings
@@ -203,54 +205,173 @@ def steps_per_chunk(case: Case, sample_every: int) -> int:
     return max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
 
 
+class _Recorder:
+    """Keeps what one run reads: in memory, and after every chunk in its file."""
+
+    def __init__(self, case: Case, model: Model, state: State, t1: float, file: io.RunFile | None) -> None:
+        self.case, self.file = case, file
+        self.sample_every = steps_per_sample(case, model)
+        self.per_chunk = steps_per_chunk(case, self.sample_every)
+        self.probes = make_probes(case, model, build(case, search_settings(model))[1])
+        self.units = {"time": ("s", "time")}
+        for probe in self.probes:
+            self.units |= probe.describe()
+        self.start = int(state.step)
+        self.last = int(round(t1 / case.output.sample_dt)) * self.sample_every
+        self._chunks: list[dict[str, np.ndarray]] = []
+        self._began = time.perf_counter()
+
+    def keep(self, model: Model, before: int, state: State, readings: dict[str, jax.Array]) -> dict:
+        """Takes the readings of a chunk that began at the step `before`; returns them as recorded."""
+        series = {k: np.asarray(v) for k, v in readings.items()}
+        series["time"] = _exact_times(before, series["time"], self.case.output.sample_dt)
+        self._chunks.append(series)
+        if self.file is not None:
+            seconds = time.perf_counter() - self._began
+            _save(self.file, self.case, model, state, series, self.units, seconds)
+        return series
+
+    def finished(self, model: Model, state: State, beside: int = 1) -> Solution:
+        """The whole run, its results written too; its time is shared by so many that ran beside it."""
+        if self.file is not None:
+            series = self.file.series()
+        else:
+            series = {k: np.concatenate([r[k] for r in self._chunks]) for k in self._chunks[0]}
+        solution = Solution(series, self.units, model, state, self.case)
+        seconds = (time.perf_counter() - self._began) / beside
+        results = _results(self.case, solution, seconds, int(state.step) - self.start)
+        if self.file is not None:
+            self.file.finish(results)
+        return eqx.tree_at(lambda s: s.results, solution, results, is_leaf=lambda x: x is None)
+
+
 def _drive(
     case: Case, model: Model, state: State, t1: float, file: io.RunFile | None, progress: bool
 ) -> Solution:
-    sample_every = steps_per_sample(case, model)
-    per_chunk = steps_per_chunk(case, sample_every)
-    first = build(case, search_settings(model))[1]
-    probes = make_probes(case, model, first)
-    units = {"time": ("s", "time")}
-    for probe in probes:
-        units |= probe.describe()
-    last = int(round(t1 / case.output.sample_dt)) * sample_every
-    start = int(state.step)
-    if last <= start:
+    kept = _Recorder(case, model, state, t1, file)
+    every, last = kept.sample_every, kept.last
+    if last <= kept.start:
         raise CaseError(
-            f"t1 = {t1:g} s: the run is already at {start * float(model.dt):g} s; give a larger t1"
+            f"t1 = {t1:g} s: the run is already at {kept.start * float(model.dt):g} s; give a larger t1"
         )
-    record: list[dict[str, np.ndarray]] = []
-    bar = tqdm(
-        total=last, initial=start, unit="step", disable=not progress, dynamic_ncols=True, smoothing=0.1
-    )
-    began = time.perf_counter()
-    try:
+    with tqdm(
+        total=last, initial=kept.start, unit="step", disable=not progress, dynamic_ncols=True, smoothing=0.1
+    ) as bar:
         while int(state.step) < last:
-            n_steps = min(per_chunk, last - int(state.step))
+            before = int(state.step)
+            n_steps = min(kept.per_chunk, last - before)
             advance = functools.partial(
-                _chunk, state=state, probes=probes, n_steps=n_steps, sample_every=sample_every
+                _chunk, state=state, probes=kept.probes, n_steps=n_steps, sample_every=every
             )
-            model, new, readings = replayed(case.name, model, advance, sample_every, bar.write)
-            series = {k: np.asarray(v) for k, v in readings.items()}
-            series["time"] = _exact_times(int(state.step), series["time"], case.output.sample_dt)
-            record.append(series)
-            state = new
-            if file is not None:
-                _save(file, case, model, state, series, units, time.perf_counter() - began)
+            model, state, readings = replayed(case.name, model, advance, every, bar.write)
+            series = kept.keep(model, before, state, readings)
             bar.update(n_steps)
             t = int(state.step) * float(model.dt)
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
             bar.set_postfix_str(f"t = {t:.2f} s, max |u| = {speed:.2f} m/s, ok")
-    finally:
-        bar.close()
-    series = {k: np.concatenate([r[k] for r in record]) for k in record[0]}
-    if file is not None:
-        series = file.series()
-    solution = Solution(series, units, model, state, case)
-    results = _results(case, solution, time.perf_counter() - began, int(state.step) - start)
-    if file is not None:
-        file.finish(results)
-    return eqx.tree_at(lambda s: s.results, solution, results, is_leaf=lambda x: x is None)
+    return kept.finished(model, state)
+
+
+@dataclass
+class _Lane:
+    """One of several runs that go side by side."""
+
+    case: Case
+    model: Model
+    state: State
+    kept: _Recorder
+    failure: SimulationError | None = None
+
+    @property
+    def step(self) -> int:
+        """Of the last checkpoint."""
+        return int(self.state.step)
+
+
+def shape(case: Case) -> Hashable:
+    """Cases with equal ones can run together: nothing but the values of their arrays differs."""
+    model, state = build(case)
+    model = _with_settings(model, dict.fromkeys(search_settings(model), 0))
+    sample_every = steps_per_sample(case, model)
+    everything = (model, state, make_probes(case, model, state))
+    arrays = [(np.shape(a), str(jnp.asarray(a).dtype)) for a in jax.tree.leaves(everything)]
+    return jax.tree.structure(everything), tuple(arrays), sample_every, case.t1, case.output
+
+
+def run_together(
+    cases: Sequence[Case], outs: Sequence[str | Path], progress: bool = True
+) -> list[Solution | SimulationError]:
+    """Runs cases of one `shape` side by side, in one vmapped call per chunk, each into a file of its own.
+
+    A file that has a checkpoint of its case is gone on with. **Returns** what `run` would, or what it would
+    raise: a run that fails does not stop the others. **Raises** FileError, as `run` and `restore`.
+    """
+    lanes = [_begun(case, out) for case, out in zip(cases, outs, strict=True)]
+    every = [search_settings(lane.model) for lane in lanes]
+    joint = {k: (min if k == "rebuild_every" else max)(s[k] for s in every) for k in every[0]}
+    like = _with_settings(lanes[0].model, joint)
+    left = sum(lane.kept.last - lane.step for lane in lanes)
+    bar = tqdm(total=left, unit="step", disable=not progress, dynamic_ncols=True, leave=False)
+    with bar:
+        while waiting := [k for k in lanes if k.failure is None and k.step < k.kept.last]:
+            # after an interruption some may be a chunk ahead: they wait
+            now = min(lane.step for lane in waiting)
+            active = [lane for lane in waiting if lane.step == now]
+            # a lane that waits, or failed, goes as a copy of one that runs: the shapes stay
+            going = [lane if any(lane is one for one in active) else active[0] for lane in lanes]
+            kept = active[0].kept
+            n_steps = min(kept.per_chunk, kept.last - now)
+            advance = functools.partial(_lanes_advanced, going, n_steps)
+            like, states, readings = _replayed(like, advance, kept.sample_every, bar.write)
+            for k, lane in enumerate(lanes):
+                if going[k] is not lane:
+                    continue
+                state, read = jax.tree.map(lambda a, k=k: a[k], (states, readings))
+                model = eqx.tree_at(lambda m: m.search, lane.model, like.search)
+                if int(state.status.bits):
+                    lane.failure = _explained(lane.case.name, model, state)
+                    continue
+                lane.kept.keep(model, now, state, read)
+                lane.model, lane.state = model, state
+            bar.update(n_steps * len(active))
+            bar.set_postfix_str(f"{len(active)} runs, t = {(now + n_steps) * float(like.dt):.2f} s")
+    return [lane.failure or lane.kept.finished(lane.model, lane.state, len(lanes)) for lane in lanes]
+
+
+def _begun(case: Case, out: str | Path) -> _Lane:
+    if Path(out).exists() and io.RunFile.open(out).checkpoint():
+        case, model, state = restore(out, case)
+        file = io.RunFile.open(out)
+    else:
+        model, state = build(case)
+        file = io.RunFile.create(
+            out, case.to_toml(), search_settings(model), _coordinates(case), overwrite=True
+        )
+    return _Lane(case, model, state, _Recorder(case, model, state, case.t1, file))
+
+
+def _lanes_advanced(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[State, dict]:
+    """A chunk of all lanes, with the tables of the model `like`."""
+    models = [eqx.tree_at(lambda m: m.search, lane.model, like.search) for lane in lanes]
+    together = [(model, lane.kept.probes) for model, lane in zip(models, lanes, strict=True)]
+    structure = jax.tree.structure(together[0])
+    rows = list(zip(*map(jax.tree.leaves, together), strict=True))
+    # what all have in common is not made a batch of
+    same = [all(np.array_equal(a, row[0]) for a in row[1:]) for row in rows]
+    shared = [row[0] if one else None for row, one in zip(rows, same, strict=True)]
+    own = [None if one else jnp.stack(row) for row, one in zip(rows, same, strict=True)]
+    states = jax.tree.map(lambda *a: jnp.stack(a), *(lane.state for lane in lanes))
+    return _chunk_of_lanes(own, shared, states, structure, n_steps, lanes[0].kept.sample_every)
+
+
+@functools.partial(jax.jit, static_argnames=("structure", "n_steps", "sample_every"))
+def _chunk_of_lanes(own, shared, states, structure, n_steps, sample_every):
+    def lane(own, state):
+        leaves = [a if b is None else b for a, b in zip(own, shared, strict=True)]
+        model, probes = jax.tree.unflatten(structure, leaves)
+        return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)
+
+    return jax.vmap(lane)(own, states)
 
 
 def _exact_times(step: int, like: np.ndarray, every: float) -> np.ndarray:
@@ -304,18 +425,24 @@ def replayed(
 ) -> tuple[Model, State, Any]:
     """One chunk, `advance(model)` giving the new state and whatever else, with tables regrown and the chunk
     replayed for as often as it takes. Returns the model that it took, too. **Raises** SimulationError."""
+    model, new, found = _replayed(model, advance, sample_every, say)
+    if int(new.status.bits):
+        raise _explained(name, model, new)
+    return model, new, found
+
+
+def _replayed(model, advance, sample_every, say):
+    """As `replayed`, for one state or a batch of them, and with what could not be mended in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
-        failed = Failure(int(new.status.bits))
-        if not failed:
-            return model, new, found
+        failed = Failure(int(np.bitwise_or.reduce(np.ravel(new.status.bits))))
         changed = _mended(model, failed, sample_every)
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
         say(f"tables regrown, chunk replayed: {what}")
         model = _with_settings(model, changed)
-    raise _explained(name, model, new)
+    return model, new, found
 
 
 def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:

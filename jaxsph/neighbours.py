@@ -8,6 +8,7 @@ the period, the lines go on at the other end, and distances are those to the nea
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import NamedTuple
 
@@ -137,15 +138,49 @@ def search(
     Not differentiated: the table is a piecewise constant function of the positions.
     """
     targets, sources = jax.lax.stop_gradient((targets, sources))
-    n, m = targets.shape[0], sources.shape[0]
-    cells = int(np.prod(grid.shape))
-    key = _key(_cells(sources, grid), grid)
+    find = functools.partial(_search, grid=grid, capacity=capacity, same=same)
+
+    @jax.custom_batching.custom_vmap
+    def one(*arrays):
+        return jax.tree.map(lambda a: a[0], find(*(a[None] for a in arrays)))
+
+    @one.def_vmap
+    def _(lanes, batched, *arrays):
+        # one search over all lanes: side by side, every line of cells would wait for the fullest lane
+        every = (
+            a if b else jnp.broadcast_to(a, (lanes, *a.shape)) for a, b in zip(arrays, batched, strict=True)
+        )
+        return find(*every), Table(True, True)
+
+    return one(targets, sources, sees, kind)
+
+
+def _search(
+    targets: Float[Array, "B N D"],
+    sources: Float[Array, "B M D"],
+    sees: Int[Array, "B N"],
+    kind: Int[Array, "B M"],
+    grid: Grid,
+    capacity: int,
+    same: bool,
+) -> Table:
+    """The tables `[B, K, N]` of B lanes, each with a grid of its own after the last one's."""
+    lanes, n_lane, m_lane = *targets.shape[:2], sources.shape[1]
+    n, m = lanes * n_lane, lanes * m_lane
+    targets, sources = (a.reshape(-1, a.shape[-1]) for a in (targets, sources))
+    sees, kind = sees.reshape(-1), kind.reshape(-1)
+    lane = jnp.arange(lanes, dtype=jnp.int32)
+    of_target, of_source = (jnp.repeat(lane, k) if lanes > 1 else lane for k in (n_lane, m_lane))
+    per_lane = int(np.prod(grid.shape))
+    cells = lanes * per_lane
+    key = _key(_cells(sources, grid), grid) + of_source * per_lane
     order = jnp.argsort(key).astype(jnp.int32)
     start = jnp.cumsum(jnp.zeros(cells + 1, jnp.int32).at[key + 1].add(1), dtype=jnp.int32)
     xs = tuple(sources[order, k] for k in range(targets.shape[1]))
     kinds = kind[order]
     x_i = tuple(targets[:, k] for k in range(targets.shape[1]))
-    me = jnp.arange(n, dtype=jnp.int32)
+    slot_of = jnp.arange(n, dtype=jnp.int32)
+    me = slot_of + of_target * (m_lane - n_lane)
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
     home = _cells(targets, grid)
@@ -168,7 +203,7 @@ def search(
                 index = index % grid.shape[axis]
             inside &= (index >= 0) & (index < grid.shape[axis])
             row = row * grid.shape[axis] + index
-        row = jnp.where(inside, row, 0)
+        row = jnp.where(inside, row, 0) + of_target * (per_lane // last)
         first = start[row * last + low]
         end = jnp.where(inside, start[row * last + high + 1], first)
 
@@ -184,7 +219,7 @@ def search(
             # Written at the next free slot whether near or not: the next near one overwrites it, and
             # what is left behind the last is cleared below. The slot after the table takes the excess.
             slot = jnp.minimum(count, capacity)
-            flat = flat.at[slot * n + me].set(j, mode="promise_in_bounds", unique_indices=True)
+            flat = flat.at[slot * n + slot_of].set(j, mode="promise_in_bounds", unique_indices=True)
             return flat, count + near.astype(jnp.int32)
 
         return jax.lax.fori_loop(0, jnp.max(end - first, initial=0), candidate, found)
@@ -195,8 +230,9 @@ def search(
             found = line(offset, low, high, found)
     flat, count = found
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
-    indices = jnp.where(filled, flat[: capacity * n].reshape(capacity, n), m)
-    return Table(indices, jnp.max(count, initial=0))
+    indices = flat[: capacity * n].reshape(capacity, n) - (of_target * m_lane)[None, :]
+    indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
+    return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
 
 
 def needed_capacity(most: int, spare: float = 1.15) -> int:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from jaxsph._typing import Array, Components, Float, Int, Scalar, dot
 from jaxsph.kernels import AbstractKernel
+from jaxsph.lanes import in_any_lane, taken
 
 Fields = Any
 """Mapping from a field's name to an array `[N]` or a tuple of arrays `[N]`; it always holds "x"."""
@@ -93,7 +94,7 @@ def pair_sum(
     radius2 = smoothing.radius**2
 
     def pair_terms(slot):
-        j = jax.tree.map(lambda a: a.at[slot].get(mode="promise_in_bounds"), sources)
+        j = jax.tree.map(lambda a: taken(a, slot), sources)
         r = nearest_image(tuple(a - b for a, b in zip(x_i, j["x"], strict=True)), smoothing.period)
         r2 = dot(r, r)
         inside = r2 < radius2
@@ -112,7 +113,8 @@ def pair_sum(
 
     def add_slot(total, slot):
         # The last slots are spare: whole rows of them are empty.
-        return jax.lax.cond(jnp.any(slot != empty), add, lambda total, slot: total, total, slot), None
+        filled = in_any_lane(jnp.any(slot != empty))
+        return jax.lax.cond(filled, add, lambda total, slot: total, total, slot), None
 
     zero = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(pair_terms, table[0]))
     total, _ = jax.lax.scan(add_slot, zero, table)

@@ -1,11 +1,13 @@
 """Sweeps: members in processes of their own, failures kept apart, files that resume and that others read."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 import xarray as xr
 
 import jaxsph as js
-from jaxsph import design
+from jaxsph import design, driver
+from jaxsph.case import build
 from jaxsph.errors import CaseError, FileError
 from jaxsph.io import RunFile, Variable
 
@@ -37,6 +39,48 @@ def test_members_are_processes_of_their_own(tmp_path):
     assert done["t_end"][0] == pytest.approx(CASE.t1, rel=1e-6) and np.isnan(done["t_end"][1])
     assert done.members[0,]["time"] == pytest.approx(0.01 * np.arange(10), abs=1e-12)
     assert not (tmp_path / "s.h5.members").exists()
+
+
+def test_a_batch_is_the_single_runs_and_one_that_fails_does_not_spoil_it(tmp_path, monkeypatch):
+    """Three members in one vmapped call, of which the last is thrown out of the tank."""
+
+    def thrown(case, settings=None):
+        model, state = build(case, settings)
+        if case.scheme.delta == 0.2:
+            state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u + 100.0)
+        return model, state
+
+    monkeypatch.setattr(driver, "build", thrown)
+    over = {"scheme.delta": [0.1, 0.05, 0.2]}
+    done = js.sweep(CASE, over, tmp_path / "s.h5", batch=4, progress=False)
+    assert list(done.failures) == [(2,)] and "stopped at t = " in done.failures[2,]
+    assert done["t_end"][:2] == pytest.approx([CASE.t1] * 2, rel=1e-6) and np.isnan(done["t_end"][2])
+    alone = js.run(CASE.replace({"scheme.delta": 0.05}), progress=False)
+    for name, series in alone.series.items():
+        # float32 sums in another order, over 20 steps; energies are of a thousand joules
+        assert np.allclose(done.members[1,][name], series, rtol=2e-5, atol=1e-4), name
+    assert not np.allclose(done.members[0,]["loss_diffusive"], alone["loss_diffusive"], rtol=0.01)
+
+
+def test_a_batch_goes_on_where_its_members_were(tmp_path):
+    """One was a chunk ahead when the sweep was stopped, and waits for the other; a third had ended."""
+    cases = [CASE.replace({"scheme.delta": a, "output.snapshot_dt": 0.05}) for a in (0.1, 0.05)]
+    outs = [tmp_path / f"{k}.h5" for k in range(2)]
+    whole = driver.run_together(cases, [tmp_path / f"whole_{k}.h5" for k in range(2)], progress=False)
+    js.run(cases[0], t1=0.05, out=outs[0], progress=False)
+    again = driver.run_together(cases, outs, progress=False)
+    for one, other in zip(whole, again, strict=True):
+        for name, series in one.series.items():
+            assert np.allclose(other[name], series, rtol=2e-5, atol=1e-4), name
+    ended = driver.run_together(cases, outs, progress=False)
+    assert np.array_equal(ended[1]["kinetic"], again[1]["kinetic"])
+
+
+def test_a_batch_takes_no_workers(tmp_path):
+    with pytest.raises(CaseError, match="batch = 0: must be 1 or more"):
+        js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", batch=0)
+    with pytest.raises(CaseError, match=r"without workers \(here 2\)"):
+        js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", batch=2, workers=2)
 
 
 @pytest.mark.slow
