@@ -23,8 +23,8 @@ from tqdm import tqdm
 from jaxsph import analysis, io, laws, loop, waves
 from jaxsph.case import Case, build, make_probes, steps_per_sample
 from jaxsph.errors import CaseError, FileError, SimulationError
-from jaxsph.lanes import in_any_lane
 from jaxsph.state import AbstractProbe, Failure, Model, Solution, State, Work
+from jaxsph.transforms import in_any_lane
 
 __all__ = ["march", "restore", "resume", "run", "run_together", "shape", "simulate"]
 

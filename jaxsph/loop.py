@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 
 import jax
 
+from jaxsph.transforms import rematerialised
+
 S = TypeVar("S")
 T = TypeVar("T")
 
@@ -14,7 +16,8 @@ __all__ = ["blocks", "steps"]
 
 
 def steps(step: Callable[[S], S], state: S, n: int) -> S:
-    """`step` applied n times."""
+    """`step` applied n times. In reverse mode a step is rematerialised from its state and what is `kept`."""
+    step = rematerialised(step)
     state, _ = jax.lax.scan(lambda s, _: (step(s), None), state, length=n)
     return state
 
@@ -30,10 +33,11 @@ def blocks(
     """n_blocks times: `prepare` tables, `measure` with them, then the steps of the block.
 
     Readings belong to the start of their block, so that a run cut at any block continues exactly.
-    The block is rematerialised in reverse mode: memory grows with the number of blocks, not of steps.
+    In reverse mode tables are made again and pair sums are not: memory grows with the number of steps, by a
+    state and its pair sums for each.
     """
 
-    @jax.checkpoint
+    @rematerialised
     def block(s, _):
         s, tables = prepare(s)
         s, reading = measure(s, tables)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from jaxsph._typing import Array, Components, Float, Int, Scalar, dot
 from jaxsph.kernels import AbstractKernel
-from jaxsph.lanes import in_any_lane, taken
+from jaxsph.transforms import in_any_lane, kept, plainly_taken, taken
 
 Fields = Any
 """Mapping from a field's name to an array `[N]` or a tuple of arrays `[N]`; it always holds "x"."""
@@ -88,13 +88,24 @@ def pair_sum(
     `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
     the last source is the empty one. **Returns** the law's pytree with `[N]` leaves.
     """
+    return kept(_summed(law, smoothing, targets, sources, table, taken))
+
+
+def linear_pair_sum(
+    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
+) -> Any:
+    """`pair_sum` of fields that are derivatives themselves, and are transposed for reverse mode."""
+    return _summed(law, smoothing, targets, sources, table, plainly_taken)
+
+
+def _summed(law, smoothing, targets, sources, table, take):
     x_i = targets["x"]
     dim = len(x_i)
     kernel, h = smoothing.kernel, smoothing.h
     radius2 = smoothing.radius**2
 
     def pair_terms(slot):
-        j = jax.tree.map(lambda a: taken(a, slot), sources)
+        j = jax.tree.map(lambda a: take(a, slot), sources)
         r = nearest_image(tuple(a - b for a, b in zip(x_i, j["x"], strict=True)), smoothing.period)
         r2 = dot(r, r)
         inside = r2 < radius2
@@ -103,21 +114,27 @@ def pair_sum(
         W = jnp.where(inside, kernel.value(r2, h, dim), 0.0)
         return law(Pair(r, r2, F, W), targets, j)
 
-    # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
-    pair_terms = jax.checkpoint(pair_terms)
-
     empty = sources["x"][0].shape[0] - 1
+    # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
+    terms, closed = jax.closure_convert(pair_terms, table[0])
+    terms = jax.checkpoint(terms)
 
-    def add(total, slot):
-        return jax.tree.map(jnp.add, total, pair_terms(slot))
+    def add(total, slot, *closed):
+        return jax.tree.map(jnp.add, total, terms(slot, *closed))
 
-    def add_slot(total, slot):
+    @jax.custom_jvp
+    def add_slot(total, slot, *closed):
         # The last slots are spare: whole rows of them are empty.
         filled = in_any_lane(jnp.any(slot != empty))
-        return jax.lax.cond(filled, add, lambda total, slot: total, total, slot), None
+        return jax.lax.cond(filled, add, lambda total, *_: total, total, slot, *closed)
+
+    @add_slot.defjvp
+    def _(primals, tangents):
+        # Without the choice: of a branch, reverse mode stores all that it saw, the sources for every slot.
+        return jax.jvp(add, primals, tangents)
 
     zero = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(pair_terms, table[0]))
-    total, _ = jax.lax.scan(add_slot, zero, table)
+    total, _ = jax.lax.scan(lambda total, slot: (add_slot(total, slot, *closed), None), zero, table)
     return total
 
 
@@ -196,6 +213,7 @@ __all__ = [
     "Pair",
     "Period",
     "Smoothing",
+    "linear_pair_sum",
     "nearest_image",
     "neighbour_count",
     "outer_upper",

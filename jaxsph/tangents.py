@@ -20,6 +20,7 @@ from jaxsph.pairs import (
     Fields,
     Pair,
     Smoothing,
+    linear_pair_sum,
     outer_upper,
     pair_sum,
     symmetric_inverse,
@@ -58,7 +59,7 @@ class TangentFilter(AbstractTangents):
         p = state.particles
 
         def filtered(fields):
-            average = jax.lax.stop_gradient(average_of(model, state, tables))
+            average = average_of(*jax.lax.stop_gradient((model, state)), tables)
             return _filtered(self.order, fields, average)
 
         fields = (columns(p.x), columns(p.u))
@@ -99,7 +100,7 @@ class Average(NamedTuple):
             return jax.tree.map(lambda f: (w * f, tuple(w * f * a for a in there)), j["f"])
 
         sources = with_empty({"x": self.x, "V": self.V, "f": fields})
-        sums = pair_sum(law, self.smoothing, {"x": self.x}, sources, self.table)
+        sums = linear_pair_sum(law, self.smoothing, {"x": self.x}, sources, self.table)
 
         def fitted(f, inverse, found):
             zeroth, first = found

@@ -11,7 +11,7 @@ import jaxsph
 # Layers from the bottom up. Inside a layer a room may import those named before it in the same tuple
 # (`case` makes the probes it describes, `driver` ends with the analysis, `plot` reads what `io` wrote).
 LAYERS = (
-    ("_typing", "kernels", "lanes", "pairs", "neighbours", "loop"),
+    ("_typing", "kernels", "transforms", "pairs", "neighbours", "loop"),
     ("state", "laws", "waves"),
     ("boundaries", "devices"),
     ("wcsph", "tangents"),
