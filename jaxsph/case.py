@@ -229,7 +229,8 @@ def _known_keys(data: dict[str, Any], section: type[BaseModel], prefix: str = ""
         fields = section.model_fields
         if key not in fields:
             everything = _all_keys(Case)
-            near = difflib.get_close_matches(prefix + key, everything, n=1, cutoff=0.5)
+            near = [k for k in everything if k.lower() == (prefix + key).lower()]
+            near = near or difflib.get_close_matches(prefix + key, everything, n=1, cutoff=0.5)
             near = near or [k for k in everything if k.rsplit(".", 1)[-1] == key]
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise CaseError(f"unknown key {prefix + key!r}{hint} (keys here: {', '.join(sorted(fields))})")

@@ -41,7 +41,8 @@ SMOOTH = (
     "scheme.delta",
     "sponge.strength",
 )
-"""Numbers on which a model depends smoothly. Lengths are not among them: they move the lattice."""
+"""Numbers on which a model depends smoothly, for methods through the loop. Lengths are not among them: they
+move the lattice."""
 
 
 @dataclass(frozen=True)
@@ -85,28 +86,26 @@ def derivative(
 ) -> Derivative:
     """Value of a result at the end of a case, and its slope over one number of it.
 
-    **Arguments**: `parameter`: a dotted name, one of `SMOOTH`; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m
-    from the start to t1). `method`: `Exact()`, for a fraction of a second; `Filtered()`, one run for whole
-    wave periods, with a bias; `Ensemble()`, the default, many runs, with a standard error.
-    **Raises** CaseError for a parameter that fixes shapes or a result that the case does not have,
+    **Arguments**: `parameter`: a dotted name of a number, for methods through the loop one of `SMOOTH`; `of`:
+    "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1). `method`: `Exact()`, for a fraction of a
+    second; `Filtered()`, one run for whole wave periods, with a bias; `Ensemble()`, the default, many runs,
+    with a standard error.
+    **Raises** CaseError for a parameter or a result that the case or the method does not have,
     DerivativeError where the slope would not be one of the flow, SimulationError as `run`.
     """
-    if parameter not in SMOOTH:
-        raise CaseError(
-            f"{parameter}: no number that a derivative is taken over (there are {', '.join(SMOOTH)}); "
-            "compare runs with js.sweep"
-        )
     _number(case, parameter)
     _result(case, of)
     return (Ensemble() if method is None else method).derivative(case, parameter, of, progress)
 
 
 def _number(case: Case, parameter: str) -> float:
-    section, name = parameter.split(".")
-    value = getattr(getattr(case, section), name, None)
+    value = functools.reduce(lambda part, name: getattr(part, name, None), parameter.split("."), case)
     if value is None:
+        case.replace({parameter: 1.0})  # says what else is meant, where there is no such number
         raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")
-    return float(value)
+    if not isinstance(value, float):
+        raise CaseError(f"{parameter} = {value!r}: must be a number that can vary a little, such as pto.K_dm")
+    return value
 
 
 def _result(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
@@ -152,6 +151,11 @@ class _ThroughLoop(AbstractMethod):
 
     def derivative(self, case, parameter, of, progress):
         """See `derivative`."""
+        if parameter not in SMOOTH:
+            raise CaseError(
+                f"{parameter}: the loop does not depend smoothly on it (on {', '.join(SMOOTH)} it does); "
+                "take method=js.Ensemble(), which builds every member anew"
+            )
         result = _result(case, of)
         model, state = build(case)
         d_model, d_state = _seed(case, parameter, model, state)
@@ -426,10 +430,11 @@ def maximise(
 ) -> Maximum:
     """Climbs along slopes to the largest result, from the case's own values.
 
-    **Arguments**: `over`: (lowest, highest) of every parameter, both above zero: the search is in their
-    logarithms. `out`: the file of the evaluations; called again, the search goes on from them, and an
-    ensemble's unfinished members from beside it, in `<out>.evaluations`. `method`: as in `derivative`;
-    `optimiser`: any of optax (by default Adam, whose first steps are a factor of 1.8, the last ones of 1.1).
+    **Arguments**: `over`: (lowest, highest) of every parameter, lengths of the device too, above zero: the
+    search is in their logarithms. `out`: the file of the evaluations; called again, the search goes on from
+    them, and an ensemble's unfinished members from beside it, in `<out>.evaluations`. `method`: as in
+    `derivative`; `optimiser`: any of optax (by default Adam, whose first steps are a factor of 1.8, the last
+    ones of 1.1).
     **Returns** the best evaluation. The search ends where every slope is within its error, or points out of
     the bounds.
     **Raises** as `derivative`; FileError where `out` is of another search.

@@ -24,6 +24,7 @@ OWC = js.load_case("owc")
         # an unknown key, with the nearest name
         ({"pto.Kdm": 300.0}, r"unknown key 'pto.Kdm'; did you mean 'pto.K_dm'\?"),
         ({"tank.lenght": 3.0}, r"unknown key 'tank.lenght'; did you mean 'tank.length'\?"),
+        ({"waves.h": 0.1}, r"unknown key 'waves.h'; did you mean 'waves.H'\?"),
         ({"K_dm": 300.0}, r"unknown key 'K_dm'; did you mean 'pto.K_dm'\?"),
         ({"foo.bar": 1}, r"unknown key 'foo' \(keys here: .*tank"),
         ({"dx.fine": 1}, "dx is a value, not a section"),

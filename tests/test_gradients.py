@@ -169,6 +169,21 @@ def test_maximise_climbs_to_the_best_damping(theory, tmp_path, start):
     assert found.value == max(one["xi"] for one in found.history)
 
 
+def test_maximise_chooses_a_length_of_the_device_too(theory, tmp_path):
+    """Damping and draught: members of the second are built anew, each with a wall of its own."""
+    case = OWC.replace({"pto.K_dm": 150.0, "device.draught": 0.12})
+    over = {"pto.K_dm": (100.0, 2500.0), "device.draught": (0.1, 0.2)}
+    found = js.maximise(case, over, tmp_path / "o.h5", progress=False)
+    best = max(
+        js.linear_owc(case.replace({"device.draught": a, "pto.K_dm": K})).xi
+        for a in np.linspace(0.1, 0.2, 6)
+        for K in np.geomspace(100.0, 2500.0, 30)
+    )
+    assert js.linear_owc(found.case).xi > 0.95 * best and len(found.history) <= 10
+    assert found.case.device.draught > 0.15
+    assert {"slope device.draught", "error pto.K_dm"} < found.history[0].keys()
+
+
 def test_an_interrupted_search_goes_on(theory, tmp_path):
     case = OWC.replace({"pto.K_dm": 150.0})
     arguments = (case, {"pto.K_dm": (100.0, 2500.0)}, tmp_path / "o.h5")
@@ -218,7 +233,13 @@ def test_grain_sees_what_neighbours_differ_by(a, b, seed):
 @pytest.mark.parametrize(
     ("changes", "arguments", "message"),
     [
-        ({}, {"parameter": "device.draught"}, "device.draught: no number .*fluid.nu.* js.sweep"),
+        (
+            {},
+            {"parameter": "device.draught", "method": js.Exact()},
+            "device.draught: the loop does not depend smoothly on it .*fluid.nu.* method=js.Ensemble",
+        ),
+        ({}, {"parameter": "pto.k_dm"}, "did you mean 'pto.K_dm'"),
+        ({}, {"parameter": "scheme.kernel"}, "scheme.kernel = .* must be a number"),
         ({}, {"parameter": "pto.P_a"}, "pto.P_a is not given in the case"),
         ({}, {"parameter": "pto.K_dm", "of": "eta"}, "of = 'eta': must be 'xi', 'P_owc' or 'energy_pto'"),
         ({"t1": 5.0}, {"parameter": "pto.K_dm"}, "of = 'xi' needs a whole wave period .* raise t1 = 5 s"),
