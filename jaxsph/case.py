@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from jaxsph import boundaries, devices, kernels, neighbours, probes, waves, wcsph
 from jaxsph.errors import CaseError
 from jaxsph.pairs import Smoothing
-from jaxsph.state import AbstractForce, Model, Particles, Search, State, Status, Work
+from jaxsph.state import AbstractForce, AbstractPTO, Model, Particles, Search, State, Status, Work
 
 __all__ = ["Case", "Geometry", "assemble", "build", "built_in_cases", "check", "load_case", "make_probes"]
 
@@ -118,6 +118,8 @@ class PTOSection(_Section):
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
     """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
+    phase: list[float] | None = Field(None, min_length=2)
+    """Cosine and sine of every harmonic of ln(K_dm(t)/K_dm) over the waves' phase, [a1, b1, a2, b2]."""
     P_a: float | None = None
     """Prescribed gauge pressure, Pa."""
     ramp: float = Field(0.0, ge=0)
@@ -126,6 +128,10 @@ class PTOSection(_Section):
     def _one_law(self) -> PTOSection:
         if (self.K_dm is None) == (self.P_a is None):
             raise ValueError("give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure)")
+        if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
+            raise ValueError(
+                f"pto.phase = {self.phase}: needs pto.K_dm, and a cosine and a sine for every harmonic"
+            )
         return self
 
 
@@ -182,6 +188,8 @@ class Case(_Section):
             case = cls.model_validate(data)
         except ValidationError as error:
             raise CaseError(_readable(error)) from None
+        if case.pto is not None and case.pto.phase is not None and case.waves is None:
+            raise CaseError(f"pto.phase = {case.pto.phase}: is over the phase of waves, and there are none")
         Geometry.of(case)  # refuses what does not fit the lattice
         return case
 
@@ -202,6 +210,7 @@ class Case(_Section):
                 place[last] = value
             elif key == "pto.P_a":
                 place.pop("K_dm", None)
+                place.pop("phase", None)
                 place[last] = value
             else:
                 place[last] = value
@@ -786,11 +795,14 @@ def _checked(x, u, p, rho, scheme, walls, dx) -> tuple[int, int]:
 def _chamber(case: Case, geometry: Geometry, leaf: Any) -> devices.Chamber | None:
     if case.device is None or case.pto is None:
         return None
-    pto = (
-        devices.PneumaticPTO(leaf(case.pto.K_dm))
-        if case.pto.K_dm is not None
-        else devices.PrescribedPressure(leaf(case.pto.P_a), leaf(case.pto.ramp))
-    )
+    pto: AbstractPTO
+    if case.pto.K_dm is None:
+        pto = devices.PrescribedPressure(leaf(case.pto.P_a), leaf(case.pto.ramp))
+    elif case.pto.phase is None:
+        pto = devices.PneumaticPTO(leaf(case.pto.K_dm))
+    else:
+        omega = 2.0 * np.pi / case.waves.T
+        pto = devices.PhasedPTO(leaf(case.pto.K_dm), leaf(case.pto.phase), leaf(omega))
     plate = geometry.plate
     draught = geometry.depth - plate.tip
     return devices.Chamber(

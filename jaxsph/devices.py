@@ -17,7 +17,7 @@ from jaxsph.pairs import Smoothing, pair_sum
 from jaxsph.state import AbstractPTO, Particles
 from jaxsph.waves import ActiveAbsorption, RegularWaves
 
-__all__ = ["Chamber", "PneumaticPTO", "PrescribedPressure", "Wavemaker", "column_depth"]
+__all__ = ["Chamber", "PhasedPTO", "PneumaticPTO", "PrescribedPressure", "Wavemaker", "column_depth"]
 
 
 class PneumaticPTO(AbstractPTO):
@@ -39,6 +39,33 @@ class PneumaticPTO(AbstractPTO):
         root = jnp.sqrt(1.0 + 4.0 * compliance * self.K_dm**2 * size)
         scaled = 2.0 * self.K_dm / (1.0 + root)  # first the ratio: K_dm^2 may be huge, this is not
         return scaled**2 * size * q_free
+
+
+class PhasedPTO(AbstractPTO):
+    """A quadratic turbine whose damping follows the waves' phase, by Fourier coefficients of its logarithm:
+
+        ln(K_dm(t)/K_dm) = sum_n a_n cos(n omega t) + b_n sin(n omega t).
+
+    It stays positive, so the turbine never drives the water.
+    """
+
+    K_dm: Scalar
+    """Geometric mean of the damping over a wave period, kg^0.5 m^-2.5."""
+    phase: Float[Array, " 2n"]
+    """a_1, b_1, a_2, b_2, ..."""
+    omega: Scalar
+    """Angular frequency of the waves, rad/s."""
+
+    def damping(self, t: Scalar) -> Scalar:
+        """K_dm at the time t (s)."""
+        n = 1 + jnp.arange(self.phase.shape[0] // 2)
+        angle = n * self.omega * t
+        a, b = self.phase[::2], self.phase[1::2]
+        return self.K_dm * jnp.exp(jnp.sum(a * jnp.cos(angle) + b * jnp.sin(angle)))
+
+    def pressure(self, q_free, compliance, t):
+        """See `AbstractPTO`."""
+        return PneumaticPTO(self.damping(t)).pressure(q_free, compliance, t)
 
 
 class PrescribedPressure(AbstractPTO):

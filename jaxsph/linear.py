@@ -257,6 +257,8 @@ def _missing(case: Case) -> str | None:
         return "waves is not given"
     if case.pto is None or case.pto.K_dm is None:
         return "pto.K_dm is not given"
+    if case.pto.phase is not None:
+        return "pto.phase lets the damping vary over the wave"
     if case.g == 0.0:
         return "g = 0"
     if case.device.platform_height:

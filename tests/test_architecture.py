@@ -83,7 +83,7 @@ def test_leaf_and_facade_import_no_room():
         ("scan", {"loop", "pairs"}),  # over time, and over the slots of a table
         ("fori_loop", {"neighbours"}),  # over the candidates of a line of cells
         ("while_loop", set()),
-        ("checkpoint", {"loop", "pairs"}),
+        ("checkpoint", {"transforms", "pairs"}),  # of steps and blocks, and of slots
     ],
 )
 def test_loops_have_owners(name, owners):

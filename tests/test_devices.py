@@ -1,6 +1,7 @@
 """The chamber and its PTO: the closed form, its signs, its derivative, and the energy it takes."""
 
 import dataclasses
+import tomllib
 
 import equinox as eqx
 import jax
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph._typing import columns
-from jaxsph.devices import Chamber, PneumaticPTO, PrescribedPressure
+from jaxsph.devices import Chamber, PhasedPTO, PneumaticPTO, PrescribedPressure
 from jaxsph.pairs import with_empty
 
 FLOWS = st.floats(-2.0, 2.0)
@@ -22,6 +23,11 @@ DAMPINGS = st.floats(0.0, 1.0e6)
 COMPLIANCES = st.floats(1e-9, 1e-4)
 
 pressure = jax.jit(lambda K_dm, q, compliance: PneumaticPTO(K_dm).pressure(q, compliance, 0.0))
+phased = jax.jit(
+    lambda phase, q, t: PhasedPTO(jnp.asarray(500.0), phase, jnp.asarray(2 * np.pi / 1.2)).pressure(
+        q, 1e-6, t
+    )
+)
 pressure_slopes = jax.jit(jax.grad(lambda *a: PneumaticPTO(a[0]).pressure(a[1], a[2], 0.0), argnums=(0, 1)))
 
 
@@ -73,6 +79,34 @@ def test_derivatives_are_finite_differences(K_dm, q):
         by_q = (pressure(K_dm, q + step, compliance) - pressure(K_dm, q - step, compliance)) / (2 * step)
         # |q| has a kink in its slope: at q = 0 the difference itself is of order K_dm^2 step.
         assert dq == pytest.approx(float(by_q), rel=1e-5, abs=2 * K_dm**2 * step)
+
+
+@settings(max_examples=50, deadline=None)
+@given(t=st.floats(0.0, 10.0), q=FLOWS, phase=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4))
+def test_a_phased_damping_is_the_turbine_of_its_moment(t, q, phase):
+    """Its logarithm's Fourier series, written out; and it never drives the water."""
+    T, K_dm = 1.2, 500.0
+    a1, b1, a2, b2 = phase
+    angle = 2 * np.pi * t / T
+    here = K_dm * np.exp(
+        a1 * np.cos(angle) + b1 * np.sin(angle) + a2 * np.cos(2 * angle) + b2 * np.sin(2 * angle)
+    )
+    with enable_x64():
+        P_a = float(phased(jnp.asarray(phase), q, t))
+        assert P_a * q >= 0.0
+        assert P_a == pytest.approx(float(pressure(here, q, 1e-6)), rel=1e-9)
+
+
+def test_a_phased_damping_comes_from_its_case():
+    case = coarse("owc").replace({"pto.phase": [0.1, -0.2]})
+    pto = js.build(case)[0].chamber.pto
+    assert isinstance(pto, PhasedPTO) and float(pto.omega) == pytest.approx(2 * np.pi / case.waves.T)
+    assert float(pto.damping(0.0)) == pytest.approx(case.pto.K_dm * np.exp(0.1))
+    assert js.Case.from_dict(tomllib.loads(case.to_toml())) == case
+    with pytest.raises(js.CaseError, match="phase = .* a cosine and a sine for every harmonic"):
+        case.replace({"pto.phase": [0.1, 0.2, 0.3]})
+    with pytest.raises(js.CaseError, match="pto.phase lets the damping vary"):
+        js.linear_owc(case)
 
 
 def test_prescribed_pressure_ramps():
