@@ -4,7 +4,7 @@ The OWC in a tank of 1.2 m. Every wave gives the energy absorbed over it and, by
 its slope over all coefficients; Adam changes them for the next wave. Then waves go on with what was learnt,
 and beside them with the constant damping.
 
-It does not work: the slopes lead to less and less energy. A filtered pass over one wave sees what a coefficient
+It does not work: the slopes lead to less and less energy. A filtered pass over a wave sees what a coefficient
 takes from that wave, half of what the water answers in it, and nothing of the waves after.
 """
 
