@@ -89,8 +89,10 @@ def sweep(
     """
     if batch is None and workers is None and jax.default_backend() != "cpu":
         batch = BATCH
-    if batch is not None and (batch < 1 or workers is not None):
-        raise CaseError(f"batch = {batch}: must be 1 or more, and without workers (here {workers})")
+    if batch is not None and batch < 1:
+        raise CaseError(f"batch = {batch}: must be 1 or more")
+    if batch is not None and workers is not None:
+        raise CaseError(f"batch = {batch}: goes without workers (here {workers}); give one of the two")
     axes = {name: np.asarray(values) for name, values in over.items()}
     cases, shape = _cases(case, axes, grid)
     file, members, variables = SweepFile(out), {}, {}
