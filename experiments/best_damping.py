@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import RUNS, Report
-from experiments.filter_study import MEMBERS, RANGE, Fit
-from experiments.studies import study_case, swept
+from experiments.filter_study import RANGE, fitted
+from experiments.studies import study_case
 
 STARTS = (150.0, 2400.0)
 BOUNDS = (100.0, 2500.0)
@@ -20,9 +20,7 @@ METHOD = js.Ensemble(members=5)
 def main(dx: float = 0.02) -> None:
     """Runs both searches and the sweep of `filter_study`, or what of them is not there yet."""
     case = study_case(dx)
-    K = np.round(np.geomspace(*RANGE, MEMBERS), 2)
-    study = swept(case, {"pto.K_dm": list(K)}, f"filter_study_{dx:g}")
-    fit = Fit(K, study["xi"])
+    study, fit = fitted(case)
     fine = np.geomspace(*RANGE, 500)
     best = float(fine[np.argmax(fit.value(fine))])
     highest = float(fit.value(best)[0])
@@ -56,7 +54,7 @@ def main(dx: float = 0.02) -> None:
             report.row(f"from K_dm = {start:g}: ended because", way.reason)
         figure = Figure(figsize=(6, 4), layout="constrained")
         axis = figure.subplots()
-        axis.plot(K, study["xi"], "k.", label="runs of the sweep")
+        axis.plot(fit.K, fit.xi, "k.", label="runs of the sweep")
         axis.plot(fine, fit.value(fine), "k-", lw=0.8)
         for colour, (start, way) in zip(("C0", "C1"), ways.items(), strict=True):
             at = np.array([one["pto.K_dm"] for one in way.history])

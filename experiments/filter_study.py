@@ -27,11 +27,9 @@ RANGE = (180.0, 1900.0)
 def main(dx: float = 0.02) -> None:
     """Runs the three slopes, the thirteen runs and the long one, or what of them is not there yet."""
     case = study_case(dx)
-    K = np.round(np.geomspace(*RANGE, MEMBERS), 2)
     found = [slope(case.replace({"pto.K_dm": k}), f"filter_study_{dx:g}_{k:g}") for k in POINTS]
     long = slope(short_case(dx, 30 * T), f"filter_study_{dx:g}_long")
-    study = swept(case, {"pto.K_dm": list(K)}, f"filter_study_{dx:g}")
-    fit = Fit(K, study["xi"])
+    study, fit = fitted(case)
     with Report(f"filter_study_{dx:g}", "Filtered derivative of the efficiency over K_dm", dx) as report:
         report.seconds = float(np.nansum(study["wall_seconds"])) + sum(
             one["seconds"] for one in (*found, long)
@@ -63,7 +61,7 @@ def main(dx: float = 0.02) -> None:
         )
         figure = Figure(figsize=(10, 4), layout="constrained")
         left, right = figure.subplots(1, 2)
-        left.plot(K, study["xi"], "k.", label="runs")
+        left.plot(fit.K, fit.xi, "k.", label="runs")
         fine = np.geomspace(*RANGE, 200)
         left.plot(fine, fit.value(fine), "k-", lw=0.8, label="quartic in ln K_dm")
         for k, one in zip(POINTS, found, strict=True):
@@ -80,6 +78,13 @@ def main(dx: float = 0.02) -> None:
         right.set_ylim(-1e4 * long["direct"], 2e4 * long["direct"])
         right.legend()
         report.picture(figure)
+
+
+def fitted(case: js.Case) -> tuple[js.Sweep, Fit]:
+    """The thirteen runs over K_dm, made, finished or only read, and the fit through them."""
+    K = np.round(np.geomspace(*RANGE, MEMBERS), 2)
+    study = swept(case, {"pto.K_dm": list(K)}, f"filter_study_{case.dx:g}")
+    return study, Fit(K, study["xi"])
 
 
 def slope(case: js.Case, name: str) -> dict:

@@ -272,7 +272,7 @@ def _drive(
     return kept.finished(model, state)
 
 
-@dataclass
+@dataclass(eq=False)  # a lane is itself, whatever its arrays hold
 class _Lane:
     """One of several runs that go side by side."""
 
@@ -318,13 +318,13 @@ def run_together(
             now = min(lane.step for lane in waiting)
             active = [lane for lane in waiting if lane.step == now]
             # a lane that waits, or failed, goes as a copy of one that runs: the shapes stay
-            going = [lane if any(lane is one for one in active) else active[0] for lane in lanes]
+            going = [lane if lane in active else active[0] for lane in lanes]
             kept = active[0].kept
             n_steps = min(kept.per_chunk, kept.last - now)
             advance = functools.partial(_lanes_advanced, going, n_steps)
             like, states, readings = _replayed(like, advance, kept.sample_every, bar.write)
             for k, lane in enumerate(lanes):
-                if going[k] is not lane:
+                if lane not in active:
                     continue
                 state, read = jax.tree.map(lambda a, k=k: a[k], (states, readings))
                 model = eqx.tree_at(lambda m: m.search, lane.model, like.search)
