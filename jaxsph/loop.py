@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import jax
 
-from jaxsph.transforms import rematerialised
+from jaxsph.transforms import kept, rematerialised
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -33,13 +33,13 @@ def blocks(
     """n_blocks times: `prepare` tables, `measure` with them, then the steps of the block.
 
     Readings belong to the start of their block, so that a run cut at any block continues exactly.
-    In reverse mode tables are made again and pair sums are not: memory grows with the number of steps, by a
-    state and its pair sums for each.
+    Reverse mode keeps tables and pair sums and makes the rest again: memory grows with the number of steps,
+    by a state and its pair sums for each.
     """
 
     @rematerialised
     def block(s, _):
-        s, tables = prepare(s)
+        s, tables = kept(prepare(s))
         s, reading = measure(s, tables)
         return steps(lambda a: step(a, tables), s, steps_per_block), reading
 

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph._typing import Array, Bool, Float, Int
-from jaxsph.pairs import Period, nearest_image
+from jaxsph.pairs import SPARE, Period, nearest_image
 
 __all__ = ["Grid", "Table", "cell_order", "grid_over", "needed_capacity", "search", "wrapped"]
 
@@ -235,6 +235,6 @@ def _search(
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
 
 
-def needed_capacity(most: int, spare: float = 1.15) -> int:
+def needed_capacity(most: int, spare: float = SPARE) -> int:
     """Slots for tables whose fullest target has `most` neighbours now: some spare, a multiple of four."""
     return max(4, int(np.ceil(most * spare / 4)) * 4)

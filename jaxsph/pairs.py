@@ -8,6 +8,7 @@ arrays of `[N, K, D]` because nothing of that size is ever stored.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -21,6 +22,9 @@ from jaxsph.transforms import in_any_lane, kept, plainly_taken, taken
 
 Fields = Any
 """Mapping from a field's name to an array `[N]` or a tuple of arrays `[N]`; it always holds "x"."""
+
+SPARE = 1.15
+"""Slots of a table over the neighbours of its fullest target when it was sized."""
 
 FAR = 1.0e3
 """Coordinate (m) of the empty source: outside every kernel, and small enough for float32 squares."""
@@ -118,24 +122,39 @@ def _summed(law, smoothing, targets, sources, table, take):
     # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
     terms, closed = jax.closure_convert(pair_terms, table[0])
     terms = jax.checkpoint(terms)
+    shapes = jax.eval_shape(pair_terms, table[0])
+
+    def zero():
+        return jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
 
     def add(total, slot, *closed):
         return jax.tree.map(jnp.add, total, terms(slot, *closed))
 
+    def added(add, total, rows, *closed):
+        total, _ = jax.lax.scan(lambda total, slot: (add(total, slot, *closed), None), total, rows)
+        return total
+
+    def where_filled(add, total, rows, *closed):
+        # Tables have spare rows at their end, which are empty in most blocks.
+        filled = in_any_lane(jnp.any(rows != empty))
+        return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
+
     @jax.custom_jvp
-    def add_slot(total, slot, *closed):
-        # The last slots are spare: whole rows of them are empty.
-        filled = in_any_lane(jnp.any(slot != empty))
-        return jax.lax.cond(filled, add, lambda total, *_: total, total, slot, *closed)
+    def total_of(table, *closed):
+        return added(functools.partial(where_filled, add), zero(), table, *closed)
 
-    @add_slot.defjvp
+    @total_of.defjvp
     def _(primals, tangents):
-        # Without the choice: of a branch, reverse mode stores all that it saw, the sources for every slot.
-        return jax.jvp(add, primals, tangents)
+        # One choice for all spare rows, outside the loop: of a branch, reverse mode stores all that it saw,
+        # and inside the loop that would be the sources for every row.
+        def total_of(table, *closed):
+            own = int(len(table) / SPARE)
+            add_rows = functools.partial(added, add)
+            return where_filled(add_rows, add_rows(zero(), table[:own], *closed), table[own:], *closed)
 
-    zero = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(pair_terms, table[0]))
-    total, _ = jax.lax.scan(lambda total, slot: (add_slot(total, slot, *closed), None), zero, table)
-    return total
+        return jax.jvp(total_of, primals, tangents)
+
+    return total_of(table, *closed)
 
 
 def with_empty(fields: Fields) -> Fields:
@@ -207,6 +226,7 @@ def neighbour_count(table: Int[Array, "K N"], empty: int) -> Int[Array, " N"]:
 
 __all__ = [
     "FAR",
+    "SPARE",
     "Fields",
     "Float",
     "Law",
