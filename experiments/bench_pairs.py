@@ -22,7 +22,7 @@ import numpy as np
 import typer
 
 from experiments.common import Report, timed, use_threads
-from jaxsph import kernels, neighbours, wcsph
+from jaxsph import kernels, neighbours, schemes, wcsph
 from jaxsph._typing import columns
 from jaxsph.case import SKIN
 from jaxsph.pairs import Smoothing
@@ -61,12 +61,12 @@ def right_hand_side(given: dict[str, np.ndarray]):
     h, dx, c0, rho0 = (float(given[name]) for name in ("h", "dx", "c0", "rho0"))
     smoothing = Smoothing(kernels.Gaussian(), jnp.float32(h))
     scheme = wcsph.DeltaSPH(
-        smoothing,
-        jnp.float32(c0),
-        jnp.float32(rho0),
-        jnp.float32(given["delta"]),
-        wcsph.ArtificialViscosity(jnp.float32(given["alpha"])),
-        wcsph.SymplecticEuler(),
+        smoothing=smoothing,
+        c0=jnp.float32(c0),
+        rho0=jnp.float32(rho0),
+        delta=jnp.float32(given["delta"]),
+        viscosity=schemes.ArtificialViscosity(jnp.float32(given["alpha"])),
+        integrator=wcsph.SymplecticEuler(),
     )
     x = np.stack([given["x"], given["y"]], axis=1)
     grid = neighbours.grid_over(x.min(axis=0), x.max(axis=0), float(given["radius"]) + SKIN * dx)

@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 
 import jaxsph as js
 from experiments.common import Report, lattice
-from jaxsph import laws, wcsph
+from jaxsph import laws, schemes, wcsph
 from jaxsph.state import AbstractProbe
 
 R, OMEGA, SIGMA0, RHO = 1.0, 1.0, 0.5, 1000.0
@@ -83,8 +83,8 @@ def built(n: int, c0: float = 15.0, strength: float | None = None):
     """(model, state) of a drop with n spacings to its radius; no `strength`, no shifting."""
     dx = R / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
-    shifting = None if strength is None else wcsph.Shifting(strength)
-    inviscid = wcsph.ArtificialViscosity(0.0)
+    shifting = None if strength is None else schemes.Shifting(strength)
+    inviscid = schemes.ArtificialViscosity(0.0)
     scheme = wcsph.DeltaSPH.of(dx, c0, rho0=RHO, viscosity=inviscid, shifting=shifting)
     walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())
     x = lattice((-R, -R), (R, R), dx)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, lattice
-from jaxsph import laws, wcsph
+from jaxsph import laws, schemes, wcsph
 from jaxsph.state import AbstractProbe
 
 L, OMEGA, RHO = 1.0, 1.0, 1000.0
@@ -62,8 +62,8 @@ def built(n: int, strength: float | None = 12.0, c0: float = 10.0):
         dx,
         c0,
         rho0=RHO,
-        viscosity=wcsph.ArtificialViscosity(0.0),
-        shifting=None if strength is None else wcsph.Shifting(strength),
+        viscosity=schemes.ArtificialViscosity(0.0),
+        shifting=None if strength is None else schemes.Shifting(strength),
     )
     walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())
     x = lattice((-L / 2, -L / 2), (L / 2, L / 2), dx)

@@ -28,19 +28,24 @@ from jaxsph.pairs import (
     Smoothing,
     outer_upper,
     pair_sum,
+    pair_weights,
     symmetric_inverse,
     symmetric_product,
 )
+from jaxsph.shapes import AbstractShape
 
 __all__ = [
     "AbstractDivision",
     "AbstractThinWall",
+    "AbstractFilling",
     "Box",
     "DiagonalDivision",
+    "DummyParticles",
     "FivePartDivision",
     "FreeSlip",
     "Ghosts",
     "HorizontalDivision",
+    "MirrorNodes",
     "MultiNodeGhosts",
     "NoSlip",
     "NodeFit",
@@ -49,6 +54,7 @@ __all__ = [
     "RegionalGhosts",
     "WallPlate",
     "lattice",
+    "spring",
     "wall_normals",
 ]
 
@@ -595,6 +601,14 @@ def _plate_ghosts(
     return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
+def _solid_ghosts(x: np.ndarray, dx: float) -> _Lattice:
+    """Dummies of a solid: they carry its own velocity, and nothing for a viscous force to hold on to."""
+    n = len(x)
+    plain = np.full(n, PLAIN, np.int32)
+    volume = np.full(n, dx ** x.shape[1])
+    return _Lattice(x, x, np.zeros_like(x), plain, np.full(n, -1), np.zeros(n, bool), volume)
+
+
 def _inner_axes(box: Box) -> list[tuple[float, float]]:
     return [(box.low[k], box.high[k]) for k in range(1, len(box.low) - 1)]
 
@@ -623,6 +637,100 @@ class NodeFit(NamedTuple):
     """Weighted mean of x_j - x_node that is left, m: zero except where too little water is near."""
     wet: Float[Array, " G"]
     """1 where the node is in water, 0 where it is dry, smooth between."""
+
+
+class AbstractFilling(eqx.Module):
+    """From where in the water a ghost takes its pressure and velocity, and how."""
+
+    least: eqx.AbstractClassVar[float]
+    """Least that a node counts as full, of sum V W."""
+
+    @abc.abstractmethod
+    def nodes(self, ghosts: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
+        """Interpolation nodes `[G, D]` (m) of ghosts whose mirror images are these."""
+
+    @abc.abstractmethod
+    def fit(
+        self,
+        nodes: Float[Array, "G D"],
+        full: Float[Array, " G"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ) -> NodeFit:
+        """Interpolation weights at the nodes; `full`: sum V W there were the tank full."""
+
+
+class MirrorNodes(AbstractFilling):
+    """From its mirror image in the water (Zhu et al. 2020, section 2.3), exact for linear fields where enough
+    water is near.
+
+    Moving least squares of first order in the place of Eq. 18's Shepard sum, which is wrong by a
+    slope times the offset of the weighted centre wherever the kernel is cut: at corners, the tip
+    and the surface. Where the second moments are too flat for a slope, Shepard's sum is left.
+    """
+
+    least: ClassVar[float] = 0.05
+
+    def nodes(self, ghosts, mirrored):
+        """See `AbstractFilling`."""
+        return mirrored
+
+    def fit(self, nodes, full, water, smoothing, table):
+        """See `AbstractFilling`."""
+        dim = nodes.shape[1]
+        h = smoothing.h
+
+        def moments(pair: Pair, i, j):
+            w = laws.volume(j) * pair.W
+            r = tuple(-c / h for c in pair.r)  # from the node to the particle
+            return w, tuple(w * c for c in r), outer_upper(r, tuple(w * c for c in r))
+
+        zeroth, first, second = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
+        norm = 1.0 / jnp.maximum(zeroth, 1e-6)
+        mean = tuple(c * norm for c in first)
+        product = outer_upper(mean, mean)
+        covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
+        determinant, inverse = _flat_inverse(covariance)
+        ratio = zeroth / full
+        # A fully supported Gaussian has covariance 1/2 per axis; below a tenth of that volume, or for a
+        # node farther from its water than that water is wide, a slope would be extrapolated from noise.
+        slope = symmetric_product(inverse, mean)
+        sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
+        a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))
+        b = tuple(-norm * jnp.where(sound, c, 0.0) for c in slope)
+        offset = tuple(jnp.where(sound, 0.0, c * h) for c in mean)
+        wet = jnp.clip((ratio - 0.3) / 0.4, 0.0, 1.0)
+        return NodeFit(a, b, offset, wet)
+
+
+class DummyParticles(AbstractFilling):
+    """From the water that its own kernel reaches, by Shepard's sum; what that water is away from it makes the
+    hydrostatic part of its pressure (Yeylaghi et al. 2016, Eq. 22; Adami et al. 2012).
+
+    It needs no mirror image, so solids of any shape may have it, and move.
+    """
+
+    least: ClassVar[float] = 1.0e-3
+
+    def nodes(self, ghosts, mirrored):
+        """See `AbstractFilling`."""
+        return ghosts
+
+    def fit(self, nodes, full, water, smoothing, table):
+        """See `AbstractFilling`."""
+        h = smoothing.h
+
+        def moments(pair: Pair, i, j):
+            w = laws.volume(j) * pair.W
+            return w, tuple(-w * c / h for c in pair.r)
+
+        zeroth, first = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
+        # far below what a single particle at the kernel's edge gives
+        norm = 1.0 / jnp.maximum(zeroth, 1e-6)
+        wet = jnp.clip((zeroth / full - 0.05) / 0.2, 0.0, 1.0)
+        none = tuple(jnp.zeros_like(norm) for _ in first)
+        return NodeFit(norm, none, tuple(c * norm * h for c in first), wet)
 
 
 class Ghosts(eqx.Module):
@@ -655,6 +763,9 @@ class Ghosts(eqx.Module):
     """What bounds each axis, as in `Box`."""
     sliding: Float[Array, "G D"] | None = None
     """Velocity of walls that move along themselves, m/s."""
+    filling: AbstractFilling = MirrorNodes()
+    solid: tuple[int, ...] = eqx.field(static=True, default=())
+    """First index of a solid's dummies and the one after its last; () without one."""
 
     @classmethod
     def build(
@@ -668,12 +779,16 @@ class Ghosts(eqx.Module):
         dtype: np.dtype | type = np.float32,
         sliding: Mapping[tuple[int, int], Sequence[float]] | None = None,
         platform: Platform | None = None,
+        filling: AbstractFilling | None = None,
+        solid: AbstractShape | None = None,
     ) -> Ghosts:
         """Places the ghosts of a tank and of a plate in it, on the host; none where it has no walls.
 
         **Arguments**: `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for the
         low or 1 for the high end); only walls without slip drag the fluid with them. `platform`: a raised
-        bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings.
+        bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings. `filling`: by
+        default `MirrorNodes`. `solid`: a solid in the tank, which needs
+        `DummyParticles`.
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         reach, h = smoothing.kernel.reach, float(smoothing.h)
@@ -689,9 +804,17 @@ class Ghosts(eqx.Module):
             ]
         if plate is not None:
             parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers))
+        filling = MirrorNodes() if filling is None else filling
+        if solid is not None:
+            if not isinstance(filling, DummyParticles):
+                raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
+            parts.append(_solid_ghosts(solid.dummies(dx, layers), dx))
+        count_solid = 0 if solid is None else len(parts[-1].x)
         ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
-        # the paddle's first, then by column: a gather from neighbours in memory is cheaper
-        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves))
+        ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
+        in_solid = np.arange(len(ghosts.x)) >= len(ghosts.x) - count_solid
+        # the solid's last, the paddle's first, then by column: a gather from neighbours in memory is cheaper
+        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, in_solid))
         ghosts = _Lattice(*(a[order] for a in ghosts))
         own = np.asarray(regions.index(jnp.asarray(ghosts.node, jnp.float32)))
         water_bits = (1 << regions.count) - 1
@@ -702,6 +825,9 @@ class Ghosts(eqx.Module):
         beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
         under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
         brim, brim_volume = lattice(under, over, dx, plate, platform)
+        if solid is not None:
+            outside = np.asarray(solid.distance(jnp.asarray(brim, jnp.float32))) > 0
+            brim, brim_volume = brim[outside], brim_volume[outside]
         full = np.zeros(len(ghosts.x))
         brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
         for mask in np.unique(node_sees):
@@ -718,12 +844,12 @@ class Ghosts(eqx.Module):
                 np.where(
                     (ghosts.mirror == -1.0) | ghosts.moves[:, None],
                     ghosts.mirror,
-                    np.minimum(ghosts.mirror, slip.tangential),
+                    np.where(in_solid[order, None], 1.0, np.minimum(ghosts.mirror, slip.tangential)),
                 ),
                 dtype,
             ),
             moves=jnp.asarray(ghosts.moves, dtype),
-            full=jnp.asarray(np.maximum(full, 0.05), dtype),
+            full=jnp.asarray(np.maximum(full, filling.least), dtype),
             volume=jnp.asarray(ghosts.volume, dtype),
             kind=jnp.asarray(ghosts.kind, jnp.int32),
             node_sees=jnp.asarray(node_sees, jnp.int32),
@@ -733,6 +859,8 @@ class Ghosts(eqx.Module):
             high=box.high,
             sides=box.sides,
             sliding=None if sliding is None else jnp.asarray(_sliding(ghosts.x, box, sliding), dtype),
+            filling=filling,
+            solid=(len(ghosts.x) - count_solid, len(ghosts.x)) if count_solid else (),
         )
 
     @property
@@ -759,11 +887,9 @@ class Ghosts(eqx.Module):
         in a vortex at the tip some entered the plate, and stayed. The spring starts at 0.4 spacings from
         the face, is conservative, and stops a normal speed of a tenth of c0 (stable at Courant 3).
         """
-        reach = 0.4 * dx
-        stiffness = (0.1 * c0 / reach) ** 2
 
         def away(gap):
-            return stiffness * jnp.maximum(reach - gap, 0.0)
+            return spring(gap, dx, c0)
 
         low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
         high = jnp.asarray(self.high, x.dtype)
@@ -808,36 +934,8 @@ class Ghosts(eqx.Module):
         smoothing: Smoothing,
         table: Int[Array, "K G"],
     ) -> NodeFit:
-        """Interpolation weights at the nodes, exact for linear fields where enough water is near.
-
-        Moving least squares of first order in the place of Eq. 18's Shepard sum, which is wrong by a
-        slope times the offset of the weighted centre wherever the kernel is cut: at corners, the tip
-        and the surface. Where the second moments are too flat for a slope, Shepard's sum is left.
-        """
-        dim = nodes.shape[1]
-        h = smoothing.h
-
-        def moments(pair: Pair, i, j):
-            w = laws.volume(j) * pair.W
-            r = tuple(-c / h for c in pair.r)  # from the node to the particle
-            return w, tuple(w * c for c in r), outer_upper(r, tuple(w * c for c in r))
-
-        zeroth, first, second = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
-        norm = 1.0 / jnp.maximum(zeroth, 1e-6)
-        mean = tuple(c * norm for c in first)
-        product = outer_upper(mean, mean)
-        covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
-        determinant, inverse = _flat_inverse(covariance)
-        ratio = zeroth / self.full
-        # A fully supported Gaussian has covariance 1/2 per axis; below a tenth of that volume, or for a
-        # node farther from its water than that water is wide, a slope would be extrapolated from noise.
-        slope = symmetric_product(inverse, mean)
-        sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
-        a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))
-        b = tuple(-norm * jnp.where(sound, c, 0.0) for c in slope)
-        offset = tuple(jnp.where(sound, 0.0, c * h) for c in mean)
-        wet = jnp.clip((ratio - 0.3) / 0.4, 0.0, 1.0)
-        return NodeFit(a, b, offset, wet)
+        """Interpolation weights at the nodes."""
+        return self.filling.fit(nodes, self.full, water, smoothing, table)
 
     def at_nodes(
         self,
@@ -849,15 +947,30 @@ class Ghosts(eqx.Module):
         table: Int[Array, "K G"],
     ):
         """Interpolated values of `law(j)` (a pytree of fields of the water) at the nodes."""
-        h = smoothing.h
 
         def weighted(pair: Pair, i, j):
-            r = tuple(-c / h for c in pair.r)
-            w = laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
+            w = _interpolation_weight(pair, i, j, smoothing.h)
             return jax.tree.map(lambda f: w * f, law(j))
 
         targets = {"x": columns(nodes), "a": fit.a, "b": fit.b}
         return pair_sum(weighted, smoothing, targets, water, table)
+
+    def node_weights(
+        self,
+        fit: NodeFit,
+        nodes: Float[Array, "G D"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ) -> Float[Array, "K G"]:
+        """The weights of `at_nodes`, zero at dry nodes, for `pairs.weighted_sum`."""
+
+        def law(pair: Pair, i, j):
+            return (), i["wet"] * _interpolation_weight(pair, i, j, smoothing.h)
+
+        wet = jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
+        targets = {"x": columns(nodes), "a": fit.a, "b": fit.b, "wet": wet}
+        return pair_weights(law, smoothing, targets, water, table)[1]
 
     def pressure(
         self,
@@ -881,6 +994,17 @@ class Ghosts(eqx.Module):
         return stacked(
             [m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)]
         )
+
+
+def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
+    """Acceleration (m/s2) away from a wall at the distance `gap` (m): see `Ghosts.push`."""
+    reach = 0.4 * dx
+    return (0.1 * c0 / reach) ** 2 * jnp.maximum(reach - gap, 0.0)
+
+
+def _interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:
+    r = tuple(-c / h for c in pair.r)
+    return laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
 
 
 def _off_edge(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[jax.Array, jax.Array]:

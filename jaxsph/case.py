@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import json
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,16 +21,41 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from jaxsph import boundaries, devices, kernels, neighbours, probes, waves, wcsph
+from jaxsph import (
+    bodies,
+    boundaries,
+    devices,
+    isph,
+    kernels,
+    neighbours,
+    probes,
+    schemes,
+    shapes,
+    waves,
+    wcsph,
+)
 from jaxsph.errors import CaseError
 from jaxsph.pairs import Smoothing
-from jaxsph.state import AbstractForce, AbstractPTO, Model, Particles, Search, State, Status, Work
+from jaxsph.state import (
+    AbstractBody,
+    AbstractForce,
+    AbstractPTO,
+    BodyState,
+    Model,
+    Particles,
+    Search,
+    State,
+    Status,
+    Work,
+)
 
 __all__ = ["Case", "Geometry", "assemble", "build", "built_in_cases", "check", "load_case", "make_probes"]
 
 SKIN = 0.2
 """Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
 OWC takes as long with 0.3 (`python -m experiments.bench_step`)."""
+LONG_STEP_SKIN = 0.5
+"""The same for steps in which a particle goes as far as a fifth of a spacing."""
 
 
 class _Section(BaseModel):
@@ -60,6 +86,26 @@ class SchemeSection(_Section):
     """Share of h/c0 for the time step; by default the integrator's own."""
 
 
+class ISPHSection(_Section):
+    """Incompressible SPH in the place of `scheme` (Yeylaghi et al. 2016)."""
+
+    h_over_dx: float = Field(1.5, ge=1.2, le=2.5)
+    """Of Wendland's kernel, which reaches 2 h."""
+    cfl: float = Field(0.25, gt=0, le=0.5)
+    """Share of h over the largest speed to expect for the time step."""
+    speed: float | None = Field(None, gt=0)
+    """Largest speed to expect, m/s; by default from the waves, the water's depth and the body."""
+    solver: Literal["bicgstab", "explicit"] = "bicgstab"
+    tolerance: float = Field(1.0e-2, ge=1e-12, le=0.1)
+    """Of the residual of the Poisson equation, over its right-hand side."""
+    relaxation: float = Field(0.05, ge=0, le=1)
+    """Share of the crowding of particles that a step takes back."""
+    shifting: float | None = Field(None, gt=0, le=20)
+    """Strength of particle shifting."""
+    surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
+    """Where the pressure is zero: beyond the surface, or at its particles (Eq. 23-24)."""
+
+
 class Tank(_Section):
     """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
 
@@ -71,7 +117,12 @@ class Tank(_Section):
     """Top of the walls, m; by default enough for the waves, and four depths for a released column."""
     column: float | None = Field(None, gt=0)
     """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
+    layer: float | None = Field(None, gt=0)
+    """Depth of the water that the rest of the bed is wet with, m; with `column`."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
+    walls: Literal["mirror", "dummy"] | None = None
+    """Where walls take their pressure from: their mirror image (by default), or the water around them (with a
+    body)."""
 
 
 class WavesSection(_Section):
@@ -135,6 +186,83 @@ class PTOSection(_Section):
         return self
 
 
+class BlockSection(_Section):
+    """A box with faces across the axes, at rest."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _extent(self) -> BlockSection:
+        if len(self.low) != len(self.high) or not all(
+            a < b for a, b in zip(self.low, self.high, strict=True)
+        ):
+            raise ValueError(f"low = {self.low} must be below high = {self.high} along every axis")
+        return self
+
+
+class DiscSection(_Section):
+    """A circular cylinder across a two-dimensional tank, at rest."""
+
+    centre: tuple[float, float]
+    radius: float = Field(gt=0)
+
+
+class RotationalPTOSection(_Section):
+    """Moment against the pitch; per metre in two dimensions."""
+
+    damping: float = Field(0.0, ge=0)
+    """N m s/rad."""
+    coulomb: float = Field(0.0, ge=0)
+    """N m."""
+    spring: float = Field(0.0, ge=0)
+    """N m/rad, about the upright."""
+    stop: float = Field(math.pi, gt=0)
+    """Angle to either side at which end stops begin, rad."""
+    stop_stiffness: float = Field(0.0, ge=0)
+    """N m/rad."""
+
+
+class BodySection(_Section):
+    """A rigid body; give one of block, polygon and disc."""
+
+    block: BlockSection | None = None
+    polygon: tuple[tuple[float, float], ...] | None = Field(None, min_length=3)
+    """Corners (x, z), m."""
+    disc: DiscSection | None = None
+    free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
+    """Motions that the water drives; the others go on at their `velocity`."""
+    mass: float | None = Field(None, gt=0)
+    """kg (kg/m in 2-D)."""
+    inertia: float | None = Field(None, gt=0)
+    """About the pivot, kg m2 (kg m in 2-D)."""
+    density: float | None = Field(None, gt=0)
+    """kg/m3: gives mass and inertia in the place of both."""
+    pivot: tuple[float, float] | None = None
+    """(x, z) of the hinge, m; by default the centre of mass."""
+    centre: tuple[float, float] | None = None
+    """(x, z) of the centre of mass, m; by default that of the shape."""
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
+    angle: float = Field(0.0, ge=-1.6, le=1.6)
+    """Pitch at the start, rad."""
+    pto: RotationalPTOSection | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> BodySection:
+        if sum(one is not None for one in (self.block, self.polygon, self.disc)) != 1:
+            raise ValueError("give exactly one of body.block, body.polygon and body.disc")
+        if self.free and (self.density is None) == (self.mass is None):
+            raise ValueError(
+                "a body that is free needs body.density, or body.mass (and for pitch body.inertia)"
+            )
+        if "pitch" in self.free and self.density is None and self.inertia is None:
+            raise ValueError("body.free has pitch: give body.inertia or body.density")
+        if self.pto is not None and "pitch" not in self.free:
+            raise ValueError("body.pto works on the pitch: add it to body.free")
+        return self
+
+
 class StandingWave(_Section):
     """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
 
@@ -149,6 +277,8 @@ class ProbesSection(_Section):
     """x of the wave gauges, m."""
     pressure: tuple[tuple[float, ...], ...] = ()
     """Points of the pressure sensors, m."""
+    velocity: tuple[tuple[float, ...], ...] = ()
+    """Points where the water's velocity is measured, m."""
 
 
 class Output(_Section):
@@ -177,6 +307,8 @@ class Case(_Section):
     device: Device | None = None
     pto: PTOSection | None = None
     start: StandingWave | None = None
+    isph: ISPHSection | None = None
+    body: BodySection | None = None
     probes: ProbesSection = ProbesSection()
     output: Output = Output()
 
@@ -351,9 +483,12 @@ class Geometry:
         self.width: float | None = None
         self.column = 0.0
         """Length that the water fills at the start, m."""
+        self.layer = 0.0
+        """Depth of water on the rest of the bed, m."""
         self.plate: boundaries.WallPlate | None = None
         self.platform: boundaries.Platform | None = None
         self.chamber_length = 0.0
+        self.solid: shapes.AbstractShape | None = None
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
         """`value` as a whole number of spacings; refused where that changes it by more than `slack`."""
@@ -392,13 +527,39 @@ class Geometry:
             )
         geometry.height = float(np.ceil(height / case.dx - 1e-9) * case.dx)
         geometry._device(case)
+        geometry._body(case)
         geometry._fits(case)
         return geometry
+
+    def _body(self, case: Case) -> None:
+        if case.isph is not None:
+            if case.scheme != SchemeSection():
+                raise CaseError("isph takes the place of scheme: remove one of the sections")
+            if case.device is not None:
+                raise CaseError("device: an OWC needs the scheme of the section scheme: remove isph")
+        if case.body is None:
+            return
+        if case.isph is None:
+            raise CaseError("body: needs the incompressible scheme: add a section isph")
+        if case.tank.walls == "mirror":
+            raise CaseError('tank.walls = "mirror": a body needs "dummy" walls')
+        self.solid = solid = _shape(case.body)
+        points = solid.dummies(self.dx, _layers(case))
+        dim = 2 if self.width is None else 3
+        if points.shape[1] != dim:
+            raise CaseError(f"body: its shape has {points.shape[1]} dimensions, and the tank {dim}")
+        upper = [self.length, self.height] if dim == 2 else [self.length, self.width, self.height]
+        out = ((points < 0) | (points > upper)).any(axis=1)
+        if out.any():
+            at = ", ".join(f"{a:.4g}" for a in points[out][0])
+            raise CaseError(f"body: reaches out of the tank (0 to {upper} m) at ({at})")
 
     def _column(self, case: Case) -> None:
         """The released column's length; the whole tank's where there is none."""
         self.column = self.length
         if case.tank.column is None:
+            if case.tank.layer is not None:
+                raise CaseError("tank.layer wets the bed beside a released column: give tank.column too")
             return
         asked = f"tank.column = {case.tank.column:g} m"
         if case.tank.column > self.length:
@@ -407,6 +568,8 @@ class Geometry:
             if getattr(case, name) is not None:
                 raise CaseError(f"{asked} leaves the tank's end dry, and {name} needs it full: remove one")
         self.column = min(self.snap("tank.column", case.tank.column, least=4, slack=0.1), self.length)
+        if case.tank.layer is not None:
+            self.layer = self.snap("tank.layer", case.tank.layer, slack=1.0)
 
     def _device(self, case: Case) -> None:
         device = case.device
@@ -466,12 +629,13 @@ class Geometry:
                 )
         dim = 2 if self.width is None else 3
         upper = [self.length, self.height] if dim == 2 else [self.length, self.width, self.height]
-        for index, point in enumerate(case.probes.pressure):
-            if len(point) != dim or any(not 0 <= a <= b for a, b in zip(point, upper, strict=False)):
-                raise CaseError(
-                    f"probes.pressure[{index}] = {list(point)} is not a point of the tank "
-                    f"({dim} coordinates between 0 and {upper})"
-                )
+        for name in ("pressure", "velocity"):
+            for index, point in enumerate(getattr(case.probes, name)):
+                if len(point) != dim or any(not 0 <= a <= b for a, b in zip(point, upper, strict=False)):
+                    raise CaseError(
+                        f"probes.{name}[{index}] = {list(point)} is not a point of the tank "
+                        f"({dim} coordinates between 0 and {upper})"
+                    )
         if case.sponge is not None and case.sponge.length >= self.length:
             raise CaseError(
                 f"sponge.length = {case.sponge.length:g} m: must be shorter than the tank ({self.length:g} m)"
@@ -494,18 +658,29 @@ def _thin_wall(device: Device) -> boundaries.AbstractThinWall:
     }[device.thin_wall](division)
 
 
+def _shape(body: BodySection) -> shapes.AbstractShape:
+    if body.block is not None:
+        return shapes.Block(body.block.low, body.block.high)
+    if body.polygon is not None:
+        return shapes.Polygon(body.polygon)
+    return shapes.Disc(body.disc.centre, body.disc.radius)
+
+
 def _kernel(case: Case) -> kernels.AbstractKernel:
     return {"gaussian": kernels.Gaussian, "wendland": kernels.WendlandC2}[case.scheme.kernel]()
 
 
 def _smoothing_length(case: Case) -> float:
     """h, m. For Wendland's kernel h is half the support; the support is the same 3 h_over_dx dx."""
+    if case.isph is not None:
+        return case.isph.h_over_dx * case.dx
     h = case.scheme.h_over_dx * case.dx
     return h if case.scheme.kernel == "gaussian" else 1.5 * h
 
 
 def _layers(case: Case) -> int:
-    return int(np.ceil(3.0 * case.scheme.h_over_dx - 0.5))
+    reach = 3.0 * case.scheme.h_over_dx if case.isph is None else 2.0 * case.isph.h_over_dx
+    return int(np.ceil(reach - 0.5))
 
 
 # --------------------------------------------------------------------------- build
@@ -523,6 +698,8 @@ def _speed_scale(case: Case) -> float:
     shallow = float(np.sqrt(case.g * case.tank.depth))
     if case.tank.column is not None:
         return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
+    if case.body is not None and any(case.body.velocity[:2]):
+        return 2.0 * float(np.hypot(*case.body.velocity[:2]))  # jets outrun a wedge
     if case.start is not None:
         return 0.1 * shallow
     if case.waves is None:
@@ -547,6 +724,21 @@ def _initial_velocity(case: Case, geometry: Geometry, x: np.ndarray) -> np.ndarr
     return u
 
 
+def _water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places (m) and volumes (m3, m2 in 2-D) of the particles at the start."""
+    across = () if geometry.width is None else (geometry.width,)
+    low = (0.0,) * (2 + len(across))
+    x, volume = boundaries.lattice(
+        low, (geometry.column, *across, geometry.depth), dx, geometry.plate, geometry.platform
+    )
+    if not geometry.layer:
+        return x, volume
+    rest, more = boundaries.lattice(
+        (geometry.column, *low[1:]), (geometry.length, *across, geometry.layer), dx
+    )
+    return np.concatenate([x, rest]), np.concatenate([volume, more])
+
+
 def _initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     """Pressure at t = 0 over rho0 g, m: hydrostatic, or that of a column in the instant of its release.
 
@@ -565,9 +757,95 @@ def _initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     k = (np.arange(int(20 * H / geometry.dx)) + 0.5) * np.pi / H
     xs, column = np.unique(x[:, 0], return_inverse=True)
     zs, row = np.unique(z, return_inverse=True)
-    a = np.exp(-np.outer(L - xs, k)) * (1 + np.exp(-2 * np.outer(xs, k))) / (1 + np.exp(-2 * k * L))
+    a = (
+        np.exp(-np.outer(np.maximum(L - xs, 0.0), k))
+        * (1 + np.exp(-2 * np.outer(xs, k)))
+        / (1 + np.exp(-2 * k * L))
+    )
     released = (2 / (H * k**2) * a) @ np.cos(np.outer(k, zs))
-    return H - z - released[column, row]
+    head = H - z - released[column, row]
+    return np.where(x[:, 0] < L, head, np.maximum(geometry.layer - z, 0.0))
+
+
+def _scheme(
+    case: Case, geometry: Geometry, dim: int, leaf: Any
+) -> tuple[schemes.AbstractParticleScheme, float]:
+    """The scheme, and the largest time step that it allows, s."""
+    dtype = np.dtype(case.precision)
+    if case.isph is not None:
+        section = case.isph
+        speed = section.speed or max(_speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
+        solver = {"bicgstab": isph.BiCGStab(section.tolerance), "explicit": isph.Explicit()}
+        surface = {
+            "empty_neighbours": isph.EmptyNeighbours(1.0, 0.7, 0.85),
+            "particles": isph.SurfaceParticles(0.9),
+        }
+        found = isph.ISPH.of(
+            case.dx,
+            speed,
+            dim=dim,
+            rho0=case.fluid.rho0,
+            viscosity=schemes.PhysicalViscosity(case.fluid.nu),
+            h_over_dx=section.h_over_dx,
+            solver=solver[section.solver],
+            surface=surface[section.surface],
+            relaxation=section.relaxation,
+            shifting=None if section.shifting is None else schemes.Shifting(section.shifting),
+            dtype=dtype,
+        )
+        return found, isph.stable_dt(found, case.g, section.cfl, dim)
+    h, c0 = _smoothing_length(case), sound_speed(case)
+    integrator = {
+        "symplectic": wcsph.SymplecticEuler,
+        "predictor_corrector": wcsph.PredictorCorrector,
+    }[case.scheme.integrator]()
+    scheme = wcsph.DeltaSPH.of(
+        case.dx,
+        c0,
+        rho0=case.fluid.rho0,
+        delta=case.scheme.delta,
+        viscosity=schemes.PhysicalViscosity(case.fluid.nu)
+        if case.scheme.alpha is None
+        else schemes.ArtificialViscosity(case.scheme.alpha),
+        kernel=_kernel(case),
+        h_over_dx=case.scheme.h_over_dx,
+        integrator=integrator,
+        dtype=dtype,
+        background=_background(case, geometry, leaf),
+    )
+    cfl = case.scheme.cfl if case.scheme.cfl is not None else integrator.cfl
+    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
+    return scheme, wcsph.stable_dt(scheme, case.g, cfl * case.scheme.h_over_dx * case.dx / h, dim)
+
+
+def _body(case: Case, geometry: Geometry, leaf: Any) -> tuple[bodies.RigidBody | None, BodyState | None]:
+    section, solid = case.body, geometry.solid
+    if section is None:
+        return None, None
+    area, centroid, second = solid.moments()
+    mass = section.mass if section.density is None else section.density * area
+    centre = np.asarray(centroid if section.centre is None else section.centre)
+    pivot = centre if section.pivot is None else np.asarray(section.pivot)
+    inertia = section.inertia
+    if section.density is not None:
+        inertia = section.density * second + mass * float(np.sum((centre - pivot) ** 2))
+    pto = None
+    if section.pto is not None:
+        pto = bodies.RotationalPTO.of(**section.pto.model_dump(), dtype=np.dtype(case.precision))
+    try:
+        body = bodies.RigidBody(
+            free=tuple(name in section.free for name in ("surge", "heave", "pitch")),
+            shape=solid,
+            mass=leaf(mass or 1.0),  # what nothing moves needs no mass
+            inertia=leaf(inertia or 1.0),
+            pivot=leaf(pivot),
+            centre=leaf(centre),
+            pto=pto,
+        )
+    except ValueError as error:
+        raise CaseError(f"body.{error}") from None
+    start = BodyState.at_rest(np.dtype(case.precision), section.velocity, (0.0, 0.0, section.angle))
+    return body, start
 
 
 def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
@@ -589,28 +867,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     def leaf(a: Any) -> jax.Array:
         return jnp.asarray(a, dtype)
 
-    h, c0 = _smoothing_length(case), sound_speed(case)
-    integrator = {
-        "symplectic": wcsph.SymplecticEuler,
-        "predictor_corrector": wcsph.PredictorCorrector,
-    }[case.scheme.integrator]()
-    scheme = wcsph.DeltaSPH.of(
-        dx,
-        c0,
-        rho0=case.fluid.rho0,
-        delta=case.scheme.delta,
-        viscosity=wcsph.PhysicalViscosity(case.fluid.nu)
-        if case.scheme.alpha is None
-        else wcsph.ArtificialViscosity(case.scheme.alpha),
-        kernel=_kernel(case),
-        h_over_dx=case.scheme.h_over_dx,
-        integrator=integrator,
-        dtype=dtype,
-        background=_background(case, geometry, leaf),
-    )
-    cfl = case.scheme.cfl if case.scheme.cfl is not None else integrator.cfl
-    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
-    dt_limit = wcsph.stable_dt(scheme, case.g, cfl * case.scheme.h_over_dx * dx / h, dim)
+    scheme, dt_limit = _scheme(case, geometry, dim, leaf)
     stroke = 0.0
     if case.waves is not None:
         k = float(waves.wavenumber(2 * np.pi / case.waves.T, case.tank.depth, case.g))
@@ -621,6 +878,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     box = boundaries.Box((0.0,) * dim, tuple(high), case.waves is not None, 1.5 * stroke + 2 * dx)
     slip = boundaries.FreeSlip() if case.tank.slip == "free_slip" else boundaries.NoSlip()
     thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
+    dummies = case.tank.walls == "dummy" or case.body is not None
     walls = boundaries.Ghosts.build(
         box,
         dx,
@@ -630,17 +888,18 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         thin_wall,
         dtype=dtype,
         platform=geometry.platform,
+        filling=boundaries.DummyParticles() if dummies else boundaries.MirrorNodes(),
+        solid=geometry.solid,
     )
-
-    surface = [geometry.column, geometry.depth]
-    if dim == 3:
-        surface = [geometry.column, geometry.width, geometry.depth]
-    x, volume = boundaries.lattice((0.0,) * dim, tuple(surface), dx, geometry.plate, geometry.platform)
-    # The density of the pressure at each place.
-    rho = case.fluid.rho0 * case.g * _initial_head(geometry, x) / c0**2
+    body, body_state = _body(case, geometry, leaf)
+    x, volume = _water(geometry, dx)
+    if body is not None:
+        # the lattice need not fit the body: what is left between them is closed within some steps
+        away = np.asarray(body.distance(jnp.asarray(x, dtype), body_state))
+        x, volume = x[away > 0.3 * dx], volume[away > 0.3 * dx]
     g = np.zeros(dim)
     g[-1] = -case.g
-    wavemaker = _wavemaker(case, geometry, leaf, h)
+    wavemaker = _wavemaker(case, geometry, leaf, _smoothing_length(case))
     sponge = None
     if case.sponge is not None:
         end = geometry.length
@@ -652,21 +911,24 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         walls=walls,
         dx=dx,
         sample_dt=case.output.sample_dt,
-        rho=rho,
+        p=case.fluid.rho0 * case.g * _initial_head(geometry, x),
         volume=volume,
         g=g,
         wavemaker=wavemaker,
         sponge=sponge,
         chamber=_chamber(case, geometry, leaf),
+        body=body,
+        body_state=body_state,
         speed=_speed_scale(case),
         dt_most=dt_limit,
+        skin=SKIN if case.isph is None else LONG_STEP_SKIN,
         depth=geometry.depth,
         stroke=stroke,
         settings=settings,
     )
     particles = state.particles
     if wavemaker is not None:
-        V = particles.m / (scheme.rho0 + particles.rho)
+        V = scheme.volume(particles)
         still = devices.column_depth(
             (particles.x[:, 0], particles.x[:, 1]), V, wavemaker.gauge, 3.0 * model.dx
         )
@@ -678,18 +940,19 @@ def assemble(
     x: np.ndarray,
     u: np.ndarray,
     *,
-    scheme: wcsph.DeltaSPH,
+    scheme: schemes.AbstractParticleScheme,
     walls: boundaries.Ghosts,
     dx: float,
     sample_dt: float,
     p: np.ndarray | None = None,
-    rho: np.ndarray | None = None,
     volume: np.ndarray | float | None = None,
     g: Sequence[float] | None = None,
     force: AbstractForce | None = None,
     wavemaker: devices.Wavemaker | None = None,
     sponge: waves.Sponge | None = None,
     chamber: devices.Chamber | None = None,
+    body: AbstractBody | None = None,
+    body_state: BodyState | None = None,
     speed: float | None = None,
     dt_most: float | None = None,
     skin: float = SKIN,
@@ -700,35 +963,33 @@ def assemble(
     """Model and initial state from arrays: any fluid in any box, where `build` makes the tanks of cases.
 
     **Arguments**: `x` `[N, D]` (m) and `u` `[N, D]` (m/s); the numbers have the scheme's precision.
-    Either `p` `[N]`, the gauge pressure (Pa), or `rho` `[N]`, the density's deviation from rho0 (kg/m3); at
-    rest, and zero, without either. `volume` (m3; m2 in 2-D): each particle's, by default dx^D.
+    `p` `[N]`, the gauge pressure (Pa), by default none. `volume` (m3; m2 in 2-D): each particle's, by
+    default dx^D.
     `walls`: `boundaries.Ghosts.build` of a `boundaries.Box`, whose `period` the scheme's smoothing must have.
-    `g` `[D]` (m/s2), by default none; `force`: a field beside it.
+    `g` `[D]` (m/s2), by default none; `force`: a field beside it. `body`: a rigid body whose dummies are the
+    walls' `solid`, in the state `body_state`, by default at rest.
     `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
-    that of `u`, or a tenth of c0 at rest. `skin`, over dx, of the tables: a wider one costs pairs and saves
-    searches, which pays where particles move far in a step. `depth` (m): for depth-averaged results, by
-    default the box's height. `stroke` (m) of the wavemaker. `settings`: as for `build`.
-    **Raises** ValueError for shapes that do not fit, both of p and rho, another period than the walls', a
+    that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
+    tables: a wider one costs pairs and saves searches, which pays where particles move far in a step.
+    `depth` (m): for depth-averaged results, by default the box's height. `stroke` (m) of the wavemaker.
+    `settings`: as for `build`.
+    **Raises** ValueError for shapes that do not fit, another period than the walls', a
     period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
     """
     dtype = np.dtype(scheme.smoothing.h.dtype)
     x, u = np.asarray(x, float), np.asarray(u, float)
-    n, dim = _checked(x, u, p, rho, scheme, walls, dx)
+    n, dim = _checked(x, u, p, scheme, walls, dx)
 
     def leaf(a: Any) -> jax.Array:
         return jnp.asarray(a, dtype)
 
-    if rho is None:
-        rho = np.zeros(n) if p is None else np.asarray(p, float) / float(scheme.c0) ** 2
-    m = (float(scheme.rho0) + rho) * (dx**dim if volume is None else volume)
+    m = float(scheme.rho0) * np.broadcast_to(dx**dim if volume is None else volume, n)
     g = np.zeros(dim) if g is None else np.asarray(g, float)
     if dt_most is None:
-        # Eq. 10 speaks of the Gaussian's h, a third of the support, whatever the kernel's own h
-        share = scheme.integrator.cfl * float(scheme.smoothing.radius) / 3.0 / float(scheme.smoothing.h)
-        dt_most = wcsph.stable_dt(scheme, float(np.linalg.norm(g)), share, dim)
+        dt_most = scheme.stable_dt(float(np.linalg.norm(g)), dim)
     if speed is None:
-        speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.1 * float(scheme.c0)
+        speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(dt_most))
     skin = skin * dx
     # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
     # an even number of steps, so that there are shorter ones for a table that goes stale.
@@ -740,10 +1001,11 @@ def assemble(
         x=leaf(x),
         x_carry=leaf(x - np.asarray(x, dtype)),
         u=leaf(u),
-        rho=leaf(rho),
+        rho=jnp.zeros(n, dtype),
         m=leaf(m),
         id=jnp.arange(n, dtype=jnp.int32),
     )
+    particles = scheme.started(particles, leaf(np.zeros(n) if p is None else p))
     state = State(
         particles=particles,
         paddle=jnp.zeros(4, dtype),
@@ -751,7 +1013,10 @@ def assemble(
         work=Work.zero(dtype),
         step=jnp.zeros((), jnp.int32),
         status=Status.sound(dim, dtype),
+        body=BodyState.at_rest(dtype) if body is not None and body_state is None else body_state,
     )
+    if (body is None) != (not walls.solid):
+        raise ValueError("a body and walls with its dummies (`solid`) go together: give both or neither")
     model = Model(
         scheme=scheme,
         walls=walls,
@@ -766,19 +1031,17 @@ def assemble(
         z0=leaf(x[:, -1]),
         search=_search(walls, x, scheme.smoothing, skin, stroke, block, chamber, settings),
         force=force,
+        body=body,
     )
     return model, state
 
 
-def _checked(x, u, p, rho, scheme, walls, dx) -> tuple[int, int]:
+def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
     """Number of particles and dimensions; ValueError where what is given does not fit together."""
     if x.ndim != 2 or x.shape[1] != len(walls.low) or u.shape != x.shape:
         raise ValueError(f"x and u must be [N, {len(walls.low)}], not {x.shape} and {u.shape}")
-    if p is not None and rho is not None:
-        raise ValueError("give p or rho, not both")
-    for name, field in (("p", p), ("rho", rho)):
-        if field is not None and np.shape(field) != x.shape[:1]:
-            raise ValueError(f"{name} must be [{len(x)}], not {np.shape(field)}")
+    if p is not None and np.shape(p) != x.shape[:1]:
+        raise ValueError(f"p must be [{len(x)}], not {np.shape(p)}")
     if scheme.smoothing.period != walls.period:
         raise ValueError(
             f"the smoothing's period, {scheme.smoothing.period}, must be that of the box, {walls.period}"
@@ -934,8 +1197,12 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
         found.append(probes.WaveGauge(at, still))
     if case.probes.pressure:
         found.append(probes.PressureProbe(jnp.asarray(case.probes.pressure, dtype)))
+    if case.probes.velocity:
+        found.append(probes.VelocityProbe(jnp.asarray(case.probes.velocity, dtype)))
     if model.chamber is not None:
         found.append(probes.ChamberProbe(sample_dt))
+    if model.body is not None:
+        found.append(probes.BodyProbe(sample_dt))
     return tuple(found)
 
 
@@ -952,7 +1219,7 @@ def check(case: Case) -> list[tuple[str, str]]:
     rows = [
         ("case", f"{case.name}: {case.description}"),
         ("particles", f"{n:,} of water, {ghosts:,} ghosts, dx = {case.dx:g} m"),
-        ("sound speed", f"{float(model.scheme.c0):.3g} m/s"),
+        ("scheme", model.scheme.described()),
         ("time step", f"{float(model.dt):.3e} s, {steps:,} steps to t1 = {case.t1:g} s"),
     ]
     if case.waves is not None:

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
-from jaxsph import analysis, io, laws, loop, waves
+from jaxsph import analysis, io, loop, waves
 from jaxsph.case import Case, build, make_probes, steps_per_sample
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.state import AbstractProbe, Failure, Model, Solution, State, Work
@@ -173,11 +173,11 @@ def _coordinates(case: Case) -> dict[str, tuple[str, np.ndarray, str, str]]:
     if case.probes.gauges:
         x = np.asarray(case.probes.gauges)
         found["gauge_x"] = ("gauge", x, "m", "distance of the gauge from the paddle at rest")
-    if case.probes.pressure:
-        points = np.asarray(case.probes.pressure)
-        names = "xz" if points.shape[1] == 2 else "xyz"
-        for axis, name in enumerate(names):
-            found[f"sensor_{name}"] = ("sensor", points[:, axis], "m", f"{name} of the sensor")
+    for given, what in ((case.probes.pressure, "sensor"), (case.probes.velocity, "point")):
+        if given:
+            points = np.asarray(given)
+            for axis, name in enumerate("xz" if points.shape[1] == 2 else "xyz"):
+                found[f"{what}_{name}"] = (what, points[:, axis], "m", f"{name} of the {what}")
     return found
 
 
@@ -504,7 +504,7 @@ def _save(file, case, model, state, series, units, seconds) -> None:
         "paddle": float(state.paddle[0]),
         "x": np.asarray(p.x)[order],
         "u": np.asarray(p.u)[order],
-        "p": np.asarray(laws.pressure(p.rho, model.scheme.c0))[order],
+        "p": np.asarray(model.scheme.pressure(p))[order],
         "id": np.asarray(p.id)[order],
     }
     variables = {name: io.Variable(*units[name], dim=_second_dimension(name)) for name in series}
@@ -519,7 +519,9 @@ def _save(file, case, model, state, series, units, seconds) -> None:
 
 
 def _second_dimension(name: str) -> str | None:
-    return {"eta": "gauge", "pressure": "sensor"}.get(name)
+    if name.startswith("velocity_"):
+        return "point"
+    return {"eta": "gauge", "pressure": "sensor", "body_velocity": "motion", "body_force": "motion"}.get(name)
 
 
 def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict[str, float]:

@@ -75,6 +75,11 @@ def laplacian(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     return tuple(w * (a - b) for a, b in zip(i["u"], j["u"], strict=True))
 
 
+def laplacian_weight(pair: Pair, j: Fields, guard: jax.Array) -> jax.Array:
+    """w_ij of sum w_ij (f_j - f_i) = lap f (Yeylaghi et al. 2016, Eq. 6 with one density, times it), 1/m2."""
+    return -2.0 * volume(j) * pair.F * (pair.r2 / (pair.r2 + guard))
+
+
 def divergence(pair: Pair, i: Fields, j: Fields) -> jax.Array:
     """sum (u_i - u_j).grad W V_j = -div u (Eq. 7 times 1/rho_i), 1/s."""
     u = tuple(a - b for a, b in zip(i["u"], j["u"], strict=True))

@@ -102,7 +102,37 @@ def linear_pair_sum(
     return _summed(law, smoothing, targets, sources, table, plainly_taken)
 
 
-def _summed(law, smoothing, targets, sources, table, take):
+def pair_weights(
+    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
+) -> tuple[Any, Any]:
+    """`pair_sum` of the first of the two things that the law gives, and for every slot `[K, N]` the second:
+    the weights of a sum that is wanted many times over (`weighted_sum`)."""
+    terms = _terms(law, smoothing, targets, sources, taken)
+    summed = jax.tree.map(
+        lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(lambda slot: terms(slot)[0], table[0])
+    )
+
+    def add(total, slot):
+        term, weight = terms(slot)
+        return jax.tree.map(jnp.add, total, term), weight
+
+    return jax.lax.scan(add, summed, table)
+
+
+def weighted_sum(
+    weights: Float[Array, "K N"], f: Float[Array, " M"], table: Int[Array, "K N"]
+) -> Float[Array, " N"]:
+    """sum_k weights[k] f[table[k]]; f has a value, any, for the empty source too. Linear in f."""
+
+    def add(total, row):
+        weight, slot = row
+        return total + weight * plainly_taken(f, slot), None
+
+    return jax.lax.scan(add, jnp.zeros(weights.shape[1], f.dtype), (weights, table))[0]
+
+
+def _terms(law, smoothing, targets, sources, take):
+    """The law's value for every target and its source in one slot."""
     x_i = targets["x"]
     dim = len(x_i)
     kernel, h = smoothing.kernel, smoothing.h
@@ -118,6 +148,11 @@ def _summed(law, smoothing, targets, sources, table, take):
         W = jnp.where(inside, kernel.value(r2, h, dim), 0.0)
         return law(Pair(r, r2, F, W), targets, j)
 
+    return pair_terms
+
+
+def _summed(law, smoothing, targets, sources, table, take):
+    pair_terms = _terms(law, smoothing, targets, sources, take)
     empty = sources["x"][0].shape[0] - 1
     # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
     terms, closed = jax.closure_convert(pair_terms, table[0])
@@ -238,8 +273,10 @@ __all__ = [
     "neighbour_count",
     "outer_upper",
     "pair_sum",
+    "pair_weights",
     "symmetric_inverse",
     "symmetric_product",
     "trace_upper",
+    "weighted_sum",
     "with_empty",
 ]

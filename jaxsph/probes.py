@@ -5,18 +5,12 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from jaxsph import laws
 from jaxsph._typing import Array, Float, Scalar, columns, dot, stacked
 from jaxsph.devices import column_depth
 from jaxsph.pairs import nearest_image
 from jaxsph.state import AbstractProbe, Model, State
 
-__all__ = ["ChamberProbe", "EnergyProbe", "PressureProbe", "WaveGauge"]
-
-
-def _volumes(model: Model, state: State) -> Float[Array, " N"]:
-    p = state.particles
-    return p.m / (model.scheme.rho0 + p.rho)
+__all__ = ["BodyProbe", "ChamberProbe", "EnergyProbe", "PressureProbe", "VelocityProbe", "WaveGauge"]
 
 
 class WaveGauge(AbstractProbe):
@@ -28,7 +22,7 @@ class WaveGauge(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        x, V = columns(state.particles.x), _volumes(model, state)
+        x, V = columns(state.particles.x), model.scheme.volume(state.particles)
         period = model.scheme.smoothing.period
 
         def column(at):
@@ -50,28 +44,56 @@ class PressureProbe(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        p, V = state.particles, _volumes(model, state)
-        smoothing = model.scheme.smoothing
-        pressure = laws.pressure(p.rho, model.scheme.c0)
+        pressure = model.scheme.pressure(state.particles)
 
-        def at(point):
-            r = stacked(nearest_image(columns(point - p.x), smoothing.period))
-            r2 = jnp.sum(r * r, axis=1)
-            w = jnp.where(
-                r2 < smoothing.radius**2,
-                V * smoothing.kernel.value(r2, smoothing.h, p.x.shape[1]),
-                0.0,
-            )
+        def carried(r):
             # each particle's pressure is first carried to the sensor's height
-            total = jnp.sum(w * (pressure + model.scheme.rho0 * (r @ model.g)))
-            near = jnp.sum(w)
-            return jnp.where(near > 0.2, total / jnp.maximum(near, 0.2), 0.0)
+            return pressure[:, None] + model.scheme.rho0 * (r @ model.g)[:, None]
 
-        return {"pressure": jax.vmap(at)(self.x)}
+        return {"pressure": _interpolated(self.x, model, state, carried)[:, 0]}
 
     def describe(self):
         """See `AbstractProbe`."""
         return {"pressure": ("Pa", "gauge pressure at the sensor")}
+
+
+class VelocityProbe(AbstractProbe):
+    """Velocity at fixed points: the water's, interpolated; zero where no water is near."""
+
+    x: Float[Array, "k D"]
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        found = _interpolated(self.x, model, state, lambda r: state.particles.u)
+        return {f"velocity_{axis}": found[:, k] for k, axis in enumerate(self._axes)}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {
+            f"velocity_{a}": ("m s-1", f"velocity of the water at the point along {a}") for a in self._axes
+        }
+
+    @property
+    def _axes(self) -> str:
+        return "xz" if self.x.shape[1] == 2 else "xyz"
+
+
+def _interpolated(points: Float[Array, "k D"], model: Model, state: State, field) -> Float[Array, "k F"]:
+    """Kernel averages of `field(r)` `[N, F]` at points; r from the particles to the point, m."""
+    p, V = state.particles, model.scheme.volume(state.particles)
+    smoothing = model.scheme.smoothing
+
+    def at(point):
+        r = stacked(nearest_image(columns(point - p.x), smoothing.period))
+        r2 = jnp.sum(r * r, axis=1)
+        w = jnp.where(
+            r2 < smoothing.radius**2, V * smoothing.kernel.value(r2, smoothing.h, p.x.shape[1]), 0.0
+        )
+        near = jnp.sum(w)
+        return jnp.where(near > 0.2, (w @ field(r)) / jnp.maximum(near, 0.2), 0.0)
+
+    # one point after the other: side by side they would take an array of points times particles
+    return jax.lax.map(at, points)
 
 
 class ChamberProbe(AbstractProbe):
@@ -81,7 +103,7 @@ class ChamberProbe(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        x, V = columns(state.particles.x), _volumes(model, state)
+        x, V = columns(state.particles.x), model.scheme.volume(state.particles)
         chamber = model.chamber
         return {
             "chamber_level": chamber.level(x, V, model.dx),
@@ -104,6 +126,35 @@ class ChamberProbe(AbstractProbe):
         }
 
 
+class BodyProbe(AbstractProbe):
+    """Motion of the rigid body, the water's force on it, and the power of its PTO."""
+
+    sample_dt: Scalar
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        body = state.body
+        return {
+            "surge": body.pose[0],
+            "heave": body.pose[1],
+            "pitch": body.pose[2],
+            "body_velocity": body.velocity,
+            "body_force": body.force,
+            "power_pto": state.work.pto / self.sample_dt,
+        }
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {
+            "surge": ("m", "displacement of the body along the tank"),
+            "heave": ("m", "displacement of the body upwards"),
+            "pitch": ("rad", "angle of the body, positive landward"),
+            "body_velocity": ("m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch"),
+            "body_force": ("N, N, N m", "the water's force on the body, and its moment about the pivot"),
+            "power_pto": ("W", "power taken by the PTO, mean since the last sample"),
+        }
+
+
 class EnergyProbe(AbstractProbe):
     """Stored energies over the initial state, exchanged and dissipated powers, the largest speed.
 
@@ -121,20 +172,12 @@ class EnergyProbe(AbstractProbe):
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
         """The probe whose stored energies are counted from this state."""
         field0 = None if model.force is None else cls.field(model, state)
-        return cls(sample_dt, cls.compression(model, state), field0)
+        return cls(sample_dt, model.scheme.compression(state.particles), field0)
 
     @staticmethod
     def field(model: Model, state: State) -> Scalar:
         """Potential energy in the body force field, J (J/m in 2-D)."""
         return jnp.sum(state.particles.m * model.force.potential(state.particles.x))
-
-    @staticmethod
-    def compression(model: Model, state: State) -> Scalar:
-        """Energy stored by compression, sum m c0^2 (ln(rho/rho0) + rho0/rho - 1)."""
-        p = state.particles
-        # Series of the exact expression: in float32 that is a difference of ones.
-        s = p.rho / model.scheme.rho0
-        return jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * model.scheme.c0**2
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -147,7 +190,7 @@ class EnergyProbe(AbstractProbe):
         return {
             "kinetic": 0.5 * jnp.sum(p.m * speed2),
             "potential": potential,
-            "compression": self.compression(model, state) - self.compression0,
+            "compression": model.scheme.compression(p) - self.compression0,
             "power_paddle": state.work.paddle / self.sample_dt,
             "power_sponge": state.work.sponge / self.sample_dt,
             "loss_viscous": lost.viscous,

@@ -20,10 +20,12 @@ from jaxsph._typing import Array, Float, Int, Scalar
 from jaxsph.neighbours import Grid
 
 __all__ = [
+    "AbstractBody",
     "AbstractForce",
     "AbstractPTO",
     "AbstractProbe",
     "AbstractScheme",
+    "BodyState",
     "Failure",
     "Model",
     "Particles",
@@ -51,6 +53,8 @@ class Particles(eqx.Module):
     """Masses, kg (kg/m in two dimensions)."""
     id: Int[Array, " N"]
     """Place in the initial lattice: follows a particle through the sorts."""
+    p: Float[Array, " N"] | None = None
+    """Gauge pressure, Pa, of a scheme that solves for it; None where it follows from the density."""
 
 
 class Work(eqx.Module):
@@ -104,6 +108,20 @@ class Status(eqx.Module):
         )
 
 
+class BodyState(eqx.Module):
+    """A rigid body's surge (m), heave (m) and pitch (rad) from its place at rest, and what goes with them."""
+
+    pose: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    force: Float[Array, "3"]
+    """The water's, N, N, N m (per metre in 2-D), in the last step."""
+
+    @classmethod
+    def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyState:
+        """Not yet under any force of the water."""
+        return cls(jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), jnp.zeros(3, dtype))
+
+
 class State(eqx.Module):
     """All that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
 
@@ -116,6 +134,7 @@ class State(eqx.Module):
     work: Work
     step: Int[Array, ""]
     status: Status
+    body: BodyState | None = None
 
 
 class Search(eqx.Module):
@@ -190,6 +209,48 @@ class AbstractTangents(eqx.Module):
         """The state, to be differentiated otherwise."""
 
 
+class AbstractBody(eqx.Module):
+    """A rigid body with three motions in the x-z plane."""
+
+    free: eqx.AbstractVar[tuple[bool, bool, bool]]
+
+    @abc.abstractmethod
+    def generalised_mass(self) -> Float[Array, "3"]:
+        """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D)."""
+
+    @abc.abstractmethod
+    def moved(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, "N D"]:
+        """Points of the body at rest (m) in its pose."""
+
+    @abc.abstractmethod
+    def velocity(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, "N D"]:
+        """Velocity of the body at the points x in its pose, m/s."""
+
+    @abc.abstractmethod
+    def directions(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, "3 N D"]:
+        """Velocity there per unit of every motion's."""
+
+    @abc.abstractmethod
+    def centripetal(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, "N D"]:
+        """Acceleration there that no change of the velocities makes, m/s2."""
+
+    @abc.abstractmethod
+    def external(self, body: BodyState, g: Float[Array, " D"]) -> Float[Array, "3"]:
+        """Forces that are not the water's nor linear in the velocity."""
+
+    @abc.abstractmethod
+    def damping(self) -> Float[Array, "3"]:
+        """Force per unit of the velocity, and against it."""
+
+    @abc.abstractmethod
+    def absorbed(self, old: BodyState, new: BodyState, dt: Scalar) -> Scalar:
+        """Energy taken by the power take-off in a step, J (J/m in 2-D)."""
+
+    @abc.abstractmethod
+    def distance(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, " N"]:
+        """Distance from the body's surface, m; negative inside."""
+
+
 class AbstractProbe(eqx.Module):
     """Something measured in the loop."""
 
@@ -226,11 +287,21 @@ class Model(eqx.Module):
     """Body force beside the uniform g."""
     tangents: AbstractTangents | None = None
     """What keeps derivatives smooth; None for exact ones."""
+    body: AbstractBody | None = None
 
     def step(self, state: State, tables: Tables) -> State:
         """One time step of the scheme."""
         new = self.scheme.step(self, state, tables)
         return new if self.tangents is None else self.tangents.filtered(self, new, tables)
+
+    def walls_at(self, state: State) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
+        """Places of all ghosts and their nodes, m."""
+        x, nodes = self.walls.moved(state.paddle[0])
+        if self.body is None:
+            return x, nodes
+        rows = slice(*self.walls.solid)
+        there = self.body.moved(self.walls.x[rows], state.body)
+        return x.at[rows].set(there), nodes.at[rows].set(there)
 
     def time(self, state: State) -> Scalar:
         """Physical time of a state, s."""

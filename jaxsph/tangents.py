@@ -118,8 +118,8 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
     h, (n, dim) = smoothing.h, p.x.shape
-    ghosts, _ = walls.moved(state.paddle[0])
-    V = p.m / (model.scheme.rho0 + p.rho)
+    ghosts, _ = model.walls_at(state)
+    V = model.scheme.volume(p)
     own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(walls.volume)
     # pushes[k][a]: a ghost's volume, where component k is even across its wall and a is normal to it

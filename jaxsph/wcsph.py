@@ -13,9 +13,7 @@ import jax.numpy as jnp
 from jaxsph import laws
 from jaxsph._typing import Array, Components, Float, Scalar, columns, dot, stacked
 from jaxsph.kernels import AbstractKernel, Gaussian
-from jaxsph.neighbours import cell_order, search, wrapped
 from jaxsph.pairs import (
-    Fields,
     Pair,
     Period,
     Smoothing,
@@ -25,99 +23,28 @@ from jaxsph.pairs import (
     trace_upper,
     with_empty,
 )
-from jaxsph.state import AbstractScheme, Failure, Model, Particles, State, Tables, Work
+from jaxsph.schemes import (
+    AbstractParticleScheme,
+    AbstractViscosity,
+    Dissipation,
+    GhostFields,
+    PhysicalViscosity,
+    Shifting,
+    damped,
+    paddle_moved,
+    pushed,
+    with_work,
+)
+from jaxsph.state import Model, Particles, State, Tables
 
 __all__ = [
     "AbstractIntegrator",
-    "AbstractViscosity",
-    "ArtificialViscosity",
     "Background",
     "DeltaSPH",
-    "Dissipation",
-    "LaplacianViscosity",
-    "PhysicalViscosity",
     "PredictorCorrector",
-    "Shifting",
     "SymplecticEuler",
     "stable_dt",
 ]
-
-
-class AbstractViscosity(eqx.Module):
-    """The viscous sum (Eq. 4 and 6): a pair law and its coefficient."""
-
-    @abc.abstractmethod
-    def coefficient(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
-        """m2/s."""
-
-    @abc.abstractmethod
-    def kinematic(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
-        """The kinematic viscosity it stands for (Eq. 5), m2/s."""
-
-    @abc.abstractmethod
-    def shear(self, pair: Pair, i: Fields, j: Fields, guard: Scalar) -> Components:
-        """What the coefficient multiplies, per pair, 1/(m s)."""
-
-
-class PhysicalViscosity(AbstractViscosity):
-    """Eq. 6: 2 (dim + 2) nu. On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
-    (`python -m experiments.taylor_green`): see `LaplacianViscosity`."""
-
-    nu: Scalar
-
-    def coefficient(self, h, c0, dim):
-        """See `AbstractViscosity`."""
-        return 2 * (dim + 2) * self.nu
-
-    def kinematic(self, h, c0, dim):
-        """See `AbstractViscosity`."""
-        return self.nu
-
-    def shear(self, pair, i, j, guard):
-        """See `AbstractViscosity`."""
-        return laws.viscous_force(pair, i, j, guard)
-
-
-class LaplacianViscosity(AbstractViscosity):
-    """nu lap u as 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j (Morris et al. 1997, Eq. 22): exact viscosity.
-
-    For flows that the physical viscosity governs. The weights of Monaghan's form are not smooth at r = 0,
-    and a square lattice sums them 9 % off; here it need only sum the kernel's second moments. Angular
-    momentum is not kept, and at a free surface it stands for du/dn = 0, not for no stress: it dissipates
-    nu |grad u|^2, half of what it should in a wave.
-    """
-
-    nu: Scalar
-
-    def coefficient(self, h, c0, dim):
-        """See `AbstractViscosity`."""
-        return 2 * self.nu
-
-    def kinematic(self, h, c0, dim):
-        """See `AbstractViscosity`."""
-        return self.nu
-
-    def shear(self, pair, i, j, guard):
-        """See `AbstractViscosity`."""
-        return laws.laplacian(pair, i, j)
-
-
-class ArtificialViscosity(AbstractViscosity):
-    """Eq. 4: alpha h c0."""
-
-    alpha: Scalar
-
-    def coefficient(self, h, c0, dim):
-        """See `AbstractViscosity`."""
-        return self.alpha * h * c0
-
-    def kinematic(self, h, c0, dim):
-        """See `AbstractViscosity`."""
-        return self.alpha * h * c0 / (2 * (dim + 2))
-
-    def shear(self, pair, i, j, guard):
-        """See `AbstractViscosity`."""
-        return laws.viscous_force(pair, i, j, guard)
 
 
 class Background(eqx.Module):
@@ -180,55 +107,6 @@ def _derivatives(f: Callable, x: Float[Array, " N"]) -> tuple[Float[Array, " N"]
     return f(x), slope(f)(x), slope(slope(f))(x), slope(slope(slope(f)))(x)
 
 
-class Shifting(eqx.Module):
-    """Fickian shifting of particles, down the gradient of their concentration (Lind et al. 2012; the sum of
-    Sun et al. 2017, Eq. 6, which also keeps particles from pairing).
-
-    dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, with U the largest speed, at most
-    U dt/2. Near a free surface, where the kernel is not full, it fades out: there the gradient is the
-    surface's own. Velocities and densities stay with their particles, so angular momentum is not kept, and a
-    free surface creeps outwards: use it where pressures are negative (`experiments.rotating_square`), not
-    where they are positive anyway (`experiments.oscillating_drop`).
-
-    A flow that stretches the lattice needs it: in the Taylor-Green vortex at Re = 100 half of the energy is
-    lost within 0.4 s without, when the particles fall out of line (`python -m experiments.taylor_green`).
-    """
-
-    strength: Scalar
-    """1; 12 keeps the particles of the exact tests in order, with 3 some energy is still lost. As a diffusion
-    it is stable while strength U is below c0."""
-
-    def displacement(
-        self,
-        scheme: DeltaSPH,
-        model: Model,
-        u: Float[Array, "N D"],
-        sources: dict,
-        tables: Tables,
-        dt: Scalar,
-    ) -> Float[Array, "N D"]:
-        """By how much each particle is moved in a step of dt (s), m."""
-        dim = u.shape[1]
-        h, kernel = scheme.smoothing.h, scheme.smoothing.kernel
-        W_dx = kernel.value(model.dx**2, h, dim)
-
-        def law(pair: Pair, i, j):
-            w = laws.volume(j) * pair.F
-            crowded = w * (1.0 + 0.2 * (pair.W / W_dx) ** 4)
-            return tuple(crowded * r for r in pair.r), -w * pair.r2
-
-        n = u.shape[0]
-        targets = jax.tree.map(lambda a: a[:n], sources)
-        gradient, trace = pair_sum(law, scheme.smoothing, targets, with_empty(sources), tables.fluid)
-        speed = jnp.sqrt(jnp.max(jnp.sum(u**2, axis=1)))
-        # a full kernel gives dim within a few per cent, half a one half of it
-        inside = jnp.clip((trace / dim - 0.8) / 0.15, 0.0, 1.0)
-        move = self.strength * h * stacked(gradient) * inside[:, None]
-        # the guard is for the derivative at zero
-        size = jnp.sqrt(jnp.sum(move**2, axis=1, keepdims=True) + 1e-12)
-        return -speed * dt * move * jnp.minimum(1.0, 0.5 / size)
-
-
 class Rates(NamedTuple):
     """One evaluation's first pass."""
 
@@ -237,14 +115,7 @@ class Rates(NamedTuple):
     position_divergence: Float[Array, " N"]
 
 
-class Dissipation(NamedTuple):
-    """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
-
-    viscous: Scalar
-    diffusive: Scalar
-
-
-class DeltaSPH(AbstractScheme):
+class DeltaSPH(AbstractParticleScheme):
     """Eq. 17 with its closures; the integrator is an object of its own."""
 
     smoothing: Smoothing
@@ -285,66 +156,48 @@ class DeltaSPH(AbstractScheme):
             return jnp.asarray(a, dtype)
 
         return cls(
-            Smoothing(kernel, leaf(h_over_dx * dx * (3.0 / kernel.reach)), period),
-            leaf(c0),
-            leaf(rho0),
-            leaf(delta),
-            jax.tree.map(leaf, viscosity),
-            SymplecticEuler() if integrator is None else integrator,
+            smoothing=Smoothing(kernel, leaf(h_over_dx * dx * (3.0 / kernel.reach)), period),
+            c0=leaf(c0),
+            rho0=leaf(rho0),
+            delta=leaf(delta),
+            viscosity=jax.tree.map(leaf, viscosity),
+            integrator=SymplecticEuler() if integrator is None else integrator,
             **jax.tree.map(leaf, options),
         )
 
-    # ---------------------------------------------------------------- tables
+    # ---------------------------------------------------------------- what a scheme is asked
 
-    def prepare(self, model, state):
-        """See `AbstractScheme`."""
-        s, walls, p = model.search, model.walls, state.particles
-        x, carry = wrapped(p.x, p.x_carry, walls.low, self.smoothing.period)
-        p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
-        order = cell_order(p.x, s.grid)
-        p = jax.tree.map(lambda a: a[order], p)
-        region = walls.regions.index(p.x)
-        kind = walls.regions.kind(region)
-        ghosts, nodes = walls.moved(state.paddle[0])
-        # an escaped particle must not poison the search: the failure is flagged below
-        sources = jnp.concatenate([p.x, ghosts])
-        fluid = search(
-            p.x,
-            sources,
-            s.grid,
-            s.capacity,
-            walls.regions.sees(region),
-            jnp.concatenate([kind, walls.kind]),
-            same=True,
-        )
-        at_nodes = search(nodes, p.x, s.grid, s.node_capacity, walls.node_sees, kind, same=False)
-        overflow = fluid.overflow | at_nodes.overflow
-        paddle = None
-        if walls.paddle:
-            first, last = walls.paddle
-            every = jnp.full(last - first, -1, jnp.int32)
-            around = search(ghosts[first:last], p.x, s.grid, s.node_capacity, every, kind, same=False)
-            paddle, overflow = around.indices, overflow | around.overflow
-        status, chamber = state.status, None
-        if model.chamber is not None:
-            chamber, count = model.chamber.candidates(p.x, s.skin, s.chamber_capacity)
-            status = status.flag(
-                Failure.CHAMBER_OVERFLOW,
-                count > s.chamber_capacity,
-                state.step,
-                jnp.zeros_like(model.g),
-            )
-        status = status.flag(Failure.NEIGHBOUR_OVERFLOW, overflow, state.step, jnp.zeros_like(model.g))
-        state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
-        return state, Tables(fluid.indices, at_nodes.indices, paddle, chamber, p.x)
+    def pressure(self, p):
+        """See `AbstractParticleScheme`."""
+        return laws.pressure(p.rho, self.c0)
+
+    def started(self, p, pressure):
+        """See `AbstractParticleScheme`."""
+        rho = laws.density_deviation(pressure, self.c0)
+        m = p.m / (self.rho0 + p.rho) * (self.rho0 + rho)
+        return eqx.tree_at(lambda a: (a.rho, a.m), p, (rho, m))
+
+    def stable_dt(self, g, dim):
+        """See `AbstractParticleScheme`."""
+        # Eq. 10 speaks of the Gaussian's h, a third of the support, whatever the kernel's own h
+        share = self.integrator.cfl * float(self.smoothing.radius) / 3.0 / float(self.smoothing.h)
+        return stable_dt(self, g, share, dim)
+
+    def described(self):
+        """See `AbstractParticleScheme`."""
+        return f"weakly compressible, sound speed {float(self.c0):.3g} m/s"
+
+    def fastest(self, dt):
+        """See `AbstractParticleScheme`: beyond a third of c0 water is no longer weakly compressible."""
+        return self.c0 / 3.0
+
+    def compression(self, p):
+        """See `AbstractParticleScheme`: sum m c0^2 (ln(rho/rho0) + rho0/rho - 1)."""
+        # Series of the exact expression: in float32 that is a difference of ones.
+        s = p.rho / self.rho0
+        return jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * self.c0**2
 
     # ---------------------------------------------------------------- sources
-
-    def water(self, model: Model, p: Particles) -> dict:
-        """The fluid as a source for nodes (volumes, pressure, velocity)."""
-        V = p.m / (self.rho0 + p.rho)
-        pressure = laws.pressure(p.rho, self.c0)
-        return with_empty({"x": columns(p.x), "V": V, "p": pressure, "u": columns(p.u)})
 
     def sources(
         self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
@@ -364,48 +217,6 @@ class DeltaSPH(AbstractScheme):
             "V": V,
             "u": columns(jnp.concatenate([u, u_ghosts])),
         }
-
-    def ghosts(self, model: Model, state: State, tables: Tables, a_wall: Scalar) -> GhostFields:
-        """Positions, pressure, velocity and volume of all ghosts for the state's fluid (Eq. 18-20)."""
-        walls, p = model.walls, state.particles
-        x, nodes = walls.moved(state.paddle[0])
-        water = self.water(model, p)
-        fit = walls.fit(nodes, water, self.smoothing, tables.nodes)
-        at_node = walls.at_nodes(lambda j: j["p"], fit, nodes, water, self.smoothing, tables.nodes)
-        force = jnp.broadcast_to(model.g, x.shape) * self.rho0
-        if model.force is not None:
-            force = force + self.rho0 * model.force.acceleration(0.5 * (x + nodes))
-        force = force.at[:, 0].add(-self.rho0 * a_wall * walls.moves)
-        pressure = walls.pressure(fit, at_node, x, nodes, force)
-        here = fit.wet * walls.behind_paddle(x, state.paddle[0], model.dx)
-        # a dry ghost has no volume; its pressure must still be a number
-        return GhostFields(
-            x,
-            nodes,
-            jnp.where(fit.wet > 0, pressure, 0.0),
-            jnp.zeros_like(x),
-            jnp.zeros_like(x),
-            here * walls.volume,
-            fit,
-            water,
-        )
-
-    def ghost_velocity(
-        self, model: Model, state: State, tables: Tables, ghosts: GhostFields, u: jax.Array
-    ) -> GhostFields:
-        """The same ghosts with velocities for the fluid's velocities u."""
-        walls = model.walls
-        water = ghosts.water | {"u": with_empty({"u": columns(u)})["u"]}
-        at_node = walls.at_nodes(
-            lambda j: j["u"], ghosts.fit, ghosts.nodes, water, self.smoothing, tables.nodes
-        )
-        zero = jnp.zeros_like(walls.moves)
-        wall = (walls.moves * state.paddle[1],) + (zero,) * (len(at_node) - 1)
-        if walls.sliding is not None:
-            wall = tuple(a + b for a, b in zip(wall, columns(walls.sliding), strict=True))
-        return ghosts._replace(
-            u=walls.velocity(at_node, wall, walls.mirror), u_shear=walls.velocity(at_node, wall, walls.shear)
-        )
 
     # ---------------------------------------------------------------- the two passes
 
@@ -457,36 +268,6 @@ class DeltaSPH(AbstractScheme):
         """See `AbstractScheme`."""
         return self.integrator.step(self, model, state, tables)
 
-    def drift(self, p: Particles, dx: Float[Array, "N D"]) -> Particles:
-        """Moves particles by dx without losing what is smaller than the rounding of x (Kahan)."""
-        dx = dx + p.x_carry
-        x = p.x + dx
-        return eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, dx - (x - p.x)))
-
-    def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array) -> State:
-        """Flags what makes the tables or the numbers untrustworthy."""
-        p = state.particles
-        moved2 = jnp.max(jnp.sum((p.x - tables.x) ** 2, axis=1))
-        speed2 = jnp.sum(p.u**2, axis=1)
-        fastest = jnp.argmax(speed2)
-        finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1)
-        bad = ~(finite & jnp.isfinite(p.rho))
-        out = model.walls.entered(p.x, state.paddle[0], model.dx)
-        status = state.status
-        status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
-        status = status.flag(
-            Failure.STALE_TABLE, moved2 > (0.5 * model.search.skin) ** 2, state.step, p.x[fastest]
-        )
-        status = status.flag(Failure.THROUGH_WALL, jnp.any(out), state.step, p.x[jnp.argmax(out)])
-        # beyond a third of the sound speed the fluid is no longer weakly compressible
-        status = status.flag(
-            Failure.TOO_FAST,
-            speed2[fastest] > (0.33 * self.c0) ** 2,
-            state.step,
-            p.x[fastest],
-        )
-        return eqx.tree_at(lambda a: a.status, state, status)
-
     # ---------------------------------------------------------------- diagnostics
 
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
@@ -532,21 +313,6 @@ SURFACE = 1.89 / 2.0
 """Eq. 15's criterion as a share of the ideal value (2 in two dimensions)."""
 
 
-class GhostFields(NamedTuple):
-    """All ghosts, filled."""
-
-    x: Float[Array, "G D"]
-    nodes: Float[Array, "G D"]
-    p: Float[Array, " G"]
-    u: Float[Array, "G D"]
-    u_shear: Float[Array, "G D"]
-    """Velocity that the viscous force sees: a wall without slip must not look like a moving one to the
-    continuity equation."""
-    V: Float[Array, " G"]
-    fit: tuple
-    water: dict
-
-
 # --------------------------------------------------------------------------- time
 
 
@@ -575,19 +341,19 @@ class SymplecticEuler(AbstractIntegrator):
         """See `AbstractIntegrator`."""
         p, dt, t = state.particles, model.dt, model.time(state)
         x_old = p.x
-        paddle, a_wall = _paddle(scheme, model, state, dt)
+        paddle, a_wall = paddle_moved(scheme, model, state, dt)
         ghosts = scheme.ghosts(model, state, tables, a_wall)
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
-        u = p.u + dt * (stacked(rates.acceleration) + _push(scheme, model, p, state.paddle[0]))
+        u = p.u + dt * (stacked(rates.acceleration) + _push(scheme, model, state))
         u, air, work = _air(scheme, model, state, tables, sources, u, dt, t)
-        u, sponge = _sponge(model, p, u, dt)
+        u, sponge = damped(model, p, u, dt)
         state = eqx.tree_at(lambda a: a.paddle, state, state.paddle.at[1].set(paddle[1]))
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, u)
         sources = scheme.sources(ghosts, p, u, ghosts.u)
         rho = p.rho + dt * scheme.continuity(p, sources, rates.grad_rho, tables)
-        work = _paddle_work(scheme, model, tables, p, ghosts, work, sponge, paddle[1], dt)
+        work = with_work(scheme, model, tables, ghosts, work, sponge, paddle[1], dt)
         p = eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho))
         dx = dt * u
         if scheme.shifting is not None:
@@ -615,17 +381,17 @@ class PredictorCorrector(AbstractIntegrator):
     ) -> State:
         """`start` advanced by dt with the rates of `at`."""
         p0, p, t = start.particles, at.particles, model.time(start)
-        paddle, a_wall = _paddle(scheme, model, start, dt)
+        paddle, a_wall = paddle_moved(scheme, model, start, dt)
         ghosts = scheme.ghosts(model, at, tables, a_wall)
         ghosts = scheme.ghost_velocity(model, at, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        u = p0.u + dt * (stacked(rates.acceleration) + _push(scheme, model, p, at.paddle[0]))
+        u = p0.u + dt * (stacked(rates.acceleration) + _push(scheme, model, at))
         u, air, work = _air(scheme, model, start, tables, sources, u, dt, t)
-        u, sponge = _sponge(model, p0, u, dt)
-        work = _paddle_work(scheme, model, tables, p, ghosts, work, sponge, at.paddle[1], dt)
+        u, sponge = damped(model, p0, u, dt)
+        work = with_work(scheme, model, tables, ghosts, work, sponge, at.paddle[1], dt)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
         dx = dt * p.u
@@ -635,21 +401,10 @@ class PredictorCorrector(AbstractIntegrator):
         return State(new, paddle, air, work, start.step, start.status)
 
 
-def _push(scheme: DeltaSPH, model: Model, p: Particles, displacement: Scalar) -> Float[Array, "N D"]:
+def _push(scheme: DeltaSPH, model: Model, state: State) -> Float[Array, "N D"]:
     """Acceleration that is no pair's: off the walls, and by the body force, m/s2."""
-    push = model.walls.push(p.x, displacement, model.dx, scheme.c0)
-    return push if model.force is None else push + model.force.acceleration(p.x)
-
-
-def _paddle(scheme: DeltaSPH, model: Model, state: State, dt: Scalar) -> tuple[jax.Array, Scalar]:
-    """Paddle at t + dt, and its acceleration over the step."""
-    if model.wavemaker is None:
-        return state.paddle, jnp.zeros_like(dt)
-    p = state.particles
-    V = p.m / (scheme.rho0 + p.rho)
-    elevation = model.wavemaker.elevation(columns(p.x), V, state.paddle, 3.0 * model.dx)
-    new = model.wavemaker.move(state.paddle, model.time(state), dt, elevation)
-    return new, (new[1] - state.paddle[1]) / dt
+    push = pushed(model, state, scheme.c0)
+    return push if model.force is None else push + model.force.acceleration(state.particles.x)
 
 
 def _air(scheme, model, state, tables, sources, u, dt, t):
@@ -670,36 +425,6 @@ def _air(scheme, model, state, tables, sources, u, dt, t):
 
 def _at(u: jax.Array, index: jax.Array) -> Components:
     return columns(u[jnp.minimum(index, u.shape[0] - 1)])
-
-
-def _sponge(model: Model, p: Particles, u: jax.Array, dt: Scalar) -> tuple[jax.Array, Scalar]:
-    """Eq. 27-28, and the kinetic energy that it takes."""
-    if model.sponge is None:
-        return u, jnp.zeros_like(dt)
-    factor = model.sponge.factor(p.x[:, 0], dt)
-    taken = 0.5 * jnp.sum(p.m * (1.0 - factor**2) * jnp.sum(u**2, axis=1))
-    return u * factor[:, None], taken
-
-
-def _paddle_work(scheme, model, tables, p, ghosts, work: Work, sponge, velocity, dt) -> Work:
-    """Adds what the sponge took and what the paddle did: minus the water's force on it, times U."""
-    work = eqx.tree_at(lambda w: w.sponge, work, work.sponge + sponge)
-    if tables.paddle is None:
-        return work
-    first, last = model.walls.paddle
-    own = {
-        "x": columns(ghosts.x[first:last]),
-        "p": ghosts.p[first:last],
-    }
-    force = pair_sum(
-        lambda pair, i, j: laws.pressure_force(pair, i, j)[0],
-        scheme.smoothing,
-        own,
-        ghosts.water,
-        tables.paddle,
-    )
-    on_paddle = jnp.sum(force * ghosts.V[first:last])
-    return eqx.tree_at(lambda w: w.paddle, work, work.paddle - dt * velocity * on_paddle)
 
 
 def stable_dt(scheme: DeltaSPH, g: float, cfl: float, dim: int) -> float:

@@ -13,14 +13,23 @@ import jaxsph
 LAYERS = (
     ("_typing", "kernels", "transforms", "pairs", "neighbours", "loop"),
     ("state", "laws", "waves"),
-    ("boundaries", "devices"),
-    ("wcsph", "tangents"),
+    ("shapes", "boundaries", "devices", "bodies"),
+    ("schemes", "wcsph", "isph", "tangents"),
     ("probes", "case"),
     ("analysis", "linear", "driver"),
     ("io", "plot", "design", "gradients"),
     ("__main__",),
 )
-UNRELATED = {("loop", "pairs"), ("loop", "neighbours"), ("loop", "kernels"), ("devices", "boundaries")}
+UNRELATED = {
+    ("loop", "pairs"),
+    ("loop", "neighbours"),
+    ("loop", "kernels"),
+    ("devices", "boundaries"),
+    ("bodies", "boundaries"),
+    ("bodies", "devices"),
+    ("devices", "shapes"),
+    ("isph", "wcsph"),
+}
 """Pairs that the order within a layer would allow and the design does not."""
 LEAF = "errors"
 """Imports nothing of the package; anyone may import it."""

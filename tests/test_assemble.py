@@ -72,7 +72,6 @@ def test_period_must_be_the_box_s():
     ("change", "message"),
     [
         ({"p": np.zeros(3)}, r"p must be \[144\]"),
-        ({"p": np.zeros(144), "rho": np.zeros(144)}, "not both"),
         ({"top": 1.5}, "outside the box"),
     ],
 )

@@ -20,8 +20,9 @@ from jaxsph.pairs import (
     trace_upper,
     with_empty,
 )
+from jaxsph.schemes import ArtificialViscosity, PhysicalViscosity
 from jaxsph.state import Particles
-from jaxsph.wcsph import ArtificialViscosity, DeltaSPH, PhysicalViscosity, SymplecticEuler
+from jaxsph.wcsph import DeltaSPH, SymplecticEuler
 
 DX = 0.1
 RHO0 = 1000.0
@@ -105,7 +106,12 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
         jnp.arange(n),
     )
     scheme = DeltaSPH(
-        _smoothing(), jnp.asarray(20.0), jnp.asarray(RHO0), jnp.asarray(0.1), viscosity, SymplecticEuler()
+        smoothing=_smoothing(),
+        c0=jnp.asarray(20.0),
+        rho0=jnp.asarray(RHO0),
+        delta=jnp.asarray(0.1),
+        viscosity=viscosity,
+        integrator=SymplecticEuler(),
     )
     weightless = types.SimpleNamespace(g=jnp.zeros(dim))
     table = _all_others(n)

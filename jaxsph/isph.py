@@ -1,0 +1,452 @@
+"""Incompressible SPH by projection (Yeylaghi et al. 2016, Eq. 7-17; Cummins and Rudman 1999), 2-D and 3-D.
+Equation numbers are those of Yeylaghi et al. unless another source is named."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph import laws
+from jaxsph._typing import Array, Float, Scalar, columns, stacked
+from jaxsph.kernels import AbstractKernel, WendlandC2
+from jaxsph.pairs import (
+    Pair,
+    Period,
+    Smoothing,
+    pair_sum,
+    pair_weights,
+    weighted_sum,
+    with_empty,
+)
+from jaxsph.schemes import (
+    AbstractParticleScheme,
+    AbstractViscosity,
+    Dissipation,
+    GhostFields,
+    PhysicalViscosity,
+    Shifting,
+    body_moved,
+    damped,
+    paddle_moved,
+    pushed,
+    stopped,
+    with_work,
+)
+from jaxsph.state import BodyState, Model, Particles, State, Tables
+
+__all__ = [
+    "AbstractSolver",
+    "AbstractSurface",
+    "BiCGStab",
+    "EmptyNeighbours",
+    "Explicit",
+    "ISPH",
+    "SurfaceParticles",
+    "stable_dt",
+]
+
+Unknown = Any
+Operator = Callable[[Unknown], Unknown]
+
+
+class AbstractSolver(eqx.Module):
+    """How the pressure Poisson equation (9-12) is solved."""
+
+    @abc.abstractmethod
+    def solve(self, operator: Operator, b: Unknown, p: Unknown) -> Unknown:
+        """Pressure (Pa) with operator(pressure) = b, from the last step's p (Pa).
+
+        The operator is scaled by its diagonal, which is 1: p_i - sum A_ij p_j / sum A_ij. With a body the
+        unknowns are a pair: the pressures, and the body's accelerations in units of pressure.
+        """
+
+
+class Explicit(AbstractSolver):
+    """Eq. 13-15 (Hosseini et al. 2007): the pressure of the neighbours is the last step's. Pressure waves
+    then travel about a spacing per step and sweep."""
+
+    sweeps: int = eqx.field(static=True, default=1)
+
+    def solve(self, operator, b, p):
+        """See `AbstractSolver`."""
+        for _ in range(self.sweeps):
+            p = jax.tree.map(lambda p, b, Ap: p + b - Ap, p, b, operator(p))
+        return p
+
+
+class BiCGStab(AbstractSolver):
+    """Stabilised biconjugate gradients (van der Vorst 1992), begun from the last step's pressure.
+
+    The walls' pressures are interpolated, so the matrix is not symmetric. Derivatives are those of the
+    solution, whatever the iteration did.
+    """
+
+    tolerance: float = eqx.field(static=True, default=1e-2)
+    """Residual over the right-hand side, both as norms."""
+    iterations: int = eqx.field(static=True, default=200)
+
+    def solve(self, operator, b, p):
+        """See `AbstractSolver`."""
+        solve = jax.scipy.sparse.linalg.bicgstab
+        # from the difference to the last pressure: in float32 the residual is then that of small numbers
+        start = jax.lax.stop_gradient(p)
+        rest = jax.tree.map(jnp.subtract, b, operator(start))
+        size = jnp.sqrt(sum(jnp.vdot(a, a) for a in jax.tree.leaves(jax.lax.stop_gradient(b))))
+        change, _ = solve(operator, rest, tol=0.0, atol=self.tolerance * size, maxiter=self.iterations)
+        return jax.tree.map(jnp.add, start, change)
+
+
+class AbstractSurface(eqx.Module):
+    """What the Poisson equation is told of a free surface."""
+
+    @abc.abstractmethod
+    def free(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
+        """1 for particles whose pressure is solved for, 0 where it is zero.
+
+        `filled`: sum V W over that of a full kernel.
+        """
+
+    @abc.abstractmethod
+    def missing(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
+        """What the diagonal gains for every unit of the weights that are missing from it."""
+
+
+class SurfaceParticles(AbstractSurface):
+    """p = 0 for particles whose kernel is not full (Eq. 23-24)."""
+
+    threshold: Scalar
+    """Share of a full kernel's sum up to which a particle is at the surface."""
+
+    def free(self, filled):
+        """See `AbstractSurface`."""
+        return (filled > self.threshold).astype(filled.dtype)
+
+    def missing(self, filled):
+        """See `AbstractSurface`."""
+        return jnp.zeros_like(filled)
+
+
+class EmptyNeighbours(AbstractSurface):
+    """Where neighbours are missing the pressure is -gain p_i (Nair and Tomar 2014 have 0)."""
+
+    gain: Scalar
+    low: Scalar
+    high: Scalar
+    """Share of a full kernel's sum below which neighbours are missing, and above which none is."""
+
+    def free(self, filled):
+        """See `AbstractSurface`."""
+        return jnp.ones_like(filled)
+
+    def missing(self, filled):
+        """See `AbstractSurface`."""
+        s = jnp.clip((self.high - filled) / (self.high - self.low), 0.0, 1.0)
+        return (1.0 + self.gain) * s * s * (3.0 - 2.0 * s)
+
+
+class ISPH(AbstractParticleScheme):
+    """Projection onto velocities without divergence."""
+
+    smoothing: Smoothing
+    rho0: Scalar
+    speed: Scalar
+    """Largest speed to expect, m/s."""
+    full: Scalar
+    """sum V W on the lattice."""
+    full_weights: Scalar
+    """Sum of the Laplacian's weights on the lattice, times h^2."""
+    viscosity: AbstractViscosity
+    solver: AbstractSolver
+    surface: AbstractSurface
+    relaxation: Scalar
+    least: Scalar
+    """Least gauge pressure that water bears where there is a free surface, Pa; 0: none that pulls."""
+    shifting: Shifting | None = None
+
+    @classmethod
+    def of(
+        cls,
+        dx: float,
+        speed: float,
+        *,
+        dim: int,
+        rho0: float = 1000.0,
+        viscosity: AbstractViscosity | None = None,
+        kernel: AbstractKernel | None = None,
+        h_over_dx: float = 1.5,
+        solver: AbstractSolver | None = None,
+        surface: AbstractSurface | None = None,
+        relaxation: float = 0.05,
+        least: float = 0.0,
+        period: Period = None,
+        dtype: Any = jnp.float32,
+        **options: Any,
+    ) -> ISPH:
+        """The scheme from plain numbers, in the precision `dtype`.
+
+        **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
+        default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx; `period`:
+        `Box.period`; `options`: further objects by name.
+        """
+        kernel = WendlandC2() if kernel is None else kernel
+        viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
+        surface = EmptyNeighbours(1.0, 0.7, 0.85) if surface is None else surface
+
+        def leaf(a):
+            return jnp.asarray(a, dtype)
+
+        full, full_weights = _lattice_sums(kernel, h_over_dx, dim)
+        return cls(
+            smoothing=Smoothing(kernel, leaf(h_over_dx * dx), period),
+            rho0=leaf(rho0),
+            speed=leaf(speed),
+            full=leaf(full),
+            full_weights=leaf(full_weights),
+            viscosity=jax.tree.map(leaf, viscosity),
+            solver=BiCGStab() if solver is None else solver,
+            surface=jax.tree.map(leaf, surface),
+            relaxation=leaf(relaxation),
+            least=leaf(least),
+            **jax.tree.map(leaf, options),
+        )
+
+    # ---------------------------------------------------------------- what a scheme is asked
+
+    def pressure(self, p):
+        """See `AbstractParticleScheme`."""
+        return p.p
+
+    def started(self, p, pressure):
+        """See `AbstractParticleScheme`."""
+        return eqx.tree_at(lambda a: a.p, p, pressure, is_leaf=lambda a: a is None)
+
+    def stable_dt(self, g, dim):
+        """See `AbstractParticleScheme`."""
+        return stable_dt(self, g, 0.25, dim)
+
+    def described(self):
+        """See `AbstractParticleScheme`."""
+        return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
+
+    def fastest(self, dt):
+        """See `AbstractParticleScheme`: a particle that crosses half a smoothing length in a step."""
+        return 0.5 * self.smoothing.h / dt
+
+    def compression(self, p):
+        """See `AbstractParticleScheme`: none."""
+        return jnp.zeros((), p.x.dtype)
+
+    # ---------------------------------------------------------------- one step
+
+    def step(self, model, state, tables):
+        """See `AbstractScheme`."""
+        p, dt = state.particles, model.dt
+        paddle, a_wall = paddle_moved(self, model, state, dt)
+        u = p.u + dt * (self._viscous(model, state, tables) + self._push(model, state))
+        # Eq. 7-8. Walls carry gravity and forces as the water does, and their own acceleration goes into
+        # their pressure: so that of a field without divergence none is seen at a wall either.
+        ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), u)
+        u_star = u + dt * self._body_force(model, p.x)
+        at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, dt * u_star), paddle))
+        if model.body is not None:
+            at = eqx.tree_at(lambda s: s.body, at, body_moved(model, state.body, jnp.zeros(3, dt.dtype), dt))
+        u_ghosts = ghosts.u + dt * self._body_force(model, ghosts.x)
+        ghosts = self.placed(model, at, tables)
+        sources = self._sources(at.particles, ghosts, u_star, u_ghosts)
+        pressure, p_ghosts, body = self._projected(model, at, state, tables, ghosts, sources, a_wall)
+        sources = sources | {"p": jnp.concatenate([pressure, p_ghosts])}
+        u_new = u_star + dt / self.rho0 * stacked(self._sum(laws.pressure_force, sources, tables))
+        u_new = stopped(model, state, u_new, self._push(model, state))
+        u_new, sponge = damped(model, p, u_new, dt)
+        ghosts = ghosts._replace(p=p_ghosts, water=ghosts.water | {"p": with_empty({"p": pressure})["p"]})
+        work = with_work(self, model, tables, ghosts, state.work, sponge, paddle[1], dt)
+        if body is not None:
+            taken = model.body.absorbed(state.body, body, dt)
+            work = eqx.tree_at(lambda w: w.pto, work, work.pto + taken)
+        dx = 0.5 * dt * (u_new + p.u)  # Eq. 17
+        if self.shifting is not None:
+            dx = dx + self.shifting.displacement(self, model, u_new, sources, tables, dt)
+        new = eqx.tree_at(lambda a: (a.u, a.p), self.drift(p, dx), (u_new, pressure))
+        state = State(new, paddle, state.air, work, state.step + 1, state.status, body)
+        return self.check(model, state, tables, p.x)
+
+    def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> dict:
+        return {
+            "x": columns(jnp.concatenate([p.x, ghosts.x])),
+            "V": jnp.concatenate([self.volume(p), -ghosts.V]),
+            "u": columns(jnp.concatenate([u, u_ghosts])),
+        }
+
+    def _sum(self, law, sources: dict, tables: Tables):
+        n = tables.fluid.shape[1]
+        targets = jax.tree.map(lambda a: a[:n], sources)
+        return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+
+    def _body_force(self, model: Model, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        g = jnp.broadcast_to(model.g, x.shape)
+        return g if model.force is None else g + model.force.acceleration(x)
+
+    def _push(self, model: Model, state: State) -> Float[Array, "N D"]:
+        # the projection stops the water at a wall, and this only what it missed
+        return pushed(model, state, 0.5 * model.dx / model.dt)
+
+    def _viscous(self, model: Model, state: State, tables: Tables) -> Float[Array, "N D"]:
+        """nu lap u, m/s2."""
+        p = state.particles
+        ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), p.u)
+        guard = laws.GUARD * self.smoothing.h**2
+        sources = self._sources(p, ghosts, p.u, ghosts.u_shear)
+        shear = self._sum(lambda pair, i, j: self.viscosity.shear(pair, i, j, guard), sources, tables)
+        return self.viscosity.coefficient(self.smoothing.h, 0.0, p.x.shape[1]) * stacked(shear)
+
+    def _projected(
+        self,
+        model: Model,
+        at: State,
+        before: State,
+        tables: Tables,
+        ghosts: GhostFields,
+        sources: dict,
+        a_wall: Scalar,
+    ) -> tuple[Float[Array, " N"], Float[Array, " G"], BodyState | None]:
+        """Pressure (Pa) of the water and of the ghosts that takes the divergence out of the velocities, and
+        the body as that pressure moves it.
+
+        A body's accelerations are unknowns beside the pressures: its own pressure depends on them at once,
+        and a light body would swing without end were they taken from the step before.
+        """
+        p, walls, h = at.particles, model.walls, self.smoothing.h
+        n = p.x.shape[0]
+        guard = (0.1 * h) ** 2
+        targets = jax.tree.map(lambda a: a[:n], sources)
+
+        def law(pair: Pair, i, j):
+            w = laws.laplacian_weight(pair, j, guard)
+            return (laws.divergence(pair, i, j), laws.volume(j) * pair.W, w), w
+
+        (shrinking, fill, diagonal), weights = pair_weights(
+            law, self.smoothing, targets, with_empty(sources), tables.fluid
+        )
+        own = self.volume(p) * self.smoothing.kernel.value(jnp.zeros_like(fill), h, p.x.shape[1])
+        filled = (fill + own) / self.full
+        free = self.surface.free(filled)
+        fixed = 1.0 - free
+        extra = self.surface.missing(filled) * jnp.maximum(self.full_weights / h**2 - diagonal, 0.0)
+        scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
+        at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
+
+        def at_walls(q):
+            return weighted_sum(at_nodes, jnp.append(q, 0.0), tables.nodes)
+
+        def pulled(q, q_ghosts):
+            every = jnp.concatenate([q, q_ghosts, jnp.zeros(1, q.dtype)])
+            return scale * weighted_sum(weights, every, tables.fluid)
+
+        force = self.wall_force(model, at, ghosts, a_wall)
+        beyond = walls.pressure(
+            ghosts.fit, jnp.zeros_like(fill, shape=ghosts.p.shape), ghosts.x, ghosts.nodes, force
+        )
+        beyond = jnp.where(ghosts.fit.wet > 0, beyond, 0.0)
+        nothing = jnp.zeros_like(fill)
+        crowded = self.relaxation * _crowding(filled)
+        b = scale * (self.rho0 / model.dt * (shrinking + crowded / model.dt)) + pulled(nothing, beyond)
+        closed = jnp.sum(fixed + extra) == 0.0
+        # without a surface the pressure is known but for a constant
+        b = b - jnp.where(closed, jnp.mean(b), 0.0)
+        start = free * p.p
+
+        if model.body is None:
+
+            def operator(q):
+                q = free * q
+                return q - pulled(q, at_walls(q)) + fixed * q
+
+            pressure = free * self.solver.solve(operator, b, start)
+            without_surface = pressure - jnp.mean(pressure)
+            pressure = jnp.where(closed, without_surface, jnp.maximum(pressure, self.least))
+            return pressure, at_walls(pressure) + beyond, None
+
+        rows = slice(*walls.solid)
+        body, grip = model.body, self.body_grip(model, at, ghosts, tables)
+        slopes = self.body_slopes(model, at, ghosts)
+        movable = jnp.asarray(body.free, h.dtype)
+        unit = self.rho0 * h  # Pa per m/s2: accelerations as large as pressures in the residual
+        # inertia, implicit damping, and what the dummies' own pressure adds
+        mass = jnp.diag(body.generalised_mass() + model.dt * body.damping())
+        mass = mass - jax.vmap(lambda slope: grip.force(nothing, slope))(slopes).T
+        inverse = jnp.linalg.inv(
+            jnp.where(movable[:, None] * movable > 0, mass, jnp.eye(3, dtype=mass.dtype))
+        )
+
+        def pressed(q, q_ghosts):
+            return movable * (inverse @ (movable * grip.force(q, q_ghosts[rows]))) * unit
+
+        def by_body(a):
+            return ghosts.p.at[rows].set((movable * a / unit) @ slopes)
+
+        def operator(unknown):
+            q, a = free * unknown[0], unknown[1]
+            q_ghosts = at_walls(q)
+            both = q_ghosts + by_body(a)
+            return q - pulled(q, both) + fixed * q, a - pressed(q, q_ghosts)
+
+        outside = body.external(before.body, model.g) - body.damping() * before.body.velocity
+        b_body = pressed(nothing, beyond) + movable * (inverse @ (movable * outside)) * unit
+        pressure, a = self.solver.solve(operator, (b, b_body), (start, jnp.zeros_like(b_body)))
+        pressure = jnp.maximum(free * pressure, self.least)
+        p_ghosts = at_walls(pressure) + beyond + by_body(a)
+        new = body_moved(model, before.body, a / unit, model.dt)
+        water = grip.force(pressure, p_ghosts[rows])
+        return pressure, p_ghosts, eqx.tree_at(lambda s: s.force, new, water)
+
+    # ---------------------------------------------------------------- diagnostics
+
+    def dissipation(self, model, state, tables):
+        """See `AbstractParticleScheme`: of the viscosity."""
+        p = state.particles
+        force = self._viscous(model, state, tables)
+        return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))
+
+    def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
+        """div u of every particle, 1/s."""
+        p = state.particles
+        ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), p.u)
+        return -self._sum(laws.divergence, self._sources(p, ghosts, p.u, ghosts.u), tables)
+
+
+def _crowding(filled: Float[Array, " N"]) -> Float[Array, " N"]:
+    """By how much particles stand too close, as a share of the density; negative where they are too loose.
+
+    A surface's second row is filled to 0.97 on the lattice: that is not loose, nor is what is less than 0.85.
+    """
+    loose = jnp.where(filled > 0.85, jnp.minimum(filled - 0.97, 0.0), 0.0)
+    return jnp.clip(filled - 1.0, 0.0, 0.2) + loose
+
+
+def stable_dt(scheme: ISPH, g: float, cfl: float, dim: int) -> float:
+    """The least of cfl h/speed, a quarter of sqrt(h/g) and an eighth of h^2/nu, s."""
+    h = float(scheme.smoothing.h)
+    nu = float(scheme.viscosity.kinematic(scheme.smoothing.h, 0.0, dim))
+    limits = [cfl * h / float(scheme.speed)]
+    if nu > 0:
+        limits.append(0.125 * h * h / nu)
+    if g > 0:
+        limits.append(0.25 * (h / g) ** 0.5)
+    return min(limits)
+
+
+def _lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float]:
+    """sum V W with the particle itself, and h^2 times the sum of the Laplacian's weights, on a lattice."""
+    reach = int(np.ceil(kernel.reach * h_over_dx))
+    axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
+    r2 = sum(a**2 for a in axes)
+    r2 = jnp.asarray(r2[r2 < (kernel.reach * h_over_dx) ** 2])
+    pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
+    weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
+    return float(jnp.sum(pair.W)), float(jnp.sum(weights)) * h_over_dx**2

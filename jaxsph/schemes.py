@@ -1,0 +1,507 @@
+"""What every scheme does at a step beside its own equations: tables, walls filled, moving particles without
+losing what rounding takes, and flags of what has gone wrong."""
+
+from __future__ import annotations
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph import boundaries, laws
+from jaxsph._typing import Array, Components, Float, Int, Scalar, columns, dot, stacked
+from jaxsph.neighbours import cell_order, search, wrapped
+from jaxsph.pairs import Fields, Pair, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
+from jaxsph.state import AbstractScheme, BodyState, Failure, Model, Particles, State, Tables, Work
+
+__all__ = [
+    "AbstractParticleScheme",
+    "AbstractViscosity",
+    "ArtificialViscosity",
+    "BodyGrip",
+    "Dissipation",
+    "GhostFields",
+    "LaplacianViscosity",
+    "PhysicalViscosity",
+    "Shifting",
+    "body_moved",
+    "damped",
+    "paddle_moved",
+    "pushed",
+    "stopped",
+    "with_work",
+]
+
+
+class Dissipation(NamedTuple):
+    """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
+
+    viscous: Scalar
+    diffusive: Scalar
+
+
+class GhostFields(NamedTuple):
+    """All ghosts, filled."""
+
+    x: Float[Array, "G D"]
+    nodes: Float[Array, "G D"]
+    p: Float[Array, " G"]
+    u: Float[Array, "G D"]
+    u_shear: Float[Array, "G D"]
+    """Velocity that the viscous force sees: a wall without slip must not look like a moving one to the
+    continuity equation."""
+    V: Float[Array, " G"]
+    fit: tuple
+    water: dict
+
+
+class BodyGrip(NamedTuple):
+    """How the water's pressure holds on to a body: the negated sum of the law that moves the water."""
+
+    arms: Float[Array, "3 B D"]
+    """Volume of every dummy times its velocity per unit of every motion."""
+    own: Float[Array, "B D"]
+    weights: Components
+    table: Int[Array, "K B"]
+
+    def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
+        """Generalised force for the water's and the dummies' pressures (Pa), N, N, N m (per metre in 2-D)."""
+        p = jnp.append(p, 0.0)
+        around = stacked([weighted_sum(w, p, self.table) for w in self.weights])
+        return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.own)
+
+
+class AbstractParticleScheme(AbstractScheme):
+    """A scheme on water particles between walls of ghosts."""
+
+    smoothing: eqx.AbstractVar[Smoothing]
+    rho0: eqx.AbstractVar[Scalar]
+
+    @abc.abstractmethod
+    def pressure(self, p: Particles) -> Float[Array, " N"]:
+        """Gauge pressure of every particle, Pa."""
+
+    @abc.abstractmethod
+    def started(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
+        """Particles with this gauge pressure (Pa), and the masses that their volumes then have."""
+
+    @abc.abstractmethod
+    def stable_dt(self, g: float, dim: int) -> float:
+        """Largest stable time step, s, in a gravity of g (m/s2)."""
+
+    @abc.abstractmethod
+    def fastest(self, dt: Scalar | float) -> Scalar:
+        """Speed beyond which the scheme no longer holds with time steps of dt (s), m/s."""
+
+    @abc.abstractmethod
+    def described(self) -> str:
+        """What it is and how fast, for people."""
+
+    @abc.abstractmethod
+    def compression(self, p: Particles) -> Scalar:
+        """Energy stored by compression, J (J/m in 2-D)."""
+
+    @abc.abstractmethod
+    def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
+        """Power of the scheme's own dissipative terms."""
+
+    def volume(self, p: Particles) -> Float[Array, " N"]:
+        """Volume of every particle, m3 (m2 in 2-D)."""
+        return p.m / (self.rho0 + p.rho)
+
+    # ---------------------------------------------------------------- tables
+
+    def prepare(self, model, state):
+        """See `AbstractScheme`."""
+        s, walls, p = model.search, model.walls, state.particles
+        x, carry = wrapped(p.x, p.x_carry, walls.low, self.smoothing.period)
+        p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
+        order = cell_order(p.x, s.grid)
+        p = jax.tree.map(lambda a: a[order], p)
+        region = walls.regions.index(p.x)
+        kind = walls.regions.kind(region)
+        ghosts, nodes = model.walls_at(state)
+        # an escaped particle must not poison the search: the failure is flagged below
+        sources = jnp.concatenate([p.x, ghosts])
+        fluid = search(
+            p.x,
+            sources,
+            s.grid,
+            s.capacity,
+            walls.regions.sees(region),
+            jnp.concatenate([kind, walls.kind]),
+            same=True,
+        )
+        at_nodes = search(nodes, p.x, s.grid, s.node_capacity, walls.node_sees, kind, same=False)
+        overflow = fluid.overflow | at_nodes.overflow
+        paddle = None
+        if walls.paddle:
+            first, last = walls.paddle
+            every = jnp.full(last - first, -1, jnp.int32)
+            around = search(ghosts[first:last], p.x, s.grid, s.node_capacity, every, kind, same=False)
+            paddle, overflow = around.indices, overflow | around.overflow
+        status, chamber = state.status, None
+        if model.chamber is not None:
+            chamber, count = model.chamber.candidates(p.x, s.skin, s.chamber_capacity)
+            status = status.flag(
+                Failure.CHAMBER_OVERFLOW,
+                count > s.chamber_capacity,
+                state.step,
+                jnp.zeros_like(model.g),
+            )
+        status = status.flag(Failure.NEIGHBOUR_OVERFLOW, overflow, state.step, jnp.zeros_like(model.g))
+        state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
+        return state, Tables(fluid.indices, at_nodes.indices, paddle, chamber, p.x)
+
+    def water(self, model: Model, p: Particles) -> dict:
+        """The fluid as a source for nodes (volumes, pressure, velocity)."""
+        fields = {"x": columns(p.x), "V": self.volume(p), "p": self.pressure(p), "u": columns(p.u)}
+        return with_empty(fields)
+
+    def ghosts(self, model: Model, state: State, tables: Tables, a_wall: Scalar) -> GhostFields:
+        """Positions, pressure and volume of all ghosts for the state's fluid (Eq. 18-20)."""
+        ghosts, walls = self.placed(model, state, tables), model.walls
+        at_node = walls.at_nodes(
+            lambda j: j["p"], ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes
+        )
+        force = self.wall_force(model, state, ghosts, a_wall)
+        pressure = walls.pressure(ghosts.fit, at_node, ghosts.x, ghosts.nodes, force)
+        # a dry ghost has no volume; its pressure must still be a number
+        return ghosts._replace(p=jnp.where(ghosts.fit.wet > 0, pressure, 0.0))
+
+    def placed(self, model: Model, state: State, tables: Tables) -> GhostFields:
+        """Positions and volumes of all ghosts, and how they see the state's fluid; nothing else yet."""
+        walls = model.walls
+        x, nodes = model.walls_at(state)
+        water = self.water(model, state.particles)
+        fit = walls.fit(nodes, water, self.smoothing, tables.nodes)
+        here = fit.wet * walls.behind_paddle(x, state.paddle[0], model.dx)
+        still = jnp.zeros_like(x)
+        return GhostFields(x, nodes, still[:, 0], still, still, here * walls.volume, fit, water)
+
+    def wall_force(
+        self, model: Model, state: State, ghosts: GhostFields, a_wall: Scalar
+    ) -> Float[Array, "G D"]:
+        """rho0 (f - a_wall) at the ghosts, N/m3: the pressure's gradient across a wall.
+
+        A body's own acceleration is not in it, but for the centripetal one: see `body_slopes`.
+        """
+        force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
+        if model.force is not None:
+            force = force + self.rho0 * model.force.acceleration(0.5 * (ghosts.x + ghosts.nodes))
+        force = force.at[:, 0].add(-self.rho0 * a_wall * model.walls.moves)
+        if model.body is None:
+            return force
+        rows = slice(*model.walls.solid)
+        return force.at[rows].add(-self.rho0 * model.body.centripetal(ghosts.x[rows], state.body))
+
+    @staticmethod
+    def body_distance(
+        model: Model, state: State, x: Float[Array, "N D"]
+    ) -> tuple[Float[Array, " N"], Float[Array, "N D"]]:
+        """Distance from the body (m, negative inside) and its gradient, the unit normal."""
+        away, back = jax.vjp(lambda x: model.body.distance(x, state.body), x)
+        return away, back(jnp.ones_like(away))[0]
+
+    def body_slopes(self, model: Model, state: State, ghosts: GhostFields) -> Float[Array, "3 B"]:
+        """Pressure (Pa) of the body's dummies per unit of every acceleration of the body."""
+        rows = slice(*model.walls.solid)
+        fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
+        x, nodes, zero = ghosts.x[rows], ghosts.nodes[rows], jnp.zeros_like(fit.wet)
+
+        def slope(direction):
+            return model.walls.pressure(fit, zero, x, nodes, -self.rho0 * direction)
+
+        return jnp.where(fit.wet > 0, jax.vmap(slope)(model.body.directions(x, state.body)), 0.0)
+
+    def body_grip(self, model: Model, state: State, ghosts: GhostFields, tables: Tables) -> BodyGrip:
+        """The water around the body's dummies, for the force on it."""
+        rows = slice(*model.walls.solid)
+        x = ghosts.x[rows]
+
+        def law(pair: Pair, i, j):
+            w = tuple(-laws.volume(j) * pair.F * r for r in pair.r)
+            return w, w
+
+        summed, weights = pair_weights(
+            law, self.smoothing, {"x": columns(x)}, ghosts.water, tables.nodes[:, rows]
+        )
+        arms = model.body.directions(x, state.body) * ghosts.V[rows, None]
+        return BodyGrip(arms, stacked(summed), weights, tables.nodes[:, rows])
+
+    def ghost_velocity(
+        self, model: Model, state: State, tables: Tables, ghosts: GhostFields, u: jax.Array
+    ) -> GhostFields:
+        """The same ghosts with velocities for the fluid's velocities u."""
+        walls = model.walls
+        water = ghosts.water | {"u": with_empty({"u": columns(u)})["u"]}
+        at_node = walls.at_nodes(
+            lambda j: j["u"], ghosts.fit, ghosts.nodes, water, self.smoothing, tables.nodes
+        )
+        zero = jnp.zeros_like(walls.moves)
+        wall = (walls.moves * state.paddle[1],) + (zero,) * (len(at_node) - 1)
+        if walls.sliding is not None:
+            wall = tuple(a + b for a, b in zip(wall, columns(walls.sliding), strict=True))
+        if model.body is not None:
+            rows = slice(*walls.solid)
+            own = columns(model.body.velocity(ghosts.x[rows], state.body))
+            # mirrored in the plane across the normal: the water slips along the body
+            _, normal = self.body_distance(model, state, ghosts.x[rows])
+            there = tuple(a[rows] for a in at_node)
+            through = 2.0 * dot(tuple(a - b for a, b in zip(own, there, strict=True)), columns(normal))
+            mirrored = tuple(a + through * n for a, n in zip(there, columns(normal), strict=True))
+            ghosts_u = walls.velocity(at_node, wall, walls.mirror).at[rows].set(stacked(mirrored))
+            shear = walls.velocity(at_node, wall, walls.shear)
+            return ghosts._replace(u=ghosts_u, u_shear=shear)
+        return ghosts._replace(
+            u=walls.velocity(at_node, wall, walls.mirror), u_shear=walls.velocity(at_node, wall, walls.shear)
+        )
+
+    def drift(self, p: Particles, dx: Float[Array, "N D"]) -> Particles:
+        """Moves particles by dx without losing what is smaller than the rounding of x (Kahan)."""
+        dx = dx + p.x_carry
+        x = p.x + dx
+        return eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, dx - (x - p.x)))
+
+    def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array) -> State:
+        """Flags what makes the tables or the numbers untrustworthy."""
+        p = state.particles
+        moved2 = jnp.max(jnp.sum((p.x - tables.x) ** 2, axis=1))
+        speed2 = jnp.sum(p.u**2, axis=1)
+        fastest = jnp.argmax(speed2)
+        finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1)
+        bad = ~(finite & jnp.isfinite(p.rho))
+        out = model.walls.entered(p.x, state.paddle[0], model.dx)
+        if model.body is not None:
+            out |= model.body.distance(p.x, state.body) < -0.5 * model.dx
+        status = state.status
+        status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
+        status = status.flag(
+            Failure.STALE_TABLE, moved2 > (0.5 * model.search.skin) ** 2, state.step, p.x[fastest]
+        )
+        status = status.flag(Failure.THROUGH_WALL, jnp.any(out), state.step, p.x[jnp.argmax(out)])
+        status = status.flag(
+            Failure.TOO_FAST,
+            speed2[fastest] > self.fastest(model.dt) ** 2,
+            state.step,
+            p.x[fastest],
+        )
+        return eqx.tree_at(lambda a: a.status, state, status)
+
+
+class AbstractViscosity(eqx.Module):
+    """The viscous sum (Eq. 4 and 6): a pair law and its coefficient."""
+
+    @abc.abstractmethod
+    def coefficient(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
+        """m2/s."""
+
+    @abc.abstractmethod
+    def kinematic(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
+        """The kinematic viscosity it stands for (Eq. 5), m2/s."""
+
+    @abc.abstractmethod
+    def shear(self, pair: Pair, i: Fields, j: Fields, guard: Scalar) -> Components:
+        """What the coefficient multiplies, per pair, 1/(m s)."""
+
+
+class PhysicalViscosity(AbstractViscosity):
+    """Eq. 6: 2 (dim + 2) nu. On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
+    (`python -m experiments.taylor_green`): see `LaplacianViscosity`."""
+
+    nu: Scalar
+
+    def coefficient(self, h, c0, dim):
+        """See `AbstractViscosity`."""
+        return 2 * (dim + 2) * self.nu
+
+    def kinematic(self, h, c0, dim):
+        """See `AbstractViscosity`."""
+        return self.nu
+
+    def shear(self, pair, i, j, guard):
+        """See `AbstractViscosity`."""
+        return laws.viscous_force(pair, i, j, guard)
+
+
+class LaplacianViscosity(AbstractViscosity):
+    """nu lap u as 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j (Morris et al. 1997, Eq. 22): exact viscosity.
+
+    For flows that the physical viscosity governs. The weights of Monaghan's form are not smooth at r = 0,
+    and a square lattice sums them 9 % off; here it need only sum the kernel's second moments. Angular
+    momentum is not kept, and at a free surface it stands for du/dn = 0, not for no stress: it dissipates
+    nu |grad u|^2, half of what it should in a wave.
+    """
+
+    nu: Scalar
+
+    def coefficient(self, h, c0, dim):
+        """See `AbstractViscosity`."""
+        return 2 * self.nu
+
+    def kinematic(self, h, c0, dim):
+        """See `AbstractViscosity`."""
+        return self.nu
+
+    def shear(self, pair, i, j, guard):
+        """See `AbstractViscosity`."""
+        return laws.laplacian(pair, i, j)
+
+
+class ArtificialViscosity(AbstractViscosity):
+    """Eq. 4: alpha h c0."""
+
+    alpha: Scalar
+
+    def coefficient(self, h, c0, dim):
+        """See `AbstractViscosity`."""
+        return self.alpha * h * c0
+
+    def kinematic(self, h, c0, dim):
+        """See `AbstractViscosity`."""
+        return self.alpha * h * c0 / (2 * (dim + 2))
+
+    def shear(self, pair, i, j, guard):
+        """See `AbstractViscosity`."""
+        return laws.viscous_force(pair, i, j, guard)
+
+
+class Shifting(eqx.Module):
+    """Fickian shifting of particles, down the gradient of their concentration (Lind et al. 2012; the sum of
+    Sun et al. 2017, Eq. 6, which also keeps particles from pairing).
+
+    dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, with U the largest speed, at most
+    U dt/2. Near a free surface, where the kernel is not full, it fades out: there the gradient is the
+    surface's own. Velocities and densities stay with their particles, so angular momentum is not kept, and a
+    free surface creeps outwards: use it where pressures are negative (`experiments.rotating_square`), not
+    where they are positive anyway (`experiments.oscillating_drop`).
+
+    A flow that stretches the lattice needs it: in the Taylor-Green vortex at Re = 100 half of the energy is
+    lost within 0.4 s without, when the particles fall out of line (`python -m experiments.taylor_green`).
+    """
+
+    strength: Scalar
+    """1; 12 keeps the particles of the exact tests in order, with 3 some energy is still lost. As a diffusion
+    it is stable while strength U is below c0."""
+
+    def displacement(
+        self,
+        scheme: AbstractParticleScheme,
+        model: Model,
+        u: Float[Array, "N D"],
+        sources: dict,
+        tables: Tables,
+        dt: Scalar,
+    ) -> Float[Array, "N D"]:
+        """By how much each particle is moved in a step of dt (s), m."""
+        dim = u.shape[1]
+        h, kernel = scheme.smoothing.h, scheme.smoothing.kernel
+        W_dx = kernel.value(model.dx**2, h, dim)
+
+        def law(pair: Pair, i, j):
+            w = laws.volume(j) * pair.F
+            crowded = w * (1.0 + 0.2 * (pair.W / W_dx) ** 4)
+            return tuple(crowded * r for r in pair.r), -w * pair.r2
+
+        n = u.shape[0]
+        targets = jax.tree.map(lambda a: a[:n], sources)
+        gradient, trace = pair_sum(law, scheme.smoothing, targets, with_empty(sources), tables.fluid)
+        speed = jnp.sqrt(jnp.max(jnp.sum(u**2, axis=1)))
+        # a full kernel gives dim within a few per cent, half a one half of it
+        inside = jnp.clip((trace / dim - 0.8) / 0.15, 0.0, 1.0)
+        move = self.strength * h * stacked(gradient) * inside[:, None]
+        # the guard is for the derivative at zero
+        size = jnp.sqrt(jnp.sum(move**2, axis=1, keepdims=True) + 1e-12)
+        return -speed * dt * move * jnp.minimum(1.0, 0.5 / size)
+
+
+def pushed(model: Model, state: State, c0: Scalar) -> Float[Array, "N D"]:
+    """Acceleration that is no pair's: off the walls and the body, m/s2."""
+    x = state.particles.x
+    push = model.walls.push(x, state.paddle[0], model.dx, c0)
+    if model.body is None:
+        return push
+    away, normal = AbstractParticleScheme.body_distance(model, state, x)
+    return push + boundaries.spring(away, model.dx, c0)[:, None] * normal
+
+
+def stopped(
+    model: Model, state: State, u: Float[Array, "N D"], push: Float[Array, "N D"]
+) -> Float[Array, "N D"]:
+    """Velocities without what goes on towards a wall or body that `push` pushes away from: spray that hits a
+    solid stays there, where a spring alone would throw it back as fast as it came."""
+    x = state.particles.x
+    wall = jnp.zeros_like(u)
+    if model.walls.paddle:
+        gap = x[:, 0] - model.walls.low[0] - state.paddle[0]
+        wall = wall.at[:, 0].set(jnp.where(gap < 0.4 * model.dx, state.paddle[1], 0.0))
+    if model.body is not None:
+        near = model.body.distance(x, state.body) < 0.4 * model.dx
+        wall = jnp.where(near[:, None], model.body.velocity(x, state.body), wall)
+    size2 = jnp.sum(push**2, axis=1, keepdims=True)
+    touching = size2 > 0.0
+    normal = push / jnp.sqrt(jnp.where(touching, size2, 1.0))
+    towards = jnp.minimum(jnp.sum((u - wall) * normal, axis=1, keepdims=True), 0.0)
+    return u - jnp.where(touching, towards, 0.0) * normal
+
+
+def body_moved(model: Model, body: BodyState, acceleration: Float[Array, "3"], dt: Scalar) -> BodyState:
+    """The body after dt; what is not free goes on as it was."""
+    free = jnp.asarray(model.body.free)
+    velocity = jnp.where(free, body.velocity + dt * acceleration, body.velocity)
+    pose = body.pose + 0.5 * dt * (body.velocity + velocity)
+    return BodyState(pose, velocity, body.force)
+
+
+def paddle_moved(
+    scheme: AbstractParticleScheme, model: Model, state: State, dt: Scalar
+) -> tuple[jax.Array, Scalar]:
+    """Paddle at t + dt, and its acceleration over the step."""
+    if model.wavemaker is None:
+        return state.paddle, jnp.zeros_like(dt)
+    p = state.particles
+    V = scheme.volume(p)
+    elevation = model.wavemaker.elevation(columns(p.x), V, state.paddle, 3.0 * model.dx)
+    new = model.wavemaker.move(state.paddle, model.time(state), dt, elevation)
+    return new, (new[1] - state.paddle[1]) / dt
+
+
+def damped(model: Model, p: Particles, u: jax.Array, dt: Scalar) -> tuple[jax.Array, Scalar]:
+    """Eq. 27-28, and the kinetic energy that it takes."""
+    if model.sponge is None:
+        return u, jnp.zeros_like(dt)
+    factor = model.sponge.factor(p.x[:, 0], dt)
+    taken = 0.5 * jnp.sum(p.m * (1.0 - factor**2) * jnp.sum(u**2, axis=1))
+    return u * factor[:, None], taken
+
+
+def with_work(
+    scheme: AbstractParticleScheme,
+    model: Model,
+    tables: Tables,
+    ghosts: GhostFields,
+    work: Work,
+    sponge: Scalar,
+    velocity: Scalar,
+    dt: Scalar,
+) -> Work:
+    """Adds what the sponge took and what the paddle did: minus the water's force on it, times U."""
+    work = eqx.tree_at(lambda w: w.sponge, work, work.sponge + sponge)
+    if tables.paddle is None:
+        return work
+    first, last = model.walls.paddle
+    own = {
+        "x": columns(ghosts.x[first:last]),
+        "p": ghosts.p[first:last],
+    }
+    force = pair_sum(
+        lambda pair, i, j: laws.pressure_force(pair, i, j)[0],
+        scheme.smoothing,
+        own,
+        ghosts.water,
+        tables.paddle,
+    )
+    on_paddle = jnp.sum(force * ghosts.V[first:last])
+    return eqx.tree_at(lambda w: w.paddle, work, work.paddle - dt * velocity * on_paddle)

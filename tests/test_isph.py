@@ -1,0 +1,131 @@
+"""The incompressible scheme: still water, floating bodies, the vortex, its solvers and its derivatives."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxsph as js
+from jaxsph import isph
+
+TANK = {
+    "dx": 0.05,
+    "t1": 1.0,
+    "tank": {"length": 1.0, "depth": 0.5},
+    "isph": {},
+    "output": {"sample_dt": 0.02},
+}
+FLOATING = TANK | {
+    "dx": 0.025,
+    "body": {"block": {"low": [0.35, 0.35], "high": [0.65, 0.65]}, "density": 500.0, "free": ["heave"]},
+}
+
+
+@pytest.fixture(scope="module")
+def advanced():
+    """Steps of a model, compiled once for each."""
+    compiled = {}
+
+    def of(name, case, n_blocks):
+        if name not in compiled:
+            model, state = js.build(js.Case.from_dict(case))
+            n_steps = n_blocks * model.search.rebuild_every
+            march = jax.jit(lambda s: js.simulate(model, s, n_steps=n_steps)[0])
+            compiled[name] = model, state, march(state)
+        return compiled[name]
+
+    return of
+
+
+@pytest.mark.parametrize("walls", ["mirror", "dummy"])
+def test_water_at_rest_stays_and_its_pressure_is_hydrostatic(advanced, walls):
+    """Of rho g d: a fifth of a spacing for where the surface is, and what the particles settle."""
+    model, _, state = advanced(walls, TANK | {"tank": TANK["tank"] | {"walls": walls}}, 20)
+    p = state.particles
+    assert int(state.status.bits) == 0
+    error = np.asarray(p.p) - 9810.0 * (0.5 - np.asarray(p.x[:, 1]))
+    assert np.sqrt(np.mean(error**2)) < 0.2 * 0.05 * 9810.0
+    assert np.abs(np.asarray(p.u)).max() < 0.01 * np.sqrt(9.81 * 0.5)
+
+
+def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
+    """Density ratio 0.5: added mass is as large as its own, and a lagged coupling would swing."""
+    model, _, state = advanced("floating", FLOATING, 20)
+    weight = 500.0 * 0.3 * 0.3 * 9.81
+    assert int(state.status.bits) == 0
+    np.testing.assert_allclose(state.body.force[1], weight, rtol=0.01)
+    assert abs(float(state.body.pose[1])) < 0.02 * 0.15
+
+
+def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
+    """Both sums go over the same pairs: they differ by rounding of some ten thousand terms."""
+    model, _, state = advanced("floating", FLOATING, 20)
+    scheme = model.scheme
+    state, tables = scheme.prepare(model, state)
+    ghosts = scheme.placed(model, state, tables)
+    rows = slice(*model.walls.solid)
+    p_ghosts = jnp.zeros_like(ghosts.p).at[rows].set(1000.0)
+    on_body = scheme.body_grip(model, state, ghosts, tables).force(state.particles.p, p_ghosts[rows])
+    # the water's side, with every other ghost taken away
+    alone = ghosts._replace(V=jnp.zeros_like(ghosts.V).at[rows].set(ghosts.V[rows]))
+    u = state.particles.u
+    sources = scheme._sources(state.particles, alone, u, jnp.zeros_like(ghosts.x))
+    sources |= {"p": jnp.concatenate([state.particles.p, p_ghosts])}
+    with_body = scheme._sum(isph.laws.pressure_force, sources, tables)
+    sources["V"] = sources["V"].at[len(u) :].set(0.0)
+    without = scheme._sum(isph.laws.pressure_force, sources, tables)
+    V = scheme.volume(state.particles)
+    on_water = [float(jnp.sum(V * (a - b))) for a, b in zip(with_body, without, strict=True)]
+    size = float(jnp.sum(V * jnp.abs(with_body[1] - without[1])))
+    np.testing.assert_allclose(on_body[:2], -np.asarray(on_water), atol=1e-4 * size)
+    assert abs(on_water[1]) > 0.01 * size
+
+
+def test_projection_takes_the_divergence_out(advanced):
+    """Of a field that was made to diverge; the projection is approximate, and leaves a tenth."""
+    model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
+    x = state.particles.x
+    state = eqx.tree_at(
+        lambda s: s.particles.u, state, 0.1 * jnp.sin(2 * jnp.pi * x) * jnp.cos(2 * jnp.pi * x)
+    )
+    state, tables = model.scheme.prepare(model, state)
+    deep = np.asarray(state.particles.x[:, 1]) < 0.4
+    before = np.asarray(model.scheme.divergence(model, state, tables))[deep]
+    after = np.asarray(model.scheme.divergence(model, model.step(state, tables), tables))[deep]
+    assert np.sqrt(np.mean(after**2)) < 0.2 * np.sqrt(np.mean(before**2))
+
+
+def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
+    """Jacobi's sweeps reach the same pressure, slowly: 400 of them from a pressure without the deep half."""
+    model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
+    state, tables = model.scheme.prepare(model, state)
+
+    def pressure(solver):
+        scheme = dataclasses.replace(model.scheme, solver=solver)
+        return np.asarray(scheme.step(model, state, tables).particles.p)
+
+    exact = pressure(isph.BiCGStab(1e-5))
+    far = np.abs(pressure(isph.Explicit(1)) - exact).max()
+    near = np.abs(pressure(isph.Explicit(400)) - exact).max()
+    assert near < 0.1 * far
+    assert near < 0.01 * exact.max()
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"scheme": {"alpha": 0.1}}, "takes the place"),
+        ({"isph": None, "body": FLOATING["body"]}, "add a section isph"),
+        ({"body": FLOATING["body"] | {"disc": {"centre": [0.5, 0.5], "radius": 0.1}}}, "exactly one"),
+        ({"body": FLOATING["body"] | {"density": None}}, "density"),
+        ({"body": {"block": {"low": [0.8, 0.3], "high": [1.2, 0.5]}}}, "out of the tank"),
+        ({"body": FLOATING["body"] | {"pto": {"damping": 1.0}}}, "pitch"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, message):
+    case = {k: v for k, v in (TANK | change).items() if v is not None}
+    with pytest.raises(js.CaseError, match=message):
+        js.Case.from_dict(case)

@@ -1,0 +1,121 @@
+"""Shapes of solids: distances, dummies, moments; motions of a rigid body."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxsph.bodies import RigidBody, RotationalPTO
+from jaxsph.shapes import Block, Disc, Polygon
+from jaxsph.state import BodyState
+
+SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
+BLOCK = Block((0.1, 0.2), (0.5, 0.4))
+
+
+def test_a_polygon_of_four_sides_is_a_block():
+    x = jnp.asarray(np.random.default_rng(1).uniform(0.0, 0.6, (200, 2)), jnp.float32)
+    np.testing.assert_allclose(Polygon(SQUARE).distance(x), BLOCK.distance(x), atol=1e-6)
+    for a, b in zip(Polygon(SQUARE).moments(), BLOCK.moments(), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2)], ids=lambda s: type(s).__name__
+)
+def test_dummies_stand_in_layers_behind_the_surface(shape):
+    """Half a spacing behind it and every spacing from there; no two nearer than six tenths."""
+    dx = 0.02
+    x = shape.dummies(dx, 3)
+    depth = -np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx
+    off = np.abs(depth[:, None] - [0.5, 1.5, 2.5]).min(axis=1)
+    assert off.max() < 1e-3
+    gaps = np.linalg.norm(x[:, None] - x[None], axis=-1) + np.eye(len(x))
+    assert gaps.min() > 0.6 * dx
+
+
+@pytest.mark.parametrize(
+    "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2)], ids=lambda s: type(s).__name__
+)
+def test_moments_are_those_of_points_inside(shape):
+    """A lattice of 400 x 400 points counts the area to the share of points on its edge, half a per cent."""
+    at = (np.arange(400) + 0.5) * 0.6 / 400
+    x = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
+    x = x[np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) < 0]
+    area, centre, second = shape.moments()
+    np.testing.assert_allclose(len(x) * (0.6 / 400) ** 2, area, rtol=5e-3)
+    np.testing.assert_allclose(x.mean(axis=0), centre, rtol=5e-3)
+    np.testing.assert_allclose(np.sum((x - centre) ** 2) * (0.6 / 400) ** 2, second, rtol=2e-2)
+
+
+def _body(free=(True, True, True), pto=None):
+    centre = jnp.array([0.3, 0.3])
+    return RigidBody(
+        free=free,
+        shape=BLOCK,
+        mass=jnp.float32(2.0),
+        inertia=jnp.float32(0.5),
+        pivot=centre,
+        centre=centre,
+        pto=pto,
+    )
+
+
+POSES = st.tuples(*(st.floats(-1.0, 1.0, width=32) for _ in range(3)))
+
+
+@settings(max_examples=30, deadline=None)
+@given(POSES, POSES)
+def test_velocities_are_the_rate_of_positions(pose, velocity):
+    """And distances are kept, and the way back is the inverse."""
+    body, x = _body(), jnp.asarray(BLOCK.dummies(0.1, 1), jnp.float32)
+    pose, velocity = jnp.asarray(pose, jnp.float32), jnp.asarray(velocity, jnp.float32)
+    state = BodyState(pose, velocity, jnp.zeros(3))
+
+    def at(t):
+        return body.moved(x, BodyState(pose + t * velocity, velocity, jnp.zeros(3)))
+
+    there, rate = jax.jvp(at, (0.0,), (1.0,))
+    np.testing.assert_allclose(body.velocity(there, state), rate, atol=2e-6)
+    np.testing.assert_allclose(body.at_rest(there, state), x, atol=2e-6)
+    second = jax.jvp(lambda t: jax.jvp(at, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
+    np.testing.assert_allclose(body.centripetal(there, state), second, atol=2e-5)
+
+
+def test_a_pivot_off_the_centre_allows_pitch_alone():
+    with pytest.raises(ValueError, match="pivot"):
+        RigidBody(
+            free=(True, False, True),
+            shape=BLOCK,
+            mass=jnp.float32(1.0),
+            inertia=jnp.float32(1.0),
+            pivot=jnp.array([0.3, 0.2]),
+            centre=jnp.array([0.3, 0.3]),
+        )
+
+
+def test_weight_turns_a_leaning_flap_further():
+    """The centre of mass above the hinge and landward of it: positive, landward, and M g times the arm."""
+    body = RigidBody(
+        free=(False, False, True),
+        shape=BLOCK,
+        mass=jnp.float32(2.0),
+        inertia=jnp.float32(0.5),
+        pivot=jnp.array([0.3, 0.2]),
+        centre=jnp.array([0.3, 0.3]),
+    )
+    leaning = BodyState.at_rest(jnp.float32, pose=(0.0, 0.0, 0.2))
+    moment = body.external(leaning, jnp.array([0.0, -9.81]))[2]
+    np.testing.assert_allclose(moment, 2.0 * 9.81 * 0.1 * np.sin(0.2), rtol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-2.0, 2.0, width=32), st.floats(-1.0, 1.0, width=32))
+def test_a_rotational_pto_only_takes(omega, angle):
+    pto = RotationalPTO.of(damping=3.0, coulomb=0.4, spring=5.0, stop=0.5, stop_stiffness=100.0)
+    body = _body((False, False, True), pto)
+    old = BodyState.at_rest(jnp.float32, (0.0, 0.0, omega), (0.0, 0.0, angle))
+    assert float(body.absorbed(old, old, jnp.float32(0.01))) >= 0.0
+    assert float(pto.restoring(jnp.float32(angle))) * angle <= 0.0
