@@ -21,6 +21,8 @@ from jaxsph.io import RunFile
 
 RUNS = Path("runs")
 """Where runs are kept; a second call reads them, or goes on where they were interrupted."""
+REFERENCE = Path(__file__).parent / "reference"
+"""Measured series, see the README there."""
 RESULTS = Path(__file__).parent / "results"
 """Rows and pictures of every experiment, committed."""
 
@@ -43,6 +45,11 @@ def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
     if not times.size or times[-1] < end - 1.5 * case.output.sample_dt:
         js.resume(path, t1=end)
     return file
+
+
+def reference(name: str) -> np.ndarray:
+    """Rows of a file in `reference/`."""
+    return np.loadtxt(REFERENCE / name, delimiter=",", skiprows=1)
 
 
 class Report:

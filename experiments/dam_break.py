@@ -5,7 +5,6 @@ The sources of the measured series are in `experiments/reference/README.md`.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -16,11 +15,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import jaxsph as js
-from experiments.common import Report, solved
+from experiments.common import Report, reference, solved
 from jaxsph import analysis
 from jaxsph.io import RunFile
 
-REFERENCE = Path(__file__).parent / "reference"
 G, RHO = 9.81, 1000.0
 
 WIDTH = 0.05715
@@ -144,7 +142,7 @@ def residual(T: np.ndarray | float) -> np.ndarray | float:
 
 def _read(name: str) -> np.ndarray:
     """Columns of a reference file, in the order of their first."""
-    columns = np.loadtxt(REFERENCE / f"{name}.csv", delimiter=",", skiprows=1).T
+    columns = reference(f"{name}.csv").T
     return columns[:, np.argsort(columns[0], kind="stable")]
 
 

@@ -40,6 +40,8 @@ RESULTS = {
     "periods": ("periods averaged", ""),
     "P_inc": ("incident power", "W/m"),
     "P_owc": ("absorbed power", "W/m"),
+    "P_pto": ("absorbed power", "W, W/m in 2-D"),
+    "capture_width": ("capture width", "m"),
     "xi": ("hydrodynamic efficiency", ""),
     "xi_scatter": ("  from period to period", ""),
     "reflection": ("reflection coefficient", ""),

@@ -47,6 +47,11 @@ class RotationalPTO(eqx.Module):
         beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0) * jnp.sign(angle)
         return -self.spring * angle - self.stop_stiffness * beyond
 
+    def stored(self, angle: Scalar) -> Scalar:
+        """Energy of the spring and the end stops, J."""
+        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0)
+        return 0.5 * (self.spring * angle**2 + self.stop_stiffness * beyond**2)
+
 
 class RigidBody(AbstractBody):
     """A rigid body some of whose motions are free; the others go on at the velocity that they have."""
@@ -123,6 +128,23 @@ class RigidBody(AbstractBody):
             return jnp.zeros_like(dt)
         mean = 0.5 * (old.velocity[2] + new.velocity[2])
         return dt * mean * (self.pto.damping * new.velocity[2] - self.pto.friction(old.velocity[2]))
+
+    def normals(self, x, body):
+        """See `AbstractBody`."""
+        # at rest, where points as near to one face as to another are so whatever rounding makes of the pose
+        away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
+        (normal,) = back(jnp.ones_like(away))
+        normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)
+        return self._turned(normal, body.pose[2])
+
+    def energy(self, body, g):
+        """See `AbstractBody`."""
+        kinetic = 0.5 * jnp.sum(self.generalised_mass() * body.velocity**2)
+        arm = self._turned((self.centre - self.pivot)[None], body.pose[2])[0] - (self.centre - self.pivot)
+        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (body.pose[:2] + arm))
+        if self.pto is not None:
+            potential = potential + self.pto.stored(body.pose[2])
+        return kinetic, potential
 
     def distance(self, x, body):
         """See `AbstractBody`."""

@@ -521,7 +521,13 @@ def _save(file, case, model, state, series, units, seconds) -> None:
 def _second_dimension(name: str) -> str | None:
     if name.startswith("velocity_"):
         return "point"
-    return {"eta": "gauge", "pressure": "sensor", "body_velocity": "motion", "body_force": "motion"}.get(name)
+    return {
+        "eta": "gauge",
+        "pressure": "sensor",
+        "body_velocity": "motion",
+        "body_force": "motion",
+        "body_pressure": "body_sensor",
+    }.get(name)
 
 
 def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict[str, float]:
@@ -553,6 +559,14 @@ def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict
             "xi_scatter": float(np.std(efficiency.per_period)),
             "P_owc": efficiency.xi * P_inc,
         }
+    if case.body is not None and case.body.pto is not None:
+        efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
+        scatter = float(np.std(efficiency.per_period))
+        results["P_pto"] = efficiency.xi * P_inc
+        if case.tank.width is None:
+            results |= {"xi": efficiency.xi, "xi_scatter": scatter}
+        else:
+            results["capture_width"] = efficiency.xi
     if "eta" in solution.series and len(case.probes.gauges) >= 4:
         x = np.asarray(case.probes.gauges)[1:4]
         last = analysis.whole_periods(t, T, periods)

@@ -25,7 +25,7 @@ from jaxsph.design import sweep
 from jaxsph.driver import replayed, search_settings, settled_periods, simulate, steps_per_chunk
 from jaxsph.errors import CaseError, DerivativeError, FileError
 from jaxsph.io import SweepFile
-from jaxsph.probes import ChamberProbe
+from jaxsph.probes import BodyProbe, ChamberProbe
 from jaxsph.state import Model, State
 from jaxsph.tangents import TangentFilter
 
@@ -40,6 +40,9 @@ SMOOTH = (
     "scheme.alpha",
     "scheme.delta",
     "sponge.strength",
+    "body.pto.damping",
+    "body.pto.coulomb",
+    "body.pto.spring",
 )
 """Numbers on which a model depends smoothly, for methods through the loop. Lengths are not among them: they
 move the lattice."""
@@ -110,8 +113,9 @@ def _number(case: Case, parameter: str) -> float:
 
 def _result(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
     """The result as a functional of (t, power of the PTO); linear in the power."""
-    if case.pto is None or case.pto.K_dm is None:
-        raise CaseError(f"of = {of!r} needs a device with a damping, pto.K_dm")
+    column = case.pto is not None and case.pto.K_dm is not None
+    if not column and (case.body is None or case.body.pto is None):
+        raise CaseError(f"of = {of!r} needs a device with a damping: pto.K_dm, or a body with body.pto")
     if of == "energy_pto":
         # a reading is the mean since the one before it: none for the first
         return lambda t, power: float(np.sum(power) * case.output.sample_dt)
@@ -160,7 +164,7 @@ class _ThroughLoop(AbstractMethod):
         model, state = build(case)
         d_model, d_state = _seed(case, parameter, model, state)
         model = self._prepared(model)
-        probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe))
+        probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe | BodyProbe))
         sample_every = steps_per_sample(case, model)
         last = int(round(case.t1 / case.output.sample_dt)) * sample_every
         chunk = steps_per_chunk(case, sample_every)

@@ -87,7 +87,7 @@ class BiCGStab(AbstractSolver):
     solution, whatever the iteration did.
     """
 
-    tolerance: float = eqx.field(static=True, default=1e-2)
+    tolerance: float = eqx.field(static=True, default=3e-3)
     """Residual over the right-hand side, both as norms."""
     iterations: int = eqx.field(static=True, default=200)
 
@@ -248,7 +248,8 @@ class ISPH(AbstractParticleScheme):
         """See `AbstractScheme`."""
         p, dt = state.particles, model.dt
         paddle, a_wall = paddle_moved(self, model, state, dt)
-        u = p.u + dt * (self._viscous(model, state, tables) + self._push(model, state))
+        push = pushed(model, state, self._contact(model))
+        u = p.u + dt * (self._viscous(model, state, tables) + push)
         # Eq. 7-8. Walls carry gravity and forces as the water does, and their own acceleration goes into
         # their pressure: so that of a field without divergence none is seen at a wall either.
         ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), u)
@@ -262,7 +263,7 @@ class ISPH(AbstractParticleScheme):
         pressure, p_ghosts, body = self._projected(model, at, state, tables, ghosts, sources, a_wall)
         sources = sources | {"p": jnp.concatenate([pressure, p_ghosts])}
         u_new = u_star + dt / self.rho0 * stacked(self._sum(laws.pressure_force, sources, tables))
-        u_new = stopped(model, state, u_new, self._push(model, state))
+        u_new = stopped(model, state, u_new, push, self._contact(model))
         u_new, sponge = damped(model, p, u_new, dt)
         ghosts = ghosts._replace(p=p_ghosts, water=ghosts.water | {"p": with_empty({"p": pressure})["p"]})
         work = with_work(self, model, tables, ghosts, state.work, sponge, paddle[1], dt)
@@ -292,9 +293,10 @@ class ISPH(AbstractParticleScheme):
         g = jnp.broadcast_to(model.g, x.shape)
         return g if model.force is None else g + model.force.acceleration(x)
 
-    def _push(self, model: Model, state: State) -> Float[Array, "N D"]:
-        # the projection stops the water at a wall, and this only what it missed
-        return pushed(model, state, 0.5 * model.dx / model.dt)
+    @staticmethod
+    def _contact(model: Model) -> Scalar:
+        """c0 of the spring off the walls, m/s: the projection stops the water, and this what it missed."""
+        return 0.5 * model.dx / model.dt
 
     def _viscous(self, model: Model, state: State, tables: Tables) -> Float[Array, "N D"]:
         """nu lap u, m/s2."""
@@ -398,9 +400,12 @@ class ISPH(AbstractParticleScheme):
 
         outside = body.external(before.body, model.g) - body.damping() * before.body.velocity
         b_body = pressed(nothing, beyond) + movable * (inverse @ (movable * outside)) * unit
-        pressure, a = self.solver.solve(operator, (b, b_body), (start, jnp.zeros_like(b_body)))
+        pressure, _ = self.solver.solve(operator, (b, b_body), (start, jnp.zeros_like(b_body)))
         pressure = jnp.maximum(free * pressure, self.least)
-        p_ghosts = at_walls(pressure) + beyond + by_body(a)
+        # what the water does not bear, the body does not feel
+        q_ghosts = at_walls(pressure) + beyond
+        a = pressed(pressure, q_ghosts) + movable * (inverse @ (movable * outside)) * unit
+        p_ghosts = q_ghosts + by_body(a)
         new = body_moved(model, before.body, a / unit, model.dt)
         water = grip.force(pressure, p_ghosts[rows])
         return pressure, p_ghosts, eqx.tree_at(lambda s: s.force, new, water)
@@ -423,10 +428,10 @@ class ISPH(AbstractParticleScheme):
 def _crowding(filled: Float[Array, " N"]) -> Float[Array, " N"]:
     """By how much particles stand too close, as a share of the density; negative where they are too loose.
 
-    A surface's second row is filled to 0.97 on the lattice: that is not loose, nor is what is less than 0.85.
+    Held within what comes from disorder; what is filled to less than 0.8 is at the surface.
     """
-    loose = jnp.where(filled > 0.85, jnp.minimum(filled - 0.97, 0.0), 0.0)
-    return jnp.clip(filled - 1.0, 0.0, 0.2) + loose
+    inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
+    return inside * jnp.clip(filled - 1.0, -0.05, 0.2)
 
 
 def stable_dt(scheme: ISPH, g: float, cfl: float, dim: int) -> float:

@@ -81,6 +81,7 @@ def plot_run(
     figures = {
         "gauges": gauges(run, overlay),
         "chamber": chamber(run, linear),
+        "body": body(run),
         "pressure_sensors": pressures(run),
         "energy": energy(run),
         "particles_pressure": particles(run, PRESSURE),
@@ -223,7 +224,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     ]
     series = run.series()
     panels = [panel for panel in panels if _has(series, panel[0])]
-    if not panels:
+    if not _has(series, "chamber_level"):
         return None
     t, figure, axes = series["time"], *_stack(len(panels), 2.0)
     for ax, (name, label, title, colour) in zip(axes, panels, strict=True):
@@ -238,6 +239,35 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
             _expect(ax, (max(settled, t[0]), t[-1]), name, linear)
     if linear is not None:
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    figure.align_ylabels(axes)
+    return figure
+
+
+@_styled
+def body(run: RunFile) -> Figure | None:
+    """Motions of the rigid body, the water's force on it and the power of its PTO, on one time axis."""
+    series = run.series()
+    if not _has(series, "body_force"):
+        return None
+    force = series["body_force"]
+    panels = [
+        (series["surge"], "surge (m)", "displacement along the tank", BLUE),
+        (series["heave"], "heave (m)", "displacement upwards", BLUE),
+        (np.degrees(series["pitch"]), "pitch (deg)", "angle, positive landward", BLUE),
+        (force[:, 0], "F$_x$", "the water's force along the tank (N; N/m in two dimensions)", RED),
+        (force[:, 1], "F$_z$", "the water's force upwards", RED),
+        (force[:, 2], "M", "the water's moment about the pivot (N m; N in two dimensions)", RED),
+        (series["power_pto"], "power", "power taken by the PTO (W; W/m in two dimensions)", PURPLE),
+    ]
+    panels = [panel for panel in panels if np.ptp(panel[0]) > 0.0]
+    if not panels:
+        return None
+    t, figure, axes = series["time"], *_stack(len(panels), 1.7)
+    for ax, (values, label, title, colour) in zip(axes, panels, strict=True):
+        ax.plot(t, values, color=colour)
+        ax.axhline(0.0, color="0.5", lw=0.8, zorder=1)
+        ax.set_ylabel(label)
+        ax.set_title(title)
     figure.align_ylabels(axes)
     return figure
 

@@ -10,7 +10,15 @@ from jaxsph.devices import column_depth
 from jaxsph.pairs import nearest_image
 from jaxsph.state import AbstractProbe, Model, State
 
-__all__ = ["BodyProbe", "ChamberProbe", "EnergyProbe", "PressureProbe", "VelocityProbe", "WaveGauge"]
+__all__ = [
+    "BodyPressureProbe",
+    "BodyProbe",
+    "ChamberProbe",
+    "EnergyProbe",
+    "PressureProbe",
+    "VelocityProbe",
+    "WaveGauge",
+]
 
 
 class WaveGauge(AbstractProbe):
@@ -55,6 +63,22 @@ class PressureProbe(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {"pressure": ("Pa", "gauge pressure at the sensor")}
+
+
+class BodyPressureProbe(AbstractProbe):
+    """Gauge pressure at points that move with the body: the water's, as `PressureProbe`."""
+
+    x: Float[Array, "k D"]
+    """At rest, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        moved = PressureProbe(model.body.moved(self.x, state.body))
+        return {"body_pressure": moved.measure(model, state, tables)["pressure"]}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"body_pressure": ("Pa", "gauge pressure at the body's sensor")}
 
 
 class VelocityProbe(AbstractProbe):
@@ -156,7 +180,7 @@ class BodyProbe(AbstractProbe):
 
 
 class EnergyProbe(AbstractProbe):
-    """Stored energies over the initial state, exchanged and dissipated powers, the largest speed.
+    """Stored energies over the initial state, a body's too, powers exchanged and lost, the largest speed.
 
     Powers of paddle, PTO and sponge are sums over every step since the last sample; those of viscosity
     and density diffusion are taken at the sample.
@@ -167,12 +191,15 @@ class EnergyProbe(AbstractProbe):
     """Compression energy of the initial state, J (J/m in 2-D)."""
     field0: Scalar | None = None
     """Potential energy of the initial state in the body force field, J; None without a field."""
+    body0: Scalar | None = None
+    """Potential energy of the rigid body in the initial state, J; None without one."""
 
     @classmethod
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
         """The probe whose stored energies are counted from this state."""
         field0 = None if model.force is None else cls.field(model, state)
-        return cls(sample_dt, model.scheme.compression(state.particles), field0)
+        body0 = None if model.body is None else model.body.energy(state.body, model.g)[1]
+        return cls(sample_dt, model.scheme.compression(state.particles), field0, body0)
 
     @staticmethod
     def field(model: Model, state: State) -> Scalar:
@@ -187,8 +214,12 @@ class EnergyProbe(AbstractProbe):
         potential = -jnp.sum(p.m * model.g[-1] * (p.x[:, -1] - model.z0[p.id]))
         if self.field0 is not None:
             potential = potential + self.field(model, state) - self.field0
+        kinetic = 0.5 * jnp.sum(p.m * speed2)
+        if self.body0 is not None:
+            own, height = model.body.energy(state.body, model.g)
+            kinetic, potential = kinetic + own, potential + height - self.body0
         return {
-            "kinetic": 0.5 * jnp.sum(p.m * speed2),
+            "kinetic": kinetic,
             "potential": potential,
             "compression": model.scheme.compression(p) - self.compression0,
             "power_paddle": state.work.paddle / self.sample_dt,

@@ -197,14 +197,6 @@ class AbstractParticleScheme(AbstractScheme):
         rows = slice(*model.walls.solid)
         return force.at[rows].add(-self.rho0 * model.body.centripetal(ghosts.x[rows], state.body))
 
-    @staticmethod
-    def body_distance(
-        model: Model, state: State, x: Float[Array, "N D"]
-    ) -> tuple[Float[Array, " N"], Float[Array, "N D"]]:
-        """Distance from the body (m, negative inside) and its gradient, the unit normal."""
-        away, back = jax.vjp(lambda x: model.body.distance(x, state.body), x)
-        return away, back(jnp.ones_like(away))[0]
-
     def body_slopes(self, model: Model, state: State, ghosts: GhostFields) -> Float[Array, "3 B"]:
         """Pressure (Pa) of the body's dummies per unit of every acceleration of the body."""
         rows = slice(*model.walls.solid)
@@ -248,7 +240,7 @@ class AbstractParticleScheme(AbstractScheme):
             rows = slice(*walls.solid)
             own = columns(model.body.velocity(ghosts.x[rows], state.body))
             # mirrored in the plane across the normal: the water slips along the body
-            _, normal = self.body_distance(model, state, ghosts.x[rows])
+            normal = model.body.normals(walls.x[rows], state.body)
             there = tuple(a[rows] for a in at_node)
             through = 2.0 * dot(tuple(a - b for a, b in zip(own, there, strict=True)), columns(normal))
             mirrored = tuple(a + through * n for a, n in zip(there, columns(normal), strict=True))
@@ -423,15 +415,20 @@ def pushed(model: Model, state: State, c0: Scalar) -> Float[Array, "N D"]:
     push = model.walls.push(x, state.paddle[0], model.dx, c0)
     if model.body is None:
         return push
-    away, normal = AbstractParticleScheme.body_distance(model, state, x)
+    away, back = jax.vjp(lambda x: model.body.distance(x, state.body), x)
+    (normal,) = back(jnp.ones_like(away))
     return push + boundaries.spring(away, model.dx, c0)[:, None] * normal
 
 
 def stopped(
-    model: Model, state: State, u: Float[Array, "N D"], push: Float[Array, "N D"]
+    model: Model, state: State, u: Float[Array, "N D"], push: Float[Array, "N D"], c0: Scalar
 ) -> Float[Array, "N D"]:
-    """Velocities without what goes on towards a wall or body that `push` pushes away from: spray that hits a
-    solid stays there, where a spring alone would throw it back as fast as it came."""
+    """Velocities without what goes on towards a solid that `push` (by `pushed`, with this c0) keeps off.
+
+    Spray that hits a solid stays there, where a spring alone would throw it back as fast as it came.
+
+    The whole of it is gone a tenth of a spacing after the spring begins.
+    """
     x = state.particles.x
     wall = jnp.zeros_like(u)
     if model.walls.paddle:
@@ -444,7 +441,8 @@ def stopped(
     touching = size2 > 0.0
     normal = push / jnp.sqrt(jnp.where(touching, size2, 1.0))
     towards = jnp.minimum(jnp.sum((u - wall) * normal, axis=1, keepdims=True), 0.0)
-    return u - jnp.where(touching, towards, 0.0) * normal
+    share = jnp.sqrt(jnp.where(touching, size2, 1.0)) / boundaries.spring(0.3 * model.dx, model.dx, c0)
+    return u - jnp.where(touching, jnp.minimum(share, 1.0) * towards, 0.0) * normal
 
 
 def body_moved(model: Model, body: BodyState, acceleration: Float[Array, "3"], dt: Scalar) -> BodyState:

@@ -247,6 +247,14 @@ class AbstractBody(eqx.Module):
         """Energy taken by the power take-off in a step, J (J/m in 2-D)."""
 
     @abc.abstractmethod
+    def normals(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, "N D"]:
+        """Unit normals, outward and in its pose, of the surface nearest to points of the body at rest (m)."""
+
+    @abc.abstractmethod
+    def energy(self, body: BodyState, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
+        """Kinetic energy, and potential energy over that at rest, J (J/m in 2-D)."""
+
+    @abc.abstractmethod
     def distance(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, " N"]:
         """Distance from the body's surface, m; negative inside."""
 

@@ -1,0 +1,93 @@
+"""The incompressible scheme on what has an exact solution: still water, a standing wave, the Taylor-Green vortex.
+
+Each is the case of the weakly compressible scheme, with the same bars.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import typer
+
+import jaxsph as js
+from experiments import standing_wave, taylor_green
+from experiments.common import Report, lattice
+from jaxsph import isph, schemes
+
+
+def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50) -> None:
+    """Runs the three with the incompressible scheme, and the wave with both."""
+    with Report("incompressible", "Incompressible SPH against exact solutions", dx) as report:
+        rest = js.run(
+            js.load_case("hydrostatic").replace({"dx": dx, "isph.relaxation": 0.05}), t1=3.0, progress=False
+        )
+        p = rest.state.particles
+        error = np.asarray(p.p) / (1000.0 * 9.81) - (1.0 - np.asarray(p.x[:, 1]))
+        rms = float(np.sqrt(np.mean(error**2)))
+        report.row(
+            "still water, 3 s: RMS of the pressure's error over rho g d",
+            100 * rms,
+            "%",
+            bar="1 %",
+            passes=rms < 0.01,
+        )
+        fastest = float(rest["max_speed"][-1]) / np.sqrt(9.81)
+        report.row(
+            "the same: largest speed over sqrt(g d)", 100 * fastest, "%", bar="1 %", passes=fastest < 0.01
+        )
+        for name, changes in (("weakly compressible", {}), ("incompressible", {"isph.relaxation": 0.05})):
+            wave = standing_wave.solved(wave_dx, 0.03, 5.0, changes)
+            off = standing_wave.period_error(wave)
+            report.row(
+                f"standing wave, {name}: period error", 100 * off, "%", bar="1 %", passes=abs(off) < 0.01
+            )
+            report.row(f"the same: amplitude's decay, {name}", standing_wave.fitted(wave).decay_rate, "1/s")
+            report.row(f"the same: time of a second, {name}", wave.results["wall_seconds"] / 5.0, "s")
+            if changes:
+                report.row("the same: divergence after projection, RMS", _divergence(wave), "1/s")
+        vortex = vortex_run(n)
+        rate = taylor_green.decay_rate(vortex) - 1.0
+        report.row(
+            "Taylor-Green, Re = 100: error of the energy's rate",
+            100 * rate,
+            "%",
+            bar="3 %",
+            passes=abs(rate) < 0.03,
+        )
+        report.row("the same: L2 error of the velocity", 100 * taylor_green.velocity_error(vortex), "%")
+
+
+def _divergence(solution: js.Solution) -> float:
+    """Of the water a smoothing length below the surface; what the gradients themselves are: U/h."""
+    model = solution.model
+    state, tables = jax.jit(model.scheme.prepare)(model, solution.state)
+    deep = np.asarray(state.particles.x[:, 1]) < float(model.depth) - 3.0 * float(model.dx)
+    found = np.asarray(jax.jit(model.scheme.divergence)(model, state, tables))[deep]
+    return float(np.sqrt(np.mean(found**2)))
+
+
+def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
+    """The vortex of `taylor_green` with n by n particles."""
+    box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
+    scheme = isph.ISPH.of(
+        1.0 / n,
+        taylor_green.U,
+        dim=2,
+        rho0=taylor_green.RHO,
+        viscosity=schemes.LaplacianViscosity(taylor_green.U / taylor_green.RE),
+        period=box.period,
+        relaxation=0.0,
+        shifting=schemes.Shifting(4.0),
+    )
+    walls = js.Ghosts.build(box, 1.0 / n, scheme.smoothing, js.FreeSlip())
+    x = lattice(box.low, box.high, 1.0 / n)
+    u, p = taylor_green.exact(x, 0.0)
+    sample = taylor_green.SAMPLE
+    given = dict(scheme=scheme, walls=walls, dx=1.0 / n, sample_dt=sample, p=p)
+    model, state = js.assemble(x, u, **given, speed=1.3 * taylor_green.U, skin=0.6)
+    return js.march(model, state, t1, sample, (js.EnergyProbe.over(model, state, jnp.float32(sample)),))
+
+
+if __name__ == "__main__":
+    typer.run(main)
