@@ -1,8 +1,8 @@
 """A dam break on a tall square column in three dimensions, by the incompressible scheme: Yeh and Petroff.
 
 Times of the measured velocity count from the bore's arrival at the probe, those of the force from about the
-release: both are aligned, the one on arrival and the other on impact. Where the probe stood is not agreed on, so
-both places are compared. `experiments/reference/README.md` has the sources.
+release: both are aligned, the one on arrival and the other on impact. Where the probe stood is not agreed on,
+so both places are compared. `experiments/reference/README.md` has the sources.
 """
 
 from __future__ import annotations
