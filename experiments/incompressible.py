@@ -78,14 +78,15 @@ def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
         viscosity=schemes.LaplacianViscosity(taylor_green.U / taylor_green.RE),
         period=box.period,
         relaxation=0.0,
-        shifting=schemes.Shifting(4.0),
+        shifting=schemes.Shifting(3.0),
     )
     walls = js.Ghosts.build(box, 1.0 / n, scheme.smoothing, js.FreeSlip())
     x = lattice(box.low, box.high, 1.0 / n)
     u, p = taylor_green.exact(x, 0.0)
     sample = taylor_green.SAMPLE
     given = dict(scheme=scheme, walls=walls, dx=1.0 / n, sample_dt=sample, p=p)
-    model, state = js.assemble(x, u, **given, speed=1.3 * taylor_green.U, skin=0.6)
+    # of first order in time: with steps of 3.6 ms the energy's rate is 5 % off
+    model, state = js.assemble(x, u, **given, speed=1.3 * taylor_green.U, skin=0.6, dt_most=2.0e-3)
     return js.march(model, state, t1, sample, (js.EnergyProbe.over(model, state, jnp.float32(sample)),))
 
 

@@ -73,7 +73,7 @@ def main(dx: float = 0.005) -> None:
             report.row(f"free fall: speed at {1000 * at:g} ms", speed, "m/s", theory=theory)
         figure = Figure(figsize=(9, 3.6), layout="constrained")
         left, right = figure.subplots(1, 2)
-        for k in np.flatnonzero(now)[::3]:
+        for k in np.flatnonzero(now)[:: max(1, int(now.sum()) // 5)]:
             left.plot(z[k], Cp[k], lw=0.8, label=f"{1000 * t[k]:.1f} ms")
         left.plot(exact[:, 0], exact[:, 1], "k--", lw=1, label="similarity")
         left.set(xlabel="z/(Vt)", ylabel="2p/(rho V²)", xlim=(-1, 1), ylim=(-0.5, 9))

@@ -992,11 +992,15 @@ def assemble(
 
     m = float(scheme.rho0) * np.broadcast_to(dx**dim if volume is None else volume, n)
     g = np.zeros(dim) if g is None else np.asarray(g, float)
+    bounded = dt_most is None
     if dt_most is None:
         dt_most = scheme.stable_dt(float(np.linalg.norm(g)), dim)
     if speed is None:
         speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(dt_most))
     skin = skin * dx
+    if bounded:
+        # nor may a step take a particle out of what a table holds
+        dt_most = min(dt_most, 0.4 * skin / speed)
     # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
     # an even number of steps, so that there are shorter ones for a table that goes stale.
     needed = sample_dt / dt_most

@@ -340,6 +340,9 @@ class ISPH(AbstractParticleScheme):
         free = self.surface.free(filled)
         fixed = 1.0 - free
         extra = self.surface.missing(filled) * jnp.maximum(self.full_weights / h**2 - diagonal, 0.0)
+        if all(side == "periodic" for side in walls.sides):
+            # whatever disorder makes of the sums, there is no surface
+            free, fixed, extra = jnp.ones_like(free), jnp.zeros_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
         at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
 
@@ -359,8 +362,9 @@ class ISPH(AbstractParticleScheme):
         crowded = self.relaxation * _crowding(filled)
         b = scale * (self.rho0 / model.dt * (shrinking + crowded / model.dt)) + pulled(nothing, beyond)
         closed = jnp.sum(fixed + extra) == 0.0
-        # without a surface the pressure is known but for a constant
-        b = b - jnp.where(closed, jnp.mean(b), 0.0)
+        # Without a surface the pressure is known but for a constant, and the weights, which are symmetric
+        # before they are scaled, can only give what has no mean under their diagonal.
+        b = b - jnp.where(closed, jnp.sum(diagonal * b) / jnp.sum(diagonal), 0.0)
         start = free * p.p
 
         if model.body is None:

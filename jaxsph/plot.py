@@ -224,7 +224,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     ]
     series = run.series()
     panels = [panel for panel in panels if _has(series, panel[0])]
-    if not _has(series, "chamber_level"):
+    if not panels or "body_force" in series:
         return None
     t, figure, axes = series["time"], *_stack(len(panels), 2.0)
     for ax, (name, label, title, colour) in zip(axes, panels, strict=True):
