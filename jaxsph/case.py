@@ -1027,6 +1027,8 @@ def assemble(
     )
     if (body is None) != (not walls.solid):
         raise ValueError("a body and walls with its dummies (`solid`) go together: give both or neither")
+    if body is not None and not isinstance(scheme, isph.ISPH):
+        raise ValueError("a body needs the incompressible scheme, isph.ISPH")
     model = Model(
         scheme=scheme,
         walls=walls,
