@@ -507,6 +507,8 @@ def _save(file, case, model, state, series, units, seconds) -> None:
         "p": np.asarray(model.scheme.pressure(p))[order],
         "id": np.asarray(p.id)[order],
     }
+    if state.body is not None:
+        snapshot["body"] = np.asarray(state.body.pose)
     variables = {name: io.Variable(*units[name], dim=_second_dimension(name)) for name in series}
     file.append(
         series,

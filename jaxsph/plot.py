@@ -16,12 +16,13 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import shapely
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 
 from jaxsph import analysis
 from jaxsph.io import RunFile, SweepFile, gathered
@@ -444,6 +445,8 @@ class _Tank:
     """Front wall of an OWC: its two faces and the height of its tip."""
     platform: tuple[float, float] | None
     """Raised bed under it: its start and its height."""
+    body: tuple[np.ndarray, np.ndarray] | None = None
+    """Outline `[K, 2]` and pivot of a rigid body at rest."""
 
     @classmethod
     def of(cls, run: RunFile) -> _Tank:
@@ -468,6 +471,7 @@ class _Tank:
             top=top,
             plate=_plate(case.get("device", {}), x1, depth, dx),
             platform=_platform(case.get("device", {}), x1, dx),
+            body=_outline(case.get("body")),
         )
 
     def strips(self) -> list[tuple[float, float]]:
@@ -506,6 +510,24 @@ def _platform(device: dict[str, Any], end: float, dx: float) -> tuple[float, flo
     return end - _snapped(device["platform_length"], dx), _snapped(device["platform_height"], dx)
 
 
+def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | None:
+    if body is None:
+        return None
+    if "polygon" in body:
+        corners = np.asarray(body["polygon"], float)
+    elif "disc" in body:
+        angle = np.linspace(0.0, 2.0 * np.pi, 60)
+        around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        corners = np.asarray(body["disc"]["centre"]) + body["disc"]["radius"] * around
+    else:
+        low, high = body["block"]["low"], body["block"]["high"]
+        (x0, z0), (x1, z1) = (low[0], low[-1]), (high[0], high[-1])
+        corners = np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
+    centre = shapely.Polygon(corners).centroid
+    pivot = body.get("pivot", body.get("centre", (centre.x, centre.y)))
+    return corners, np.asarray(pivot, float)
+
+
 @_styled
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
     """Particles of one snapshot, coloured by a field; a long tank in strips, and the OWC enlarged.
@@ -542,7 +564,7 @@ class _Picture:
         self.title = self.figure.suptitle(tank.name, x=0.02, ha="left", fontsize=13)
         grid = self.figure.add_gridspec(len(ranges), 1, height_ratios=heights)
         self.axes = [self.figure.add_subplot(grid[i]) for i in range(len(ranges))]
-        self.dots, self.paddles = [], []
+        self.dots, self.paddles, self.bodies = [], [], []
         for ax, (a, b) in zip(self.axes, ranges, strict=True):
             self._prepare(ax, (a, b), (bottom, tank.top))
             self.dots.append(self._scatter(ax, limits))
@@ -575,6 +597,8 @@ class _Picture:
         paddle = Rectangle((-1e3, z[0]), 1e3, z[1] - z[0], **solid)
         ax.add_patch(paddle)
         self.paddles.append(paddle)
+        if tank.body is not None:
+            self.bodies.append(ax.add_patch(Polygon(tank.body[0], **solid)))
         if tank.plate is not None:
             x0, x1, tip = tank.plate
             ax.add_patch(Rectangle((x0, tip), x1 - x0, z[1] - tip, **solid))
@@ -607,8 +631,16 @@ class _Picture:
             dots.set_offsets(x.at[near])
             dots.set_array(values[near])
             paddle.set_x(float(snapshot.get("paddle", 0.0)) - 1e3)
+        for body in self.bodies:
+            body.set_xy(_posed(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
+
+
+def _posed(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """The outline moved by surge, heave and pitch (from z towards x)."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return (corners - pivot) @ np.array([[c, -s], [s, c]]) + pivot + pose[:2]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxsph.bodies import RigidBody, RotationalPTO
+from jaxsph.plot import _posed
 from jaxsph.shapes import Block, Disc, Polygon
 from jaxsph.state import BodyState
 
@@ -119,3 +120,11 @@ def test_a_rotational_pto_only_takes(omega, angle):
     old = BodyState.at_rest(jnp.float32, (0.0, 0.0, omega), (0.0, 0.0, angle))
     assert float(body.absorbed(old, old, jnp.float32(0.01))) >= 0.0
     assert float(pto.restoring(jnp.float32(angle))) * angle <= 0.0
+
+
+def test_pictures_draw_the_body_where_it_is():
+    body, pose = _body(), np.array([0.1, -0.2, 0.4])
+    corners = np.asarray(SQUARE)
+    state = BodyState.at_rest(jnp.float32, pose=pose)
+    moved = body.moved(jnp.asarray(corners, jnp.float32), state)
+    np.testing.assert_allclose(_posed(corners, np.asarray(body.pivot), pose), moved, atol=1e-6)
