@@ -783,8 +783,8 @@ def _scheme(
         speed = section.speed or max(_speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
         solver = {"bicgstab": isph.BiCGStab(section.tolerance), "explicit": isph.Explicit()}
         surface = {
-            "empty_neighbours": isph.EmptyNeighbours(1.0, 0.7, 0.85),
-            "particles": isph.SurfaceParticles(0.9),
+            "empty_neighbours": isph.EmptyNeighbours(),
+            "particles": isph.SurfaceParticles(),
         }
         found = isph.ISPH.of(
             case.dx,

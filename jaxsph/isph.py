@@ -120,7 +120,7 @@ class AbstractSurface(eqx.Module):
 class SurfaceParticles(AbstractSurface):
     """p = 0 for particles whose kernel is not full (Eq. 23-24)."""
 
-    threshold: Scalar
+    threshold: Scalar | float = 0.9
     """Share of a full kernel's sum up to which a particle is at the surface."""
 
     def free(self, filled):
@@ -135,9 +135,9 @@ class SurfaceParticles(AbstractSurface):
 class EmptyNeighbours(AbstractSurface):
     """Where neighbours are missing the pressure is -gain p_i (Nair and Tomar 2014 have 0)."""
 
-    gain: Scalar
-    low: Scalar
-    high: Scalar
+    gain: Scalar | float = 1.0
+    low: Scalar | float = 0.7
+    high: Scalar | float = 0.85
     """Share of a full kernel's sum below which neighbours are missing, and above which none is."""
 
     def free(self, filled):
@@ -196,7 +196,7 @@ class ISPH(AbstractParticleScheme):
         """
         kernel = WendlandC2() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
-        surface = EmptyNeighbours(1.0, 0.7, 0.85) if surface is None else surface
+        surface = EmptyNeighbours() if surface is None else surface
 
         def leaf(a):
             return jnp.asarray(a, dtype)
@@ -249,10 +249,11 @@ class ISPH(AbstractParticleScheme):
         p, dt = state.particles, model.dt
         paddle, a_wall = paddle_moved(self, model, state, dt)
         push = pushed(model, state, self._contact(model))
-        u = p.u + dt * (self._viscous(model, state, tables) + push)
+        ghosts = self.placed(model, state, tables)
+        u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
         # Eq. 7-8. Walls carry gravity and forces as the water does, and their own acceleration goes into
         # their pressure: so that of a field without divergence none is seen at a wall either.
-        ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), u)
+        ghosts = self.ghost_velocity(model, state, tables, ghosts, u)
         u_star = u + dt * self._body_force(model, p.x)
         at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, dt * u_star), paddle))
         if model.body is not None:
@@ -298,10 +299,12 @@ class ISPH(AbstractParticleScheme):
         """c0 of the spring off the walls, m/s: the projection stops the water, and this what it missed."""
         return 0.5 * model.dx / model.dt
 
-    def _viscous(self, model: Model, state: State, tables: Tables) -> Float[Array, "N D"]:
+    def _viscous(
+        self, model: Model, state: State, tables: Tables, ghosts: GhostFields
+    ) -> Float[Array, "N D"]:
         """nu lap u, m/s2."""
         p = state.particles
-        ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), p.u)
+        ghosts = self.ghost_velocity(model, state, tables, ghosts, p.u)
         guard = laws.GUARD * self.smoothing.h**2
         sources = self._sources(p, ghosts, p.u, ghosts.u_shear)
         shear = self._sum(lambda pair, i, j: self.viscosity.shear(pair, i, j, guard), sources, tables)
@@ -419,7 +422,7 @@ class ISPH(AbstractParticleScheme):
     def dissipation(self, model, state, tables):
         """See `AbstractParticleScheme`: of the viscosity."""
         p = state.particles
-        force = self._viscous(model, state, tables)
+        force = self._viscous(model, state, tables, self.placed(model, state, tables))
         return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))
 
     def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:

@@ -236,20 +236,17 @@ class AbstractParticleScheme(AbstractScheme):
         wall = (walls.moves * state.paddle[1],) + (zero,) * (len(at_node) - 1)
         if walls.sliding is not None:
             wall = tuple(a + b for a, b in zip(wall, columns(walls.sliding), strict=True))
+        u_ghosts = walls.velocity(at_node, wall, walls.mirror)
         if model.body is not None:
             rows = slice(*walls.solid)
             own = columns(model.body.velocity(ghosts.x[rows], state.body))
             # mirrored in the plane across the normal: the water slips along the body
-            normal = model.body.normals(walls.x[rows], state.body)
+            normal = columns(model.body.normals(walls.x[rows], state.body))
             there = tuple(a[rows] for a in at_node)
-            through = 2.0 * dot(tuple(a - b for a, b in zip(own, there, strict=True)), columns(normal))
-            mirrored = tuple(a + through * n for a, n in zip(there, columns(normal), strict=True))
-            ghosts_u = walls.velocity(at_node, wall, walls.mirror).at[rows].set(stacked(mirrored))
-            shear = walls.velocity(at_node, wall, walls.shear)
-            return ghosts._replace(u=ghosts_u, u_shear=shear)
-        return ghosts._replace(
-            u=walls.velocity(at_node, wall, walls.mirror), u_shear=walls.velocity(at_node, wall, walls.shear)
-        )
+            through = 2.0 * dot(tuple(a - b for a, b in zip(own, there, strict=True)), normal)
+            mirrored = tuple(a + through * n for a, n in zip(there, normal, strict=True))
+            u_ghosts = u_ghosts.at[rows].set(stacked(mirrored))
+        return ghosts._replace(u=u_ghosts, u_shear=walls.velocity(at_node, wall, walls.shear))
 
     def drift(self, p: Particles, dx: Float[Array, "N D"]) -> Particles:
         """Moves particles by dx without losing what is smaller than the rounding of x (Kahan)."""

@@ -51,15 +51,14 @@ def test_moments_are_those_of_points_inside(shape):
     np.testing.assert_allclose(np.sum((x - centre) ** 2) * (0.6 / 400) ** 2, second, rtol=2e-2)
 
 
-def _body(free=(True, True, True), pto=None):
-    centre = jnp.array([0.3, 0.3])
+def _body(free=(True, True, True), pto=None, pivot=(0.3, 0.3)):
     return RigidBody(
         free=free,
         shape=BLOCK,
         mass=jnp.float32(2.0),
         inertia=jnp.float32(0.5),
-        pivot=centre,
-        centre=centre,
+        pivot=jnp.array(pivot),
+        centre=jnp.array([0.3, 0.3]),
         pto=pto,
     )
 
@@ -87,26 +86,12 @@ def test_velocities_are_the_rate_of_positions(pose, velocity):
 
 def test_a_pivot_off_the_centre_allows_pitch_alone():
     with pytest.raises(ValueError, match="pivot"):
-        RigidBody(
-            free=(True, False, True),
-            shape=BLOCK,
-            mass=jnp.float32(1.0),
-            inertia=jnp.float32(1.0),
-            pivot=jnp.array([0.3, 0.2]),
-            centre=jnp.array([0.3, 0.3]),
-        )
+        _body((True, False, True), pivot=(0.3, 0.2))
 
 
 def test_weight_turns_a_leaning_flap_further():
     """The centre of mass above the hinge and landward of it: positive, landward, and M g times the arm."""
-    body = RigidBody(
-        free=(False, False, True),
-        shape=BLOCK,
-        mass=jnp.float32(2.0),
-        inertia=jnp.float32(0.5),
-        pivot=jnp.array([0.3, 0.2]),
-        centre=jnp.array([0.3, 0.3]),
-    )
+    body = _body((False, False, True), pivot=(0.3, 0.2))
     leaning = BodyState.at_rest(jnp.float32, pose=(0.0, 0.0, 0.2))
     moment = body.external(leaning, jnp.array([0.0, -9.81]))[2]
     np.testing.assert_allclose(moment, 2.0 * 9.81 * 0.1 * np.sin(0.2), rtol=1e-6)
