@@ -361,8 +361,13 @@ class Impact(NamedTuple):
         return cls(float(first), float(peak), float(p[(t > PLATEAU[0]) & (t < PLATEAU[1])].mean()))
 
 
+def measured_impact() -> np.ndarray:
+    """Buchner's t sqrt(g/H) and p/(rho g H)."""
+    return _read("buchner_pressure")
+
+
 def _impacts(resolutions: list[int]) -> None:
-    t_there, p_there = _read("buchner_pressure")
+    t_there, p_there = measured_impact()
     there = Impact.of(t_there, p_there)
     found, seconds = {}, 0.0
     with Report("dam_break_impact", "Dam break: pressure on the far wall (Buchner 2002)") as report:

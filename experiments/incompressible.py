@@ -11,13 +11,13 @@ import numpy as np
 import typer
 
 import jaxsph as js
-from experiments import standing_wave, taylor_green
-from experiments.common import Report, lattice
+from experiments import dam_break, standing_wave, taylor_green
+from experiments.common import Report, lattice, solved
 from jaxsph import isph, schemes
 
 
-def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50) -> None:
-    """Runs the three with the incompressible scheme, and the wave with both."""
+def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: int = 30) -> None:
+    """Runs the three with the incompressible scheme, and the wave and Buchner's dam break with both."""
     with Report("incompressible", "Incompressible SPH against exact solutions", dx) as report:
         rest = js.run(
             js.load_case("hydrostatic").replace({"dx": dx, "isph.relaxation": 0.05}), t1=3.0, progress=False
@@ -46,6 +46,8 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50) -> None:
             report.row(f"the same: time of a second, {name}", wave.results["wall_seconds"] / 5.0, "s")
             if changes:
                 report.row("the same: divergence after projection, RMS", _divergence(wave), "1/s")
+        for name, changes in (("weakly compressible", {}), ("incompressible", {"isph": {}})):
+            _impact_rows(report, name, layers, changes)
         vortex = vortex_run(n)
         rate = taylor_green.decay_rate(vortex) - 1.0
         report.row(
@@ -56,6 +58,31 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50) -> None:
             passes=abs(rate) < 0.03,
         )
         report.row("the same: L2 error of the velocity", 100 * taylor_green.velocity_error(vortex), "%")
+
+
+def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
+    """Buchner's dam break over the plateau of its pressure, with dummy walls where it is incompressible."""
+    scale = np.sqrt(dam_break.G / dam_break.BUCHNER)
+    changes = changes | ({"scheme": {}, "tank.walls": "dummy"} if changes else {})
+    case = dam_break.impact_case(layers).replace(
+        changes | {"t1": 1.4, "output.sample_dt": 0.004, "probes.gauges": []}
+    )
+    file = solved(case, f"impact_{name.split()[0]}_{layers}")
+    series = file.series()
+    t = series["time"] * scale
+    p = dam_break.averaged(series["pressure"] / (dam_break.RHO * dam_break.G * dam_break.BUCHNER))
+    smooth = dam_break.smoothed(t, p, dam_break.SMOOTHING)
+    t_there, p_there = dam_break.measured_impact()
+    here, there = (dam_break.Impact.of(*a) for a in ((t, smooth), (t_there, p_there)))
+    window = (t_there > dam_break.WINDOW[0]) & (t_there < dam_break.WINDOW[1])
+    off = np.interp(t_there[window], t, smooth) - p_there[window]
+    label = f"dam break, H/dx = {layers}, {name}"
+    report.row(f"{label}: arrival, t sqrt(g/H)", here.arrival, paper=there.arrival)
+    report.row("the same: plateau of the disc's pressure, p/(rho g H)", here.plateau, paper=there.plateau)
+    report.row("the same: RMS off Buchner's", float(np.sqrt(np.mean(off**2))), "rho g H")
+    steady = (t > dam_break.PLATEAU[0]) & (t < dam_break.PLATEAU[1])
+    report.row("the same: noise of the plateau", float(np.std(p[steady] - smooth[steady])), "rho g H")
+    report.row("the same: time of a second", file.results()["wall_seconds"] / case.t1, "s")
 
 
 def _divergence(solution: js.Solution) -> float:

@@ -35,6 +35,8 @@ RESULTS = {
     "energy_sponge": ("  taken by the sponge", "J/m"),
     "energy_viscous": ("  viscous loss", "J/m"),
     "energy_diffusive": ("  loss by density diffusion", "J/m"),
+    "energy_contact": ("  lost by water that meets a solid", "J/m"),
+    "energy_projection": ("  lost in the projection", "J/m"),
     "energy_residual": ("  not accounted for", "J/m"),
     "energy_residual_share": ("  not accounted for, share", ""),
     "periods": ("periods averaged", ""),

@@ -377,10 +377,11 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     """Where the paddle's work went over a whole record, J per metre of width.
 
     Keys: `paddle` (work of the paddle), `stored` (change of kinetic, potential and compression energy),
-    `pto`, `sponge`, `viscous`, `diffusive` (each taken from the water), `residual` (what is missing) and
-    `residual_share` (of the paddle's work; of the largest stored energy where there is no paddle).
-    Powers of paddle, PTO and sponge are means over the interval before their sample; the scheme's losses
-    are values at their sample, and integrated by the trapezoidal rule.
+    `pto`, `sponge`, `viscous`, `diffusive`, `contact` and `projection` (each taken from the water; the last
+    two by the incompressible scheme), `residual` (what is missing) and `residual_share` (of the paddle's
+    work; of the largest stored energy where there is no paddle).
+    Powers called `power_` are means over the interval before their sample; the losses called `loss_` are
+    values at their sample, and integrated by the trapezoidal rule.
     """
     t = series["time"]
     dt = np.diff(t)
@@ -399,6 +400,8 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
         "sponge": summed("power_sponge"),
         "viscous": integrated("loss_viscous"),
         "diffusive": integrated("loss_diffusive"),
+        "contact": summed("power_contact"),
+        "projection": summed("power_projection"),
     }
     spent = sum(v for k, v in budget.items() if k != "paddle")
     budget["residual"] = budget["paddle"] - spent

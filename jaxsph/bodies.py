@@ -67,6 +67,8 @@ class RigidBody(AbstractBody):
     """Centre of mass at rest, m."""
     free: tuple[bool, bool, bool] = eqx.field(static=True)
     """Surge, heave, pitch."""
+    release: Scalar | float = 0.0
+    """Time from which it is free, s."""
     pto: RotationalPTO | None = None
 
     def __check_init__(self) -> None:
@@ -74,6 +76,10 @@ class RigidBody(AbstractBody):
         if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, jax.core.Tracer):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
                 raise ValueError("pivot: must be the centre of mass where pitch and another motion are free")
+
+    def movable(self, t):
+        """See `AbstractBody`."""
+        return jnp.asarray(self.free, t.dtype) * (t >= self.release)
 
     def generalised_mass(self):
         """See `AbstractBody`."""

@@ -869,6 +869,11 @@ class Ghosts(eqx.Module):
         return Box(self.low, self.high, sides=self.sides).period
 
     @property
+    def width(self) -> float:
+        """Of the tank across x and z, m; 1 in two dimensions, where everything is per metre."""
+        return float(np.prod([b - a for a, b in zip(self.low[1:-1], self.high[1:-1], strict=True)]))
+
+    @property
     def count(self) -> int:
         """Number of ghosts."""
         return self.x.shape[0]

@@ -114,7 +114,7 @@ class Tank(_Section):
     width: float | None = Field(None, gt=0)
     """Given, the case is three-dimensional."""
     height: float | None = Field(None, gt=0)
-    """Top of the walls, m; by default enough for the waves, and four depths for a released column."""
+    """Top of the walls, m; by default enough for waves and a body, and four depths for a released column."""
     column: float | None = Field(None, gt=0)
     """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
     layer: float | None = Field(None, gt=0)
@@ -246,6 +246,8 @@ class BodySection(_Section):
     """Surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
     angle: float = Field(0.0, ge=-1.6, le=1.6)
     """Pitch at the start, rad."""
+    release: float = Field(0.0, ge=0)
+    """Time up to which it is held at rest, s: so long the water settles around it."""
     pto: RotationalPTOSection | None = None
     sensors: tuple[tuple[float, ...], ...] = ()
     """Points of pressure sensors on it, in its place at rest, m."""
@@ -260,6 +262,8 @@ class BodySection(_Section):
             )
         if "pitch" in self.free and self.density is None and self.inertia is None:
             raise ValueError("body.free has pitch: give body.inertia or body.density")
+        if self.release and (not self.free or any(self.velocity)):
+            raise ValueError("body.release lets go of a body that is free and at rest until then")
         if self.pto is not None and "pitch" not in self.free:
             raise ValueError("body.pto works on the pitch: add it to body.free")
         return self
@@ -276,7 +280,10 @@ class ProbesSection(_Section):
     """Where to measure."""
 
     gauges: tuple[float, ...] = ()
-    """x of the wave gauges, m."""
+    """x of the wave gauges, m: elevations averaged across the tank."""
+    surface: tuple[tuple[float, ...], ...] = ()
+    """Points, (x,) or (x, y), m, where the elevation is measured by both methods of Yeylaghi et al. 2016:
+    interpolated density, and the surface's particles."""
     pressure: tuple[tuple[float, ...], ...] = ()
     """Points of the pressure sensors, m."""
     velocity: tuple[tuple[float, ...], ...] = ()
@@ -541,8 +548,8 @@ class Geometry:
                 raise CaseError("device: an OWC needs the scheme of the section scheme: remove isph")
         if case.body is None:
             return
-        if case.isph is None:
-            raise CaseError("body: needs the incompressible scheme: add a section isph")
+        if case.device is not None:
+            raise CaseError("body: a tank holds a body or a device with a chamber: remove one")
         if case.tank.walls == "mirror":
             raise CaseError('tank.walls = "mirror": a body needs "dummy" walls')
         self.solid = solid = _shape(case.body)
@@ -553,6 +560,9 @@ class Geometry:
         for index, point in enumerate(case.body.sensors):
             if len(point) != dim:
                 raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {dim} coordinates")
+        if case.tank.height is None:
+            top = float(points[:, -1].max()) + 4 * self.dx
+            self.height = max(self.height, float(np.ceil(top / self.dx - 1e-9) * self.dx))
         upper = [self.length, self.height] if dim == 2 else [self.length, self.width, self.height]
         out = ((points < 0) | (points > upper)).any(axis=1)
         if out.any():
@@ -632,21 +642,21 @@ class Geometry:
                 raise CaseError(
                     f"probes.gauges[{index}] = {x:g} m is outside the tank (0 to {self.length:g} m)"
                 )
-        dim = 2 if self.width is None else 3
-        upper = [self.length, self.height] if dim == 2 else [self.length, self.width, self.height]
-        for name in ("pressure", "velocity"):
+        upper = [self.length, *([] if self.width is None else [self.width]), self.height]
+        for name, most in (("surface", upper[:-1]), ("pressure", upper), ("velocity", upper)):
             for index, point in enumerate(getattr(case.probes, name)):
-                if len(point) != dim or any(not 0 <= a <= b for a, b in zip(point, upper, strict=False)):
+                inside = len(point) == len(most) and all(
+                    0 <= a <= b for a, b in zip(point, most, strict=True)
+                )
+                if not inside:
                     raise CaseError(
                         f"probes.{name}[{index}] = {list(point)} is not a point of the tank "
-                        f"({dim} coordinates between 0 and {upper})"
+                        f"({len(most)} coordinates between 0 and {most})"
                     )
         if case.sponge is not None and case.sponge.length >= self.length:
             raise CaseError(
                 f"sponge.length = {case.sponge.length:g} m: must be shorter than the tank ({self.length:g} m)"
             )
-        if case.waves is not None and self.width is not None:
-            raise CaseError("waves in a three-dimensional tank are not built yet: remove tank.width")
         if case.start is not None and case.waves is not None:
             raise CaseError("start and waves exclude each other: remove one of the sections")
 
@@ -846,6 +856,7 @@ def _body(case: Case, geometry: Geometry, leaf: Any) -> tuple[bodies.RigidBody |
             inertia=leaf(inertia or 1.0),
             pivot=leaf(pivot),
             centre=leaf(centre),
+            release=leaf(section.release),
             pto=pto,
         )
     except ValueError as error:
@@ -934,9 +945,9 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     )
     particles = state.particles
     if wavemaker is not None:
-        V = scheme.volume(particles)
+        V = scheme.volume(particles) / walls.width
         still = devices.column_depth(
-            (particles.x[:, 0], particles.x[:, 1]), V, wavemaker.gauge, 3.0 * model.dx
+            (particles.x[:, 0], particles.x[:, -1]), V, wavemaker.gauge, 3.0 * model.dx
         )
         model = eqx.tree_at(lambda a: a.wavemaker.still, model, still)
     return model, state
@@ -1027,8 +1038,6 @@ def assemble(
     )
     if (body is None) != (not walls.solid):
         raise ValueError("a body and walls with its dummies (`solid`) go together: give both or neither")
-    if body is not None and not isinstance(scheme, isph.ISPH):
-        raise ValueError("a body needs the incompressible scheme, isph.ISPH")
     model = Model(
         scheme=scheme,
         walls=walls,
@@ -1207,6 +1216,12 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
         gauge = probes.WaveGauge(at, jnp.zeros_like(at))
         still = gauge.measure(model, state, None)["eta"]
         found.append(probes.WaveGauge(at, still))
+    if case.probes.surface:
+        at, top = np.asarray(case.probes.surface), model.walls.high[-1]
+        levels = np.arange(0.0, top, 0.5 * case.dx)
+        at, levels, half = (jnp.asarray(a, dtype) for a in (at, levels, 0.5 * case.dx))
+        found.append(probes.InterpolatedGauge(at, levels, model.depth))
+        found.append(probes.ParticleGauge(at, model.depth - half))
     if case.probes.pressure:
         found.append(probes.PressureProbe(jnp.asarray(case.probes.pressure, dtype)))
     if case.probes.velocity:

@@ -199,7 +199,7 @@ class Wavemaker(eqx.Module):
         return jnp.stack([paddle[0] + dt * U, U, error, mean])
 
     def elevation(self, x: Components, V: Float[Array, " N"], paddle: jax.Array, width: Scalar):
-        """Elevation (m) at the gauge, over still water."""
+        """Elevation (m) at the gauge, over still water; V: volumes per metre of the tank's width, m2."""
         return column_depth(x, V, paddle[0] + self.gauge, width) - self.still
 
 

@@ -39,6 +39,8 @@ ENERGY = {
     "power_sponge",
     "loss_viscous",
     "loss_diffusive",
+    "power_contact",
+    "power_projection",
 }
 
 
@@ -173,10 +175,15 @@ def _coordinates(case: Case) -> dict[str, tuple[str, np.ndarray, str, str]]:
     if case.probes.gauges:
         x = np.asarray(case.probes.gauges)
         found["gauge_x"] = ("gauge", x, "m", "distance of the gauge from the paddle at rest")
-    for given, what in ((case.probes.pressure, "sensor"), (case.probes.velocity, "point")):
+    axes = "xz" if case.tank.width is None else "xyz"
+    for given, what, names in (
+        (case.probes.surface, "surface_point", axes[:-1]),
+        (case.probes.pressure, "sensor", axes),
+        (case.probes.velocity, "point", axes),
+    ):
         if given:
             points = np.asarray(given)
-            for axis, name in enumerate("xz" if points.shape[1] == 2 else "xyz"):
+            for axis, name in enumerate(names):
                 found[f"{what}_{name}"] = (what, points[:, axis], "m", f"{name} of the {what}")
     return found
 
@@ -523,11 +530,14 @@ def _save(file, case, model, state, series, units, seconds) -> None:
 def _second_dimension(name: str) -> str | None:
     if name.startswith("velocity_"):
         return "point"
+    if name.startswith("eta_"):
+        return "surface_point"
     return {
         "eta": "gauge",
         "pressure": "sensor",
         "body_velocity": "motion",
         "body_force": "motion",
+        "body_force_mean": "motion",
         "body_pressure": "body_sensor",
     }.get(name)
 

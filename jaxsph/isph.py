@@ -36,6 +36,7 @@ from jaxsph.schemes import (
     paddle_moved,
     pushed,
     stopped,
+    with_body_work,
     with_work,
 )
 from jaxsph.state import BodyState, Model, Particles, State, Tables
@@ -255,23 +256,37 @@ class ISPH(AbstractParticleScheme):
         # their pressure: so that of a field without divergence none is seen at a wall either.
         ghosts = self.ghost_velocity(model, state, tables, ghosts, u)
         u_star = u + dt * self._body_force(model, p.x)
-        at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, dt * u_star), paddle))
+        # The paper has a whole step. With half of one water swings without a loss to second order,
+        # where pressures of a whole step damp a wave by omega^2 dt/4.
+        half = 0.5 * dt
+        at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, half * u_star), paddle))
         if model.body is not None:
-            at = eqx.tree_at(lambda s: s.body, at, body_moved(model, state.body, jnp.zeros(3, dt.dtype), dt))
+            still = jnp.zeros(3, dt.dtype)
+            at = eqx.tree_at(lambda s: s.body, at, body_moved(state.body, still, half))
         u_ghosts = ghosts.u + dt * self._body_force(model, ghosts.x)
         ghosts = self.placed(model, at, tables)
         sources = self._sources(at.particles, ghosts, u_star, u_ghosts)
         pressure, p_ghosts, body = self._projected(model, at, state, tables, ghosts, sources, a_wall)
         sources = sources | {"p": jnp.concatenate([pressure, p_ghosts])}
-        u_new = u_star + dt / self.rho0 * stacked(self._sum(laws.pressure_force, sources, tables))
-        u_new = stopped(model, state, u_new, push, self._contact(model))
+        pressed = dt / self.rho0 * stacked(self._sum(laws.pressure_force, sources, tables))
+        met = u_star + pressed
+        u_new = stopped(model, state, met, push, self._contact(model))
+        touched = u_new - met + dt * push
         u_new, sponge = damped(model, p, u_new, dt)
         ghosts = ghosts._replace(p=p_ghosts, water=ghosts.water | {"p": with_empty({"p": pressure})["p"]})
         work = with_work(self, model, tables, ghosts, state.work, sponge, paddle[1], dt)
+        given = state.work.paddle - work.paddle  # to solids, by pressures
         if body is not None:
-            taken = model.body.absorbed(state.body, body, dt)
-            work = eqx.tree_at(lambda w: w.pto, work, work.pto + taken)
-        dx = 0.5 * dt * (u_new + p.u)  # Eq. 17
+            work, done = with_body_work(model, state, work, body, dt)
+            given = given + done
+        mean = 0.5 * (u_new + p.u)
+        contact, lost = (-jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (touched, pressed))
+        work = eqx.tree_at(
+            lambda w: (w.contact, w.projection),
+            work,
+            (work.contact + contact, work.projection + lost - given),
+        )
+        dx = dt * mean  # Eq. 17
         if self.shifting is not None:
             dx = dx + self.shifting.displacement(self, model, u_new, sources, tables, dt)
         new = eqx.tree_at(lambda a: (a.u, a.p), self.drift(p, dx), (u_new, pressure))
@@ -382,39 +397,29 @@ class ISPH(AbstractParticleScheme):
             return pressure, at_walls(pressure) + beyond, None
 
         rows = slice(*walls.solid)
-        body, grip = model.body, self.body_grip(model, at, ghosts, tables)
-        slopes = self.body_slopes(model, at, ghosts)
-        movable = jnp.asarray(body.free, h.dtype)
+        coupling = self.body_coupling(model, at, before.body, ghosts, tables, model.dt)
+        movable = model.body.movable(model.time(at))
         unit = self.rho0 * h  # Pa per m/s2: accelerations as large as pressures in the residual
-        # inertia, implicit damping, and what the dummies' own pressure adds
-        mass = jnp.diag(body.generalised_mass() + model.dt * body.damping())
-        mass = mass - jax.vmap(lambda slope: grip.force(nothing, slope))(slopes).T
-        inverse = jnp.linalg.inv(
-            jnp.where(movable[:, None] * movable > 0, mass, jnp.eye(3, dtype=mass.dtype))
-        )
-
-        def pressed(q, q_ghosts):
-            return movable * (inverse @ (movable * grip.force(q, q_ghosts[rows]))) * unit
 
         def by_body(a):
-            return ghosts.p.at[rows].set((movable * a / unit) @ slopes)
+            return ghosts.p.at[rows].set(coupling.pressures(movable * a))
 
         def operator(unknown):
             q, a = free * unknown[0], unknown[1]
             q_ghosts = at_walls(q)
-            both = q_ghosts + by_body(a)
-            return q - pulled(q, both) + fixed * q, a - pressed(q, q_ghosts)
+            both = q_ghosts + by_body(a / unit)
+            driven = unit * coupling.accelerated(q, q_ghosts[rows], outside=False)
+            return q - pulled(q, both) + fixed * q, a - driven
 
-        outside = body.external(before.body, model.g) - body.damping() * before.body.velocity
-        b_body = pressed(nothing, beyond) + movable * (inverse @ (movable * outside)) * unit
+        b_body = unit * coupling.accelerated(nothing, beyond[rows])
         pressure, _ = self.solver.solve(operator, (b, b_body), (start, jnp.zeros_like(b_body)))
         pressure = jnp.maximum(free * pressure, self.least)
         # what the water does not bear, the body does not feel
         q_ghosts = at_walls(pressure) + beyond
-        a = pressed(pressure, q_ghosts) + movable * (inverse @ (movable * outside)) * unit
-        p_ghosts = q_ghosts + by_body(a)
-        new = body_moved(model, before.body, a / unit, model.dt)
-        water = grip.force(pressure, p_ghosts[rows])
+        acceleration = coupling.accelerated(pressure, q_ghosts[rows])
+        p_ghosts = q_ghosts + by_body(acceleration)
+        new = body_moved(before.body, acceleration, model.dt)
+        water = coupling.grip.force(pressure, p_ghosts[rows])
         return pressure, p_ghosts, eqx.tree_at(lambda s: s.force, new, water)
 
     # ---------------------------------------------------------------- diagnostics

@@ -373,6 +373,8 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
         ("taken by the sponge", _summed(series, "power_sponge"), PURPLE),
         ("viscous loss", _integrated(series, "loss_viscous"), ORANGE),
         ("density diffusion", _integrated(series, "loss_diffusive"), RED),
+        ("met a solid", _summed(series, "power_contact"), BLUE),
+        ("lost in the projection", _summed(series, "power_projection"), RED),
     ]
     shown = [term for term in terms if np.any(term[1])]
     return [*shown, (STORED, stored - stored[0], SKY)]

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from jaxsph._typing import Array, Float, Scalar, columns, dot, stacked
 from jaxsph.devices import column_depth
-from jaxsph.pairs import nearest_image
+from jaxsph.pairs import nearest_image, pair_sum, with_empty
 from jaxsph.state import AbstractProbe, Model, State
 
 __all__ = [
@@ -15,6 +15,8 @@ __all__ = [
     "BodyProbe",
     "ChamberProbe",
     "EnergyProbe",
+    "InterpolatedGauge",
+    "ParticleGauge",
     "PressureProbe",
     "VelocityProbe",
     "WaveGauge",
@@ -22,7 +24,8 @@ __all__ = [
 
 
 class WaveGauge(AbstractProbe):
-    """Surface elevation over the still level at any x: the volume of a column of water."""
+    """Surface elevation over the still level at any x, averaged across the tank: the volume of a column of
+    water."""
 
     x: Float[Array, " k"]
     still: Float[Array, " k"]
@@ -30,7 +33,7 @@ class WaveGauge(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        x, V = columns(state.particles.x), model.scheme.volume(state.particles)
+        x, V = columns(state.particles.x), model.scheme.volume(state.particles) / model.walls.width
         period = model.scheme.smoothing.period
 
         def column(at):
@@ -43,6 +46,87 @@ class WaveGauge(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {"eta": ("m", "surface elevation over the still water level")}
+
+
+class InterpolatedGauge(AbstractProbe):
+    """Elevation of the surface at points: the highest level of a line of interpolation points up to which the
+    density is more than half the water's (Yeylaghi et al. 2016, section 4.3.2, where half is not said)."""
+
+    x: Float[Array, "k H"]
+    """Horizontal coordinates, m."""
+    levels: Float[Array, " L"]
+    """Heights of the interpolation points, m, upwards."""
+    still: Scalar
+    """Depth at rest, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        p, V = state.particles, model.scheme.volume(state.particles)
+        smoothing, dim = model.scheme.smoothing, state.particles.x.shape[1]
+
+        def at(point):
+            across2 = jnp.sum((p.x[:, :-1] - point) ** 2, axis=1)
+
+            def density(z):
+                r2 = across2 + (p.x[:, -1] - z) ** 2
+                W = smoothing.kernel.value(r2, smoothing.h, dim)
+                return jnp.sum(jnp.where(r2 < smoothing.radius**2, V * W, 0.0))
+
+            share = jax.lax.map(density, self.levels)
+            wet = share > 0.5
+            top = self.levels.shape[0] - 1 - jnp.argmax(wet[::-1])
+            above = jnp.minimum(top + 1, self.levels.shape[0] - 1)
+            on = (share[top] - 0.5) / jnp.maximum(share[top] - share[above], 1e-6)
+            z = self.levels[top] + on * (self.levels[above] - self.levels[top])
+            return jnp.where(jnp.any(wet), z, 0.0)
+
+        return {"eta_interpolated": jax.lax.map(at, self.x) - self.still}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"eta_interpolated": ("m", "surface elevation at the point, by interpolated density")}
+
+
+class ParticleGauge(AbstractProbe):
+    """Elevation of the surface at points: the mean height of the surface's particles (Yeylaghi et al. 2016,
+    Eq. 23-24) within a spacing of the point (their section 4.3.2)."""
+
+    x: Float[Array, "k H"]
+    """Horizontal coordinates, m."""
+    still: Scalar
+    """Height of the surface's particles at rest, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        scheme, p = model.scheme, state.particles
+        ghosts, V = scheme.placed(model, state, tables), scheme.volume(state.particles)
+        sources = {
+            "x": columns(jnp.concatenate([p.x, ghosts.x])),
+            "V": jnp.concatenate([V, ghosts.V]),
+        }
+        around = pair_sum(
+            lambda pair, i, j: j["V"] * pair.W,
+            scheme.smoothing,
+            {"x": columns(p.x)},
+            with_empty(sources),
+            tables.fluid,
+        )
+        own = scheme.smoothing.kernel.value(jnp.zeros_like(V), scheme.smoothing.h, p.x.shape[1])
+        surface = around + V * own <= 0.9
+        z = p.x[:, -1]
+
+        def at(point):
+            near = surface & (jnp.sum((p.x[:, :-1] - point) ** 2, axis=1) < model.dx**2)
+            # spray that falls back is above, a bubble below: what is within a spacing of the highest counts
+            highest = jnp.max(jnp.where(near, z, 0.0))
+            near = near & (z > highest - model.dx)
+            return jnp.sum(jnp.where(near, z, 0.0)) / jnp.maximum(jnp.sum(near), 1)
+
+        return {"eta_particles": jax.lax.map(at, self.x) - self.still}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"eta_particles": ("m", "surface elevation at the point, by the surface's particles")}
 
 
 class PressureProbe(AbstractProbe):
@@ -164,6 +248,7 @@ class BodyProbe(AbstractProbe):
             "pitch": body.pose[2],
             "body_velocity": body.velocity,
             "body_force": body.force,
+            "body_force_mean": state.work.impulse / self.sample_dt,
             "power_pto": state.work.pto / self.sample_dt,
         }
 
@@ -175,6 +260,7 @@ class BodyProbe(AbstractProbe):
             "pitch": ("rad", "angle of the body, positive landward"),
             "body_velocity": ("m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch"),
             "body_force": ("N, N, N m", "the water's force on the body, and its moment about the pivot"),
+            "body_force_mean": ("N, N, N m", "the same, mean since the last sample"),
             "power_pto": ("W", "power taken by the PTO, mean since the last sample"),
         }
 
@@ -182,8 +268,8 @@ class BodyProbe(AbstractProbe):
 class EnergyProbe(AbstractProbe):
     """Stored energies over the initial state, a body's too, powers exchanged and lost, the largest speed.
 
-    Powers of paddle, PTO and sponge are sums over every step since the last sample; those of viscosity
-    and density diffusion are taken at the sample.
+    Powers of paddle, PTO, sponge, contact and projection are sums over every step since the last sample;
+    those of viscosity and density diffusion are taken at the sample.
     """
 
     sample_dt: Scalar
@@ -226,6 +312,8 @@ class EnergyProbe(AbstractProbe):
             "power_sponge": state.work.sponge / self.sample_dt,
             "loss_viscous": lost.viscous,
             "loss_diffusive": lost.diffusive,
+            "power_contact": state.work.contact / self.sample_dt,
+            "power_projection": state.work.projection / self.sample_dt,
             "max_speed": jnp.sqrt(jnp.max(speed2)),
             "paddle": state.paddle[0],
         }
@@ -240,6 +328,8 @@ class EnergyProbe(AbstractProbe):
             "power_sponge": ("W m-1", "power taken by the sponge, mean since the last sample"),
             "loss_viscous": ("W m-1", "viscous dissipation"),
             "loss_diffusive": ("W m-1", "dissipation by the density diffusion"),
+            "power_contact": ("W m-1", "power lost by water that meets a solid, mean since the last sample"),
+            "power_projection": ("W m-1", "power lost in the projection, mean since the last sample"),
             "max_speed": ("m s-1", "largest speed of a particle"),
             "paddle": ("m", "displacement of the paddle"),
         }

@@ -20,6 +20,7 @@ __all__ = [
     "AbstractParticleScheme",
     "AbstractViscosity",
     "ArtificialViscosity",
+    "BodyCoupling",
     "BodyGrip",
     "Dissipation",
     "GhostFields",
@@ -31,6 +32,7 @@ __all__ = [
     "paddle_moved",
     "pushed",
     "stopped",
+    "with_body_work",
     "with_work",
 ]
 
@@ -71,6 +73,33 @@ class BodyGrip(NamedTuple):
         p = jnp.append(p, 0.0)
         around = stacked([weighted_sum(w, p, self.table) for w in self.weights])
         return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.own)
+
+
+class BodyCoupling(NamedTuple):
+    """How a body and the water's pressure around it accelerate each other.
+
+    The pressure of the body's dummies depends on its acceleration at once: part of the water's inertia is
+    added to the body's own mass here, and the rest is in the water's pressure.
+    """
+
+    grip: BodyGrip
+    slopes: Float[Array, "3 B"]
+    """Pressure (Pa) of the dummies per unit of every acceleration."""
+    inverse: Float[Array, "3 3"]
+    """Accelerations per unit of force, with the damping over a step; none where the body is not free."""
+    outside: Float[Array, "3"]
+    """Force that is not the water's."""
+
+    def accelerated(
+        self, p: Float[Array, " N"], p_body: Float[Array, " B"], outside: bool = True
+    ) -> Float[Array, "3"]:
+        """Acceleration for the water's pressures, and the dummies' without its own part (Pa)."""
+        force = self.grip.force(p, p_body)
+        return self.inverse @ (force + self.outside if outside else force)
+
+    def pressures(self, acceleration: Float[Array, "3"]) -> Float[Array, " B"]:
+        """What an acceleration adds to the dummies' pressures, Pa."""
+        return acceleration @ self.slopes
 
 
 class AbstractParticleScheme(AbstractScheme):
@@ -222,6 +251,22 @@ class AbstractParticleScheme(AbstractScheme):
         )
         arms = model.body.directions(x, state.body) * ghosts.V[rows, None]
         return BodyGrip(arms, stacked(summed), weights, tables.nodes[:, rows])
+
+    def body_coupling(
+        self, model: Model, state: State, body: BodyState, ghosts: GhostFields, tables: Tables, dt: Scalar
+    ) -> BodyCoupling:
+        """The coupling in the pose of `state`, for a step of dt (s) that begins with `body`."""
+        grip, slopes = self.body_grip(model, state, ghosts, tables), self.body_slopes(model, state, ghosts)
+        free = model.body.movable(model.time(state))
+        damping = model.body.damping()
+        mass = jnp.diag(model.body.generalised_mass() + dt * damping)
+        still = jnp.zeros_like(state.particles.m)
+        mass = mass - jax.vmap(lambda slope: grip.force(still, slope))(slopes).T
+        both = free[:, None] * free
+        inverse = both * jnp.linalg.inv(jnp.where(both > 0, mass, jnp.eye(3, dtype=mass.dtype)))
+        here = BodyState(state.body.pose, body.velocity, body.force)
+        outside = model.body.external(here, model.g) - damping * body.velocity
+        return BodyCoupling(grip, slopes, inverse, outside)
 
     def ghost_velocity(
         self, model: Model, state: State, tables: Tables, ghosts: GhostFields, u: jax.Array
@@ -442,12 +487,30 @@ def stopped(
     return u - jnp.where(touching, jnp.minimum(share, 1.0) * towards, 0.0) * normal
 
 
-def body_moved(model: Model, body: BodyState, acceleration: Float[Array, "3"], dt: Scalar) -> BodyState:
-    """The body after dt; what is not free goes on as it was."""
-    free = jnp.asarray(model.body.free)
-    velocity = jnp.where(free, body.velocity + dt * acceleration, body.velocity)
+def body_moved(body: BodyState, acceleration: Float[Array, "3"], dt: Scalar) -> BodyState:
+    """The body after dt."""
+    velocity = body.velocity + dt * acceleration
     pose = body.pose + 0.5 * dt * (body.velocity + velocity)
     return BodyState(pose, velocity, body.force)
+
+
+def with_body_work(model: Model, state: State, work: Work, new: BodyState, dt: Scalar) -> tuple[Work, Scalar]:
+    """`work` with what a step of dt (s) from `state` adds: the force's impulse, what the power take-off
+    took, and what drives it where it is not free; and the water's work on the body, J (J/m in 2-D).
+    """
+    old = state.body
+    done = dt * new.force * 0.5 * (old.velocity + new.velocity)
+    driven = -jnp.sum((1.0 - model.body.movable(model.time(state))) * done)
+    work = eqx.tree_at(
+        lambda w: (w.pto, w.paddle, w.impulse),
+        work,
+        (
+            work.pto + model.body.absorbed(old, new, dt),
+            work.paddle + driven,
+            work.impulse + dt * new.force,
+        ),
+    )
+    return work, jnp.sum(done)
 
 
 def paddle_moved(
@@ -457,7 +520,7 @@ def paddle_moved(
     if model.wavemaker is None:
         return state.paddle, jnp.zeros_like(dt)
     p = state.particles
-    V = scheme.volume(p)
+    V = scheme.volume(p) / model.walls.width
     elevation = model.wavemaker.elevation(columns(p.x), V, state.paddle, 3.0 * model.dx)
     new = model.wavemaker.move(state.paddle, model.time(state), dt, elevation)
     return new, (new[1] - state.paddle[1]) / dt

@@ -58,21 +58,28 @@ class Particles(eqx.Module):
 
 
 class Work(eqx.Module):
-    """Energy exchanged since the last sample, J (J/m in 2-D), summed over every step."""
+    """What was exchanged since the last sample, summed over every step: energies, J (J/m in 2-D), air and
+    momentum."""
 
     paddle: Scalar
-    """Done by the paddle on the water."""
+    """Done on the water by the paddle, and by a body where it is not free."""
     pto: Scalar
     """Taken by the power take-off from the water."""
     sponge: Scalar
     """Taken by the sponge."""
     flow: Scalar
     """Volume of air driven out of the chamber, m3 (m2 in 2-D)."""
+    contact: Scalar
+    """Taken from the water that touches a solid: see `schemes.stopped`."""
+    projection: Scalar
+    """Taken by pressures from the water and given to no solid: what a projection leaves of the divergence."""
+    impulse: Float[Array, "3"]
+    """Of the water's force on the body, N s, N s, N m s (per metre in 2-D)."""
 
     @classmethod
     def zero(cls, dtype: Any) -> Work:
         """Nothing exchanged yet."""
-        return cls(*(jnp.zeros((), dtype) for _ in range(4)))
+        return cls(*(jnp.zeros((), dtype) for _ in range(6)), jnp.zeros(3, dtype))
 
 
 class Failure(enum.IntFlag):
@@ -114,12 +121,15 @@ class BodyState(eqx.Module):
     pose: Float[Array, "3"]
     velocity: Float[Array, "3"]
     force: Float[Array, "3"]
-    """The water's, N, N, N m (per metre in 2-D), in the last step."""
+    """Of the water's pressure, N, N, N m (per metre in 2-D), in the last step."""
+    contact: Float[Array, "3"]
+    """Of water that touched it in the last step, likewise; the body feels it in the next."""
 
     @classmethod
     def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyState:
         """Not yet under any force of the water."""
-        return cls(jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), jnp.zeros(3, dtype))
+        none = jnp.zeros(3, dtype)
+        return cls(jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), none, none)
 
 
 class State(eqx.Module):
@@ -212,7 +222,9 @@ class AbstractTangents(eqx.Module):
 class AbstractBody(eqx.Module):
     """A rigid body with three motions in the x-z plane."""
 
-    free: eqx.AbstractVar[tuple[bool, bool, bool]]
+    @abc.abstractmethod
+    def movable(self, t: Scalar) -> Float[Array, "3"]:
+        """1 for the motions that forces change at the time t (s), 0 for those that go on as they are."""
 
     @abc.abstractmethod
     def generalised_mass(self) -> Float[Array, "3"]:

@@ -30,12 +30,14 @@ from jaxsph.schemes import (
     GhostFields,
     PhysicalViscosity,
     Shifting,
+    body_moved,
     damped,
     paddle_moved,
     pushed,
+    with_body_work,
     with_work,
 )
-from jaxsph.state import Model, Particles, State, Tables
+from jaxsph.state import BodyState, Model, Particles, State, Tables
 
 __all__ = [
     "AbstractIntegrator",
@@ -342,24 +344,31 @@ class SymplecticEuler(AbstractIntegrator):
         p, dt, t = state.particles, model.dt, model.time(state)
         x_old = p.x
         paddle, a_wall = paddle_moved(scheme, model, state, dt)
-        ghosts = scheme.ghosts(model, state, tables, a_wall)
+        ghosts, body = _with_body(scheme, model, state, state, tables, a_wall, dt)
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         u = p.u + dt * (stacked(rates.acceleration) + _push(scheme, model, state))
         u, air, work = _air(scheme, model, state, tables, sources, u, dt, t)
         u, sponge = damped(model, p, u, dt)
+        before = state
         state = eqx.tree_at(lambda a: a.paddle, state, state.paddle.at[1].set(paddle[1]))
+        if body is not None:
+            state = eqx.tree_at(lambda a: a.body.velocity, state, body.velocity)
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, u)
         sources = scheme.sources(ghosts, p, u, ghosts.u)
         rho = p.rho + dt * scheme.continuity(p, sources, rates.grad_rho, tables)
         work = with_work(scheme, model, tables, ghosts, work, sponge, paddle[1], dt)
+        if body is not None:
+            work, _ = with_body_work(model, before, work, body, dt)
+            # as the water: with the velocity after the step
+            body = eqx.tree_at(lambda b: b.pose, body, before.body.pose + dt * body.velocity)
         p = eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho))
         dx = dt * u
         if scheme.shifting is not None:
             dx = dx + scheme.shifting.displacement(scheme, model, u, sources, tables, dt)
         p = scheme.drift(p, dx)
-        state = State(p, paddle, air, work, state.step + 1, state.status)
+        state = State(p, paddle, air, work, state.step + 1, state.status, body)
         return scheme.check(model, state, tables, x_old)
 
 
@@ -382,7 +391,7 @@ class PredictorCorrector(AbstractIntegrator):
         """`start` advanced by dt with the rates of `at`."""
         p0, p, t = start.particles, at.particles, model.time(start)
         paddle, a_wall = paddle_moved(scheme, model, start, dt)
-        ghosts = scheme.ghosts(model, at, tables, a_wall)
+        ghosts, body = _with_body(scheme, model, start, at, tables, a_wall, dt)
         ghosts = scheme.ghost_velocity(model, at, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
@@ -392,13 +401,31 @@ class PredictorCorrector(AbstractIntegrator):
         u, air, work = _air(scheme, model, start, tables, sources, u, dt, t)
         u, sponge = damped(model, p0, u, dt)
         work = with_work(scheme, model, tables, ghosts, work, sponge, at.paddle[1], dt)
+        if body is not None:
+            work, _ = with_body_work(model, start, work, body, dt)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
         dx = dt * p.u
         if scheme.shifting is not None:
             dx = dx + scheme.shifting.displacement(scheme, model, p.u, sources, tables, dt)
         new = scheme.drift(new, dx)
-        return State(new, paddle, air, work, start.step, start.status)
+        return State(new, paddle, air, work, start.step, start.status, body)
+
+
+def _with_body(
+    scheme: DeltaSPH, model: Model, start: State, at: State, tables: Tables, a_wall: Scalar, dt: Scalar
+) -> tuple[GhostFields, BodyState | None]:
+    """All ghosts for the water of `at`, and the body of `start` after dt under its pressure."""
+    ghosts = scheme.ghosts(model, at, tables, a_wall)
+    if model.body is None:
+        return ghosts, None
+    rows = slice(*model.walls.solid)
+    coupling = scheme.body_coupling(model, at, start.body, ghosts, tables, dt)
+    p = scheme.pressure(at.particles)
+    acceleration = coupling.accelerated(p, ghosts.p[rows])
+    ghosts = ghosts._replace(p=ghosts.p.at[rows].add(coupling.pressures(acceleration)))
+    body = body_moved(start.body, acceleration, dt)
+    return ghosts, eqx.tree_at(lambda b: b.force, body, coupling.grip.force(p, ghosts.p[rows]))
 
 
 def _push(scheme: DeltaSPH, model: Model, state: State) -> Float[Array, "N D"]:

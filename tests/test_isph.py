@@ -155,7 +155,7 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
     "change, message",
     [
         ({"scheme": {"alpha": 0.1}}, "takes the place"),
-        ({"isph": None, "body": FLOATING["body"]}, "add a section isph"),
+        ({"body": FLOATING["body"] | {"release": 1.0, "velocity": [0.0, 0.1, 0.0]}}, "at rest until then"),
         ({"body": FLOATING["body"] | {"disc": {"centre": [0.5, 0.5], "radius": 0.1}}}, "exactly one"),
         ({"body": FLOATING["body"] | {"density": None}}, "density"),
         ({"body": {"block": {"low": [0.8, 0.3], "high": [1.2, 0.5]}}}, "out of the tank"),
