@@ -36,6 +36,7 @@ from jaxsph.schemes import (
     paddle_moved,
     pushed,
     stopped,
+    touching,
     with_body_work,
     with_work,
 )
@@ -276,15 +277,17 @@ class ISPH(AbstractParticleScheme):
         ghosts = ghosts._replace(p=p_ghosts, water=ghosts.water | {"p": with_empty({"p": pressure})["p"]})
         work = with_work(self, model, tables, ghosts, state.work, sponge, paddle[1], dt)
         given = state.work.paddle - work.paddle  # to solids, by pressures
+        given_touching = jnp.zeros_like(dt)
         if body is not None:
-            work, done = with_body_work(model, state, work, body, dt)
-            given = given + done
+            body = eqx.tree_at(lambda b: b.contact, body, touching(model, state, touched, dt))
+            work, by_pressure, given_touching = with_body_work(model, state, work, body, dt)
+            given = given + by_pressure
         mean = 0.5 * (u_new + p.u)
         contact, lost = (-jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (touched, pressed))
         work = eqx.tree_at(
             lambda w: (w.contact, w.projection),
             work,
-            (work.contact + contact, work.projection + lost - given),
+            (work.contact + contact - given_touching, work.projection + lost - given),
         )
         dx = dt * mean  # Eq. 17
         if self.shifting is not None:

@@ -247,7 +247,7 @@ class BodyProbe(AbstractProbe):
             "heave": body.pose[1],
             "pitch": body.pose[2],
             "body_velocity": body.velocity,
-            "body_force": body.force,
+            "body_force": body.force + body.contact,
             "body_force_mean": state.work.impulse / self.sample_dt,
             "power_pto": state.work.pto / self.sample_dt,
         }

@@ -32,6 +32,7 @@ __all__ = [
     "paddle_moved",
     "pushed",
     "stopped",
+    "touching",
     "with_body_work",
     "with_work",
 ]
@@ -88,7 +89,7 @@ class BodyCoupling(NamedTuple):
     inverse: Float[Array, "3 3"]
     """Accelerations per unit of force, with the damping over a step; none where the body is not free."""
     outside: Float[Array, "3"]
-    """Force that is not the water's."""
+    """Force that is not of the water's pressure."""
 
     def accelerated(
         self, p: Float[Array, " N"], p_body: Float[Array, " B"], outside: bool = True
@@ -264,8 +265,8 @@ class AbstractParticleScheme(AbstractScheme):
         mass = mass - jax.vmap(lambda slope: grip.force(still, slope))(slopes).T
         both = free[:, None] * free
         inverse = both * jnp.linalg.inv(jnp.where(both > 0, mass, jnp.eye(3, dtype=mass.dtype)))
-        here = BodyState(state.body.pose, body.velocity, body.force)
-        outside = model.body.external(here, model.g) - damping * body.velocity
+        here = BodyState(state.body.pose, body.velocity, body.force, body.contact)
+        outside = model.body.external(here, model.g) - damping * body.velocity + body.contact
         return BodyCoupling(grip, slopes, inverse, outside)
 
     def ghost_velocity(
@@ -491,26 +492,39 @@ def body_moved(body: BodyState, acceleration: Float[Array, "3"], dt: Scalar) -> 
     """The body after dt."""
     velocity = body.velocity + dt * acceleration
     pose = body.pose + 0.5 * dt * (body.velocity + velocity)
-    return BodyState(pose, velocity, body.force)
+    return BodyState(pose, velocity, body.force, body.contact)
 
 
-def with_body_work(model: Model, state: State, work: Work, new: BodyState, dt: Scalar) -> tuple[Work, Scalar]:
+def touching(model: Model, state: State, kick: Float[Array, "N D"], dt: Scalar) -> Float[Array, "3"]:
+    """Force on the body of the water that touches it: what turned that water's velocities by `kick` (m/s) in
+    a step of dt (s), with the other sign."""
+    p, body = state.particles, state.body
+    near = model.body.distance(p.x, body) < 0.4 * model.dx
+    momentum = jnp.where(near, p.m, 0.0)[:, None] * kick
+    return -jnp.einsum("knd,nd->k", model.body.directions(p.x, body), momentum) / dt
+
+
+def with_body_work(
+    model: Model, state: State, work: Work, new: BodyState, dt: Scalar
+) -> tuple[Work, Scalar, Scalar]:
     """`work` with what a step of dt (s) from `state` adds: the force's impulse, what the power take-off
-    took, and what drives it where it is not free; and the water's work on the body, J (J/m in 2-D).
+    took, and what drives it where it is not free; and the work on the body of the water's pressure and of what
+    touches it, J (J/m in 2-D).
     """
     old = state.body
-    done = dt * new.force * 0.5 * (old.velocity + new.velocity)
-    driven = -jnp.sum((1.0 - model.body.movable(model.time(state))) * done)
+    moved = 0.5 * dt * (old.velocity + new.velocity)
+    force = new.force + new.contact
+    driven = -jnp.sum((1.0 - model.body.movable(model.time(state))) * force * moved)
     work = eqx.tree_at(
         lambda w: (w.pto, w.paddle, w.impulse),
         work,
         (
             work.pto + model.body.absorbed(old, new, dt),
             work.paddle + driven,
-            work.impulse + dt * new.force,
+            work.impulse + dt * force,
         ),
     )
-    return work, jnp.sum(done)
+    return work, jnp.sum(new.force * moved), jnp.sum(new.contact * moved)
 
 
 def paddle_moved(

@@ -34,6 +34,7 @@ from jaxsph.schemes import (
     damped,
     paddle_moved,
     pushed,
+    touching,
     with_body_work,
     with_work,
 )
@@ -360,7 +361,7 @@ class SymplecticEuler(AbstractIntegrator):
         rho = p.rho + dt * scheme.continuity(p, sources, rates.grad_rho, tables)
         work = with_work(scheme, model, tables, ghosts, work, sponge, paddle[1], dt)
         if body is not None:
-            work, _ = with_body_work(model, before, work, body, dt)
+            work, *_ = with_body_work(model, before, work, body, dt)
             # as the water: with the velocity after the step
             body = eqx.tree_at(lambda b: b.pose, body, before.body.pose + dt * body.velocity)
         p = eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho))
@@ -402,7 +403,7 @@ class PredictorCorrector(AbstractIntegrator):
         u, sponge = damped(model, p0, u, dt)
         work = with_work(scheme, model, tables, ghosts, work, sponge, at.paddle[1], dt)
         if body is not None:
-            work, _ = with_body_work(model, start, work, body, dt)
+            work, *_ = with_body_work(model, start, work, body, dt)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
         dx = dt * p.u
@@ -425,7 +426,9 @@ def _with_body(
     acceleration = coupling.accelerated(p, ghosts.p[rows])
     ghosts = ghosts._replace(p=ghosts.p.at[rows].add(coupling.pressures(acceleration)))
     body = body_moved(start.body, acceleration, dt)
-    return ghosts, eqx.tree_at(lambda b: b.force, body, coupling.grip.force(p, ghosts.p[rows]))
+    force = coupling.grip.force(p, ghosts.p[rows])
+    contact = touching(model, at, dt * pushed(model, at, scheme.c0), dt)
+    return ghosts, eqx.tree_at(lambda b: (b.force, b.contact), body, (force, contact))
 
 
 def _push(scheme: DeltaSPH, model: Model, state: State) -> Float[Array, "N D"]:

@@ -72,10 +72,10 @@ def test_velocities_are_the_rate_of_positions(pose, velocity):
     """And distances are kept, and the way back is the inverse."""
     body, x = _body(), jnp.asarray(BLOCK.dummies(0.1, 1), jnp.float32)
     pose, velocity = jnp.asarray(pose, jnp.float32), jnp.asarray(velocity, jnp.float32)
-    state = BodyState(pose, velocity, jnp.zeros(3))
+    state = BodyState(pose, velocity, *jnp.zeros((2, 3)))
 
     def at(t):
-        return body.moved(x, BodyState(pose + t * velocity, velocity, jnp.zeros(3)))
+        return body.moved(x, BodyState(pose + t * velocity, velocity, *jnp.zeros((2, 3))))
 
     there, rate = jax.jvp(at, (0.0,), (1.0,))
     np.testing.assert_allclose(body.velocity(there, state), rate, atol=2e-6)
