@@ -41,15 +41,17 @@ def at_rest(ratio: float, dx: float) -> js.Case:
 
 
 def sinking(dx: float) -> js.Case:
-    """The box of Qiu et al. 2017, its middle in the surface."""
-    middle, half = 0.131, 0.5 * BOX
+    """The box of Qiu et al. 2017, its top in the surface: with its middle there, as the first point stands,
+    it would set out at twice the measured acceleration."""
+    depth, half = 0.131, 0.5 * BOX
     return _case(
         "a box sinks",
         dx=dx,
-        t1=0.34,
-        tank={"length": 0.15, "depth": middle, "height": 0.2},
+        t1=0.29,
+        tank={"length": 0.15, "depth": depth, "height": 0.2},
+        isph={"relaxation": 0.01},
         body={
-            "block": {"low": [0.075 - half, middle - half], "high": [0.075 + half, middle + half]},
+            "block": {"low": [0.075 - half, depth - BOX], "high": [0.075 + half, depth]},
             "density": 2120.0,
             "free": ["heave"],
         },
@@ -119,19 +121,21 @@ def main(dx: float = 0.02, flap_dx: float = 0.03) -> None:
 def _box(report: Report, ax, dx: float) -> None:
     series = solved(sinking(dx), f"sinking_{dx:g}").series()
     measured = reference("falling_box.csv")
-    measured = measured[measured[:, 1] > 0.02]
-    at = 0.131 + np.interp(measured[:, 0], series["time"], series["heave"])
-    off = float(np.max(np.abs(at - measured[:, 1]))) / BOX
-    report.row(
-        f"sinking box, dx = {dx:g} m: largest distance from the measured, of its side",
-        100 * off,
-        "%",
-        bar="10 %",
-        passes=off < 0.1,
-    )
-    ax.plot(*measured.T, "k.", label="measured")
-    ax.plot(series["time"], 0.131 + series["heave"], label="here")
-    ax.set(xlabel="t, s", ylabel="height of the centre, m", title="a box sinks")
+    measured = measured[measured[:, 0] <= series["time"][-1]]
+    sunk = measured[0, 1] - measured[:, 1]
+    off = np.abs(-np.interp(measured[:, 0], series["time"], series["heave"]) - sunk) / BOX
+    for share, name in ((0.6, "over three fifths of the way"), (1.0, "to a side and a half over the bed")):
+        worst = float(np.max(off[sunk < share * 0.111]))
+        report.row(
+            f"sinking box, dx = {dx:g} m: distance from the measured {name}, of its side",
+            100 * worst,
+            "%",
+            bar="10 %",
+            passes=worst < 0.1,
+        )
+    ax.plot(measured[:, 0], sunk, "k.", label="measured")
+    ax.plot(series["time"], -series["heave"], label="here")
+    ax.set(xlabel="t, s", ylabel="sunk by, m", title="a box sinks")
     ax.legend(fontsize="small")
 
 

@@ -508,7 +508,7 @@ def with_body_work(
     model: Model, state: State, work: Work, new: BodyState, dt: Scalar
 ) -> tuple[Work, Scalar, Scalar]:
     """`work` with what a step of dt (s) from `state` adds: the force's impulse, what the power take-off
-    took, and what drives it where it is not free; and the work on the body of the water's pressure and of what
+    took, and what drives it where it is not free; and the work on the body of pressure and of the water that
     touches it, J (J/m in 2-D).
     """
     old = state.body
