@@ -10,15 +10,17 @@ import numpy as np
 import typer
 
 import jaxsph as js
-from experiments.common import Report
+from experiments.common import Report, use_threads
 from jaxsph.pairs import weighted_sum
 
 PAPER = 158_000.0
 """Particle steps per second: 200 steps of 4,222,746 in 5341 s, 16 threads (Yeylaghi et al. 2016, table 1)."""
 
 
-def main(dx: float = 0.01, steps: int = 10, turns: int = 3) -> None:
-    """Times steps after the gate's opening, searches included, on the device that jax finds."""
+def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1) -> None:
+    """Times steps after the gate's opening, searches included, on so many cores or the accelerator that jax
+    finds."""
+    use_threads(threads)
     model, state = js.build(js.load_case("dam_break_column").replace({"dx": dx}))
     every = model.search.rebuild_every
     advance = jax.jit(lambda s: js.simulate(model, s, n_steps=steps * every)[0]).lower(state).compile()
@@ -33,7 +35,9 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3) -> None:
     operator = jax.jit(weighted_sum).lower(weights, field, tables.fluid).compile()
     operator(weights, field, tables.fluid)
     once = min(_seconds(operator, weights, field, tables.fluid) for _ in range(turns))
-    with Report(f"bench_isph_{dx:g}", "Incompressible scheme in 3-D: speed", dx) as report:
+    with Report(
+        f"bench_isph_{dx:g}_{threads}", f"Incompressible scheme in 3-D: speed, {threads} thread(s)", dx
+    ) as report:
         report.row("particles of water", float(water))
         report.row("with those of walls and column", float(water + walls))
         report.row("a step, searches included", seconds, "s")

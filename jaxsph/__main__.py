@@ -42,14 +42,16 @@ RESULTS = {
     "periods": ("periods averaged", ""),
     "P_inc": ("incident power", "W/m"),
     "P_owc": ("absorbed power", "W/m"),
-    "P_pto": ("absorbed power", "W, W/m in 2-D"),
+    "P_pto": ("absorbed power", "W/m"),
     "capture_width": ("capture width", "m"),
     "xi": ("hydrodynamic efficiency", ""),
     "xi_scatter": ("  from period to period", ""),
     "reflection": ("reflection coefficient", ""),
     "incident_height": ("incident wave height", "m"),
 }
-"""Words and units of the scalar results, in the order of the table."""
+"""Words and units of the scalar results in two dimensions, in the order of the table."""
+PER_METRE = ("P_inc",)
+"""Those that are per metre of width in three dimensions too."""
 
 CaseName = Annotated[str, typer.Argument(metavar="CASE", help="A TOML file or a built-in name.")]
 RunName = Annotated[Path, typer.Argument(metavar="FILE", help="The file of a run.")]
@@ -369,7 +371,8 @@ def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
     if not quiet:
         for notice in getattr(solution, "notices", None) or []:
             typer.echo(f"note: {notice}", err=True)
-        _table(_rows(getattr(solution, "results", None) or {}))
+        flat = len(solution.model.g) == 2
+        _table(_rows(getattr(solution, "results", None) or {}, flat))
         typer.echo(f"recorded in {path}")
     if not pictures:
         return
@@ -380,13 +383,16 @@ def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
         typer.echo(f"{len(written)} pictures in {written[0].parent}")
 
 
-def _rows(results: dict[str, float]) -> list[tuple[str, str]]:
-    """Labels and values in the order of RESULTS; then whatever it does not know."""
+def _rows(results: dict[str, float], flat: bool) -> list[tuple[str, str]]:
+    """Labels and values in the order of RESULTS; then whatever it does not know. `flat`: in 2-D, where bodies
+    and energies are per metre of width."""
     names = [name for name in RESULTS if name in results]
     names += [name for name in results if name not in RESULTS]
     rows = []
     for name in names:
         label, unit = RESULTS.get(name, (name, ""))
+        if not flat and name not in PER_METRE:
+            unit = unit.removesuffix("/m")
         rows.append((label, f"{_number(results[name]):>10} {unit}".rstrip()))
     return rows
 

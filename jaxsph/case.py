@@ -1229,7 +1229,7 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
     if model.chamber is not None:
         found.append(probes.ChamberProbe(sample_dt))
     if model.body is not None:
-        found.append(probes.BodyProbe(sample_dt))
+        found.append(probes.BodyProbe(sample_dt, state.particles.x.shape[1]))
         if case.body.sensors:
             found.append(probes.BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
     return tuple(found)
@@ -1266,8 +1266,10 @@ def check(case: Case) -> list[tuple[str, str]]:
             "neighbours",
             f"{search.capacity} slots, searched every {search.rebuild_every} steps",
         ),
-        # 20 ns a pair and 40 pairs a particle: measured for the whole step on one core (bench_step)
-        ("wall time", f"about {_duration(n * steps * 40 * 20e-9)} on one core of a current CPU"),
+        (
+            "wall time",
+            f"about {_duration(n * steps * model.scheme.cost(len(model.g)))} on one core of a current CPU",
+        ),
     ]
     return rows
 

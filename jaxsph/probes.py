@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -238,6 +239,7 @@ class BodyProbe(AbstractProbe):
     """Motion of the rigid body, the water's force on it, and the power of its PTO."""
 
     sample_dt: Scalar
+    dim: int = eqx.field(static=True, default=2)
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -261,7 +263,7 @@ class BodyProbe(AbstractProbe):
             "body_velocity": ("m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch"),
             "body_force": ("N, N, N m", "the water's force on the body, and its moment about the pivot"),
             "body_force_mean": ("N, N, N m", "the same, mean since the last sample"),
-            "power_pto": ("W", "power taken by the PTO, mean since the last sample"),
+            "power_pto": (_per_metre("W", self.dim), "power taken by the PTO, mean since the last sample"),
         }
 
 
@@ -279,13 +281,14 @@ class EnergyProbe(AbstractProbe):
     """Potential energy of the initial state in the body force field, J; None without a field."""
     body0: Scalar | None = None
     """Potential energy of the rigid body in the initial state, J; None without one."""
+    dim: int = eqx.field(static=True, default=2)
 
     @classmethod
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
         """The probe whose stored energies are counted from this state."""
         field0 = None if model.force is None else cls.field(model, state)
         body0 = None if model.body is None else model.body.energy(state.body, model.g)[1]
-        return cls(sample_dt, model.scheme.compression(state.particles), field0, body0)
+        return cls(sample_dt, model.scheme.compression(state.particles), field0, body0, len(model.g))
 
     @staticmethod
     def field(model: Model, state: State) -> Scalar:
@@ -320,16 +323,22 @@ class EnergyProbe(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe`."""
+        energy, power = _per_metre("J", self.dim), _per_metre("W", self.dim)
         return {
-            "kinetic": ("J m-1", "kinetic energy"),
-            "potential": ("J m-1", "potential energy over the initial state"),
-            "compression": ("J m-1", "compression energy over the initial state"),
-            "power_paddle": ("W m-1", "power of the paddle on the water, mean since the last sample"),
-            "power_sponge": ("W m-1", "power taken by the sponge, mean since the last sample"),
-            "loss_viscous": ("W m-1", "viscous dissipation"),
-            "loss_diffusive": ("W m-1", "dissipation by the density diffusion"),
-            "power_contact": ("W m-1", "power lost by water that meets a solid, mean since the last sample"),
-            "power_projection": ("W m-1", "power lost in the projection, mean since the last sample"),
+            "kinetic": (energy, "kinetic energy"),
+            "potential": (energy, "potential energy over the initial state"),
+            "compression": (energy, "compression energy over the initial state"),
+            "power_paddle": (power, "power of the paddle on the water, mean since the last sample"),
+            "power_sponge": (power, "power taken by the sponge, mean since the last sample"),
+            "loss_viscous": (power, "viscous dissipation"),
+            "loss_diffusive": (power, "dissipation by the density diffusion"),
+            "power_contact": (power, "power lost by water that meets a solid, mean since the last sample"),
+            "power_projection": (power, "power lost in the projection, mean since the last sample"),
             "max_speed": ("m s-1", "largest speed of a particle"),
             "paddle": ("m", "displacement of the paddle"),
         }
+
+
+def _per_metre(units: str, dim: int) -> str:
+    """Of the tank's width in two dimensions."""
+    return f"{units} m-1" if dim == 2 else units

@@ -130,6 +130,10 @@ class AbstractParticleScheme(AbstractScheme):
         """What it is and how fast, for people."""
 
     @abc.abstractmethod
+    def cost(self, dim: int) -> float:
+        """About the time of a step per particle of water on one core of a current CPU, s."""
+
+    @abc.abstractmethod
     def compression(self, p: Particles) -> Scalar:
         """Energy stored by compression, J (J/m in 2-D)."""
 

@@ -1,5 +1,7 @@
 """Shapes of solids: distances, dummies, moments; motions of a rigid body."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -113,3 +115,9 @@ def test_pictures_draw_the_body_where_it_is():
     state = BodyState.at_rest(jnp.float32, pose=pose)
     moved = body.moved(jnp.asarray(corners, jnp.float32), state)
     np.testing.assert_allclose(_posed(corners, np.asarray(body.pivot), pose), moved, atol=1e-6)
+
+
+def test_a_body_is_held_until_its_release():
+    body = dataclasses.replace(_body((False, True, False)), release=jnp.float32(0.5))
+    for t, expected in ((0.4, [0, 0, 0]), (0.5, [0, 1, 0])):
+        np.testing.assert_array_equal(body.movable(jnp.float32(t)), expected)
