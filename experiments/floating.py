@@ -65,7 +65,7 @@ def falling(ratio: float, dx: float) -> js.Case:
         f"a cylinder of {ratio:g} of the water's density falls in",
         dx=dx,
         t1=0.13,
-        tank={"length": 1.0, "depth": 0.3, "height": 0.6},
+        tank={"length": 1.0, "depth": 0.3, "height": 1.0},
         body={
             "disc": {"centre": [0.5, 0.3 + 0.5 * DIAMETER], "radius": 0.5 * DIAMETER},
             "density": 1000.0 * ratio,
