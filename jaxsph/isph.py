@@ -264,7 +264,8 @@ class ISPH(AbstractParticleScheme):
         # The paper has a whole step. With half of one water swings without a loss to second order,
         # where pressures of a whole step damp a wave by omega^2 dt/4.
         half = 0.5 * dt
-        at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, half * u_star), paddle))
+        middle = paddle.at[0].set(0.5 * (state.paddle[0] + paddle[0]))
+        at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, half * u_star), middle))
         if model.body is not None:
             still = jnp.zeros(3, dt.dtype)
             at = eqx.tree_at(lambda s: s.body, at, body_moved(state.body, still, half))
