@@ -89,8 +89,8 @@ class SchemeSection(_Section):
 class ISPHSection(_Section):
     """Incompressible SPH in the place of `scheme` (Yeylaghi et al. 2016)."""
 
-    h_over_dx: float = Field(1.5, ge=1.2, le=2.5)
-    """Of Wendland's kernel, which reaches 2 h."""
+    h_over_dx: float | None = Field(None, ge=1.2, le=2.5)
+    """Of Wendland's kernel, which reaches 2 h; by default 2 in two and 1.5 in three dimensions."""
     cfl: float = Field(0.25, gt=0, le=0.5)
     """Share of h over the largest speed to expect for the time step."""
     speed: float | None = Field(None, gt=0)
@@ -688,13 +688,18 @@ def _kernel(case: Case) -> kernels.AbstractKernel:
 def _smoothing_length(case: Case) -> float:
     """h, m. For Wendland's kernel h is half the support; the support is the same 3 h_over_dx dx."""
     if case.isph is not None:
-        return case.isph.h_over_dx * case.dx
+        return _isph_ratio(case) * case.dx
     h = case.scheme.h_over_dx * case.dx
     return h if case.scheme.kernel == "gaussian" else 1.5 * h
 
 
+def _isph_ratio(case: Case) -> float:
+    """h over dx of the incompressible scheme."""
+    return case.isph.h_over_dx or isph.H_OVER_DX[2 if case.tank.width is None else 3]
+
+
 def _layers(case: Case) -> int:
-    reach = 3.0 * case.scheme.h_over_dx if case.isph is None else 2.0 * case.isph.h_over_dx
+    reach = 3.0 * case.scheme.h_over_dx if case.isph is None else 2.0 * _isph_ratio(case)
     return int(np.ceil(reach - 0.5))
 
 

@@ -53,6 +53,11 @@ __all__ = [
     "stable_dt",
 ]
 
+H_OVER_DX = {2: 2.0, 3: 1.5}
+"""Smoothing length over the spacing, by dimensions. In two a square lattice under pressure is quiet with 2,
+and its rows slide with 1.3 to 1.85 and with 2.2: still water moves at 0.2 %, or 2 to 6 %, of sqrt(g d). In three
+it is the paper's (section 2)."""
+
 Unknown = Any
 Operator = Callable[[Unknown], Unknown]
 
@@ -181,7 +186,7 @@ class ISPH(AbstractParticleScheme):
         rho0: float = 1000.0,
         viscosity: AbstractViscosity | None = None,
         kernel: AbstractKernel | None = None,
-        h_over_dx: float = 1.5,
+        h_over_dx: float | None = None,
         solver: AbstractSolver | None = None,
         surface: AbstractSurface | None = None,
         relaxation: float = 0.05,
@@ -193,12 +198,13 @@ class ISPH(AbstractParticleScheme):
         """The scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
-        default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx; `period`:
-        `Box.period`; `options`: further objects by name.
+        default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx, by default
+        `H_OVER_DX`; `period`: `Box.period`; `options`: further objects by name.
         """
         kernel = WendlandC2() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
         surface = EmptyNeighbours() if surface is None else surface
+        h_over_dx = H_OVER_DX[dim] if h_over_dx is None else h_over_dx
 
         def leaf(a):
             return jnp.asarray(a, dtype)
