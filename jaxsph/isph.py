@@ -55,8 +55,8 @@ __all__ = [
 
 H_OVER_DX = {2: 2.0, 3: 1.5}
 """Smoothing length over the spacing, by dimensions. In two a square lattice under pressure is quiet with 2,
-and its rows slide with 1.3 to 1.85 and with 2.2: still water moves at 0.2 %, or 2 to 6 %, of sqrt(g d). In three
-it is the paper's (section 2)."""
+and its rows slide with 1.3 to 1.85 and with 2.2: still water moves at 0.2 %, or 2 to 6 %, of sqrt(g d). In
+three it is the paper's (section 2)."""
 
 Unknown = Any
 Operator = Callable[[Unknown], Unknown]
@@ -305,7 +305,7 @@ class ISPH(AbstractParticleScheme):
             dx = dx + self.shifting.displacement(self, model, u_new, sources, tables, dt)
         new = eqx.tree_at(lambda a: (a.u, a.p), self.drift(p, dx), (u_new, pressure))
         state = State(new, paddle, state.air, work, state.step + 1, state.status, body)
-        return self.check(model, state, tables, p.x)
+        return self.check(model, state, tables, p.x, at.particles.x)
 
     def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> dict:
         return {

@@ -304,10 +304,20 @@ class AbstractParticleScheme(AbstractScheme):
         x = p.x + dx
         return eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, dx - (x - p.x)))
 
-    def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array) -> State:
-        """Flags what makes the tables or the numbers untrustworthy."""
+    def check(
+        self,
+        model: Model,
+        state: State,
+        tables: Tables,
+        x_old: jax.Array,
+        x_used: jax.Array | None = None,
+    ) -> State:
+        """Flags what makes the tables or the numbers untrustworthy.
+
+        `x_used`: where the tables were used in the step; by default they will be where it ended.
+        """
         p = state.particles
-        moved2 = jnp.max(jnp.sum((p.x - tables.x) ** 2, axis=1))
+        moved2 = jnp.max(jnp.sum(((p.x if x_used is None else x_used) - tables.x) ** 2, axis=1))
         speed2 = jnp.sum(p.u**2, axis=1)
         fastest = jnp.argmax(speed2)
         finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1)
