@@ -114,7 +114,7 @@ def main(dx: float = 0.02, flap_dx: float = 0.03) -> None:
             )
         _box(report, upper[0], 0.0025)
         _cylinder(report, upper[1], 0.005)
-        _flap(report, lower, (1.333 * flap_dx, flap_dx))
+        _flap(report, lower, (1.5 * flap_dx, flap_dx))
         report.picture(figure)
 
 
