@@ -760,6 +760,20 @@ def _water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([x, rest]), np.concatenate([volume, more])
 
 
+def _outside(away: np.ndarray) -> np.ndarray:
+    """Which particles are not in the place of a body, by their distances from its surface over dx.
+
+    The lattice need not fit the body. As much water gives way as the body has volume in it, counted by the
+    share of every cell that it covers: with a threshold on the distance the surface would fall, or rise, for
+    a lattice cut raggedly. Particles at one distance, as those of two symmetric faces, go together.
+    """
+    levels, count = np.unique(np.round(away, 4), return_counts=True)
+    taken = np.concatenate([[0], np.cumsum(count)])
+    cut = int(np.argmin(np.abs(taken - np.sum(np.clip(0.5 - away, 0.0, 1.0)))))
+    most = levels[cut - 1] if cut else -np.inf
+    return np.round(away, 4) > min(max(most, -0.3), 0.45)
+
+
 def _initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     """Pressure at t = 0 over rho0 g, m: hydrostatic, or that of a column in the instant of its release.
 
@@ -916,9 +930,8 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     body, body_state = _body(case, geometry, leaf)
     x, volume = _water(geometry, dx)
     if body is not None:
-        # the lattice need not fit the body: what is left between them is closed within some steps
-        away = np.asarray(body.distance(jnp.asarray(x, dtype), body_state))
-        x, volume = x[away > 0.3 * dx], volume[away > 0.3 * dx]
+        outside = _outside(np.asarray(body.distance(jnp.asarray(x, dtype), body_state)) / dx)
+        x, volume = x[outside], volume[outside]
     g = np.zeros(dim)
     g[-1] = -case.g
     wavemaker = _wavemaker(case, geometry, leaf, _smoothing_length(case))
