@@ -810,6 +810,8 @@ def _scheme(
     if case.isph is not None:
         section = case.isph
         speed = section.speed or max(_speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
+        if section.speed is None and case.tank.column is not None:
+            speed = 1.5 * speed  # of the jet where the tip meets a wall
         solver = {"bicgstab": isph.BiCGStab(section.tolerance), "explicit": isph.Explicit()}
         surface = {
             "empty_neighbours": isph.EmptyNeighbours(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -160,6 +160,7 @@ class EmptyNeighbours(AbstractSurface):
 class ISPH(AbstractParticleScheme):
     """Projection onto velocities without divergence."""
 
+    section: ClassVar[str] = "isph"
     smoothing: Smoothing
     rho0: Scalar
     speed: Scalar

@@ -108,6 +108,8 @@ class AbstractParticleScheme(AbstractScheme):
 
     smoothing: eqx.AbstractVar[Smoothing]
     rho0: eqx.AbstractVar[Scalar]
+    section: eqx.AbstractClassVar[str]
+    """Of a case that describes it: where a user changes what does not work."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:

@@ -121,6 +121,7 @@ class Rates(NamedTuple):
 class DeltaSPH(AbstractParticleScheme):
     """Eq. 17 with its closures; the integrator is an object of its own."""
 
+    section: ClassVar[str] = "scheme"
     smoothing: Smoothing
     c0: Scalar
     rho0: Scalar
