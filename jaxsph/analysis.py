@@ -156,8 +156,10 @@ def reflection(
     T: float,
     d: float,
     g: float = waves.GRAVITY,
+    periods: int | None = None,
 ) -> Reflection:
-    """Incident and reflected amplitude from a row of gauges, at the fundamental 1 / T.
+    """Incident and reflected amplitude from a row of gauges, at the fundamental 1 / T, over the last so many
+    periods (all by default).
 
     `eta` elevations [gauges, times] (m), `x` their positions [gauges] (m), `t` [times]
     (s), depth `d` (m). All whole periods at the end of the record count. Least squares
@@ -175,7 +177,7 @@ def reflection(
         raise ValueError(f"eta of shape {eta.shape} is not [gauges, times] for x of {x.shape}")
     if x.size < 2:
         raise ValueError(f"{x.size} gauges: two at least tell incident from reflected waves")
-    periods = int((t[-1] - t[0]) / T * (1.0 + 1e-6))
+    periods = periods or int((t[-1] - t[0]) / T * (1.0 + 1e-6))
     mask = whole_periods(t, T, max(periods, 1))
     if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
         raise ValueError(f"fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")

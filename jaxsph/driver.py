@@ -587,8 +587,7 @@ def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict
             results["capture_width"] = efficiency.xi
     if "eta" in solution.series and len(case.probes.gauges) >= 4:
         x = np.asarray(case.probes.gauges)[1:4]
-        last = analysis.whole_periods(t, T, periods)
-        found = analysis.reflection(solution["eta"][last][:, 1:4].T, x, t[last], T, d)
+        found = analysis.reflection(solution["eta"][:, 1:4].T, x, t, T, d, periods=periods)
         results |= {
             "reflection": found.coefficient,
             "incident_height": 2 * found.incident,
