@@ -371,7 +371,8 @@ def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
     if not quiet:
         for notice in getattr(solution, "notices", None) or []:
             typer.echo(f"note: {notice}", err=True)
-        flat = len(solution.model.g) == 2
+        case = getattr(solution, "case", None)
+        flat = case is None or case.tank.width is None
         _table(_rows(getattr(solution, "results", None) or {}, flat))
         typer.echo(f"recorded in {path}")
     if not pictures:

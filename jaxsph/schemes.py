@@ -529,7 +529,7 @@ def with_body_work(
     """
     old = state.body
     moved = 0.5 * dt * (old.velocity + new.velocity)
-    force = new.force + new.contact
+    force = new.force + old.contact  # as the body felt it in this step
     driven = -jnp.sum((1.0 - model.body.movable(model.time(state))) * force * moved)
     work = eqx.tree_at(
         lambda w: (w.pto, w.paddle, w.impulse),
@@ -540,7 +540,7 @@ def with_body_work(
             work.impulse + dt * force,
         ),
     )
-    return work, jnp.sum(new.force * moved), jnp.sum(new.contact * moved)
+    return work, jnp.sum(new.force * moved), jnp.sum(old.contact * moved)
 
 
 def paddle_moved(

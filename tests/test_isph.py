@@ -84,14 +84,14 @@ def test_a_box_floats_in_weakly_compressible_water_too(advanced):
 
 
 def test_energy_of_a_swinging_flap_is_accounted_for():
-    """What the projection, the contact and the damping took is all that the kinetic energy lost, but for the
-    first order of the PTO's implicit damping: 0.26 %."""
+    """What the projection, the contact and the damping took is all that the kinetic energy lost: within
+    0.01 % when it was written."""
     case = js.Case.from_dict(TANK | {"body": FLAP, "t1": 0.3, "output": {"sample_dt": 0.02}})
     model, state = js.build(case)
     found = js.march(model, state, 0.3, 0.02, make_probes(case, model, state))
     budget = analysis.energy_budget(found.series)
     assert budget["pto"] > 0.05 * found["kinetic"][0]
-    assert abs(budget["residual_share"]) < 5e-3
+    assert abs(budget["residual_share"]) < 1e-3
 
 
 def test_water_that_touches_a_body_pushes_it(advanced):
