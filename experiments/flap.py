@@ -20,9 +20,8 @@ DAMPINGS = (3.0, 8.0, 20.0, 50.0, 125.0)
 def main(dx: float = 0.03) -> None:
     """Runs the built-in flap at five dampings."""
     base = js.load_case("flap_2d").replace({"dx": dx})
-    lost = []
     with Report(f"flap_2d_{dx:g}", "Bottom-hinged flap in waves, incompressible, 2-D", dx) as report:
-        xi, swing, missing, seconds = [], [], [], 0.0
+        xi, swing, missing, lost, seconds = [], [], [], [], 0.0
         for damping in DAMPINGS:
             case = base.replace({"body.pto.damping": damping})
             file = solved(case, f"flap_{dx:g}_{damping:g}")

@@ -162,7 +162,7 @@ def reflection(
     periods (all by default).
 
     `eta` elevations [gauges, times] (m), `x` their positions [gauges] (m), `t` [times]
-    (s), depth `d` (m). All whole periods at the end of the record count. Least squares
+    (s), depth `d` (m). Least squares
     over the gauges after Mansard and Funke (1980), with linear wavenumbers; the gauges
     should stand a wavelength from paddle and device.
 

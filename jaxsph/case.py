@@ -767,11 +767,12 @@ def _outside(away: np.ndarray) -> np.ndarray:
     share of every cell that it covers: with a threshold on the distance the surface would fall, or rise, for
     a lattice cut raggedly. Particles at one distance, as those of two symmetric faces, go together.
     """
-    levels, count = np.unique(np.round(away, 4), return_counts=True)
+    away = np.round(away, 4)
+    levels, count = np.unique(away, return_counts=True)
     taken = np.concatenate([[0], np.cumsum(count)])
     cut = int(np.argmin(np.abs(taken - np.sum(np.clip(0.5 - away, 0.0, 1.0)))))
     most = levels[cut - 1] if cut else -np.inf
-    return np.round(away, 4) > min(max(most, -0.3), 0.45)
+    return away > min(max(most, -0.3), 0.45)
 
 
 def _initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:

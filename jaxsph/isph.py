@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph import laws
+from jaxsph import laws, loop
 from jaxsph._typing import Array, Float, Scalar, columns, stacked
 from jaxsph.kernels import AbstractKernel, WendlandC2
 from jaxsph.pairs import (
@@ -82,9 +82,11 @@ class Explicit(AbstractSolver):
 
     def solve(self, operator, b, p):
         """See `AbstractSolver`."""
-        for _ in range(self.sweeps):
-            p = jax.tree.map(lambda p, b, Ap: p + b - Ap, p, b, operator(p))
-        return p
+
+        def sweep(p):
+            return jax.tree.map(lambda p, b, Ap: p + b - Ap, p, b, operator(p))
+
+        return loop.steps(sweep, p, self.sweeps)
 
 
 class BiCGStab(AbstractSolver):

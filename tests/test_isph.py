@@ -73,7 +73,7 @@ def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
 
 
 def test_a_box_floats_in_weakly_compressible_water_too(advanced):
-    """Over 0.1 s; sound rings in the force, so it is the mean that carries the weight: within 3 %."""
+    """Over 0.2 s; sound rings in the force, so it is the mean that carries the weight: within 3 %."""
     case = {k: v for k, v in FLOATING.items() if k != "isph"}
     model, state = js.build(js.Case.from_dict(case))
     sample = 0.02
@@ -85,7 +85,7 @@ def test_a_box_floats_in_weakly_compressible_water_too(advanced):
 
 def test_energy_of_a_swinging_flap_is_accounted_for():
     """What the projection, the contact and the damping took is all that the kinetic energy lost: within
-    0.01 % when it was written."""
+    0.02 % when it was written."""
     case = js.Case.from_dict(TANK | {"body": FLAP, "t1": 0.3, "output": {"sample_dt": 0.02}})
     model, state = js.build(case)
     found = js.march(model, state, 0.3, 0.02, make_probes(case, model, state))
@@ -154,7 +154,7 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     assert abs(on_water[1]) > 0.01 * size
 
 
-def test_projection_takes_the_divergence_out(advanced):
+def test_projection_takes_the_divergence_out():
     """Of a field that was made to diverge; the projection is approximate, and leaves a tenth."""
     model, state = js.build(js.Case.from_dict(TANK | {"dx": 0.025}))
     x = state.particles.x
@@ -169,7 +169,7 @@ def test_projection_takes_the_divergence_out(advanced):
 
 
 def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
-    """Jacobi's sweeps come nearer to the same pressure, slowly: 40 of them take a third off."""
+    """Jacobi's sweeps reach the same pressure, slowly: 400 of them from a pressure without the deep half."""
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     state, tables = model.scheme.prepare(model, state)
 
@@ -179,8 +179,9 @@ def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
 
     exact = pressure(isph.BiCGStab(1e-5))
     far = np.abs(pressure(isph.Explicit(1)) - exact).max()
-    near = np.abs(pressure(isph.Explicit(40)) - exact).max()
-    assert near < 0.75 * far
+    near = np.abs(pressure(isph.Explicit(400)) - exact).max()
+    assert near < 0.1 * far
+    assert near < 0.01 * exact.max()
 
 
 @pytest.mark.slow
