@@ -13,15 +13,7 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, solved
-from jaxsph import analysis
-
-
-def harmonic(t: np.ndarray, values: np.ndarray, T: float) -> complex:
-    """a with values = mean + Re(a exp(i 2 pi t/T)), by least squares."""
-    phase = 2 * np.pi * t / T
-    columns = np.stack([np.cos(phase), -np.sin(phase), np.ones_like(t)], axis=1)
-    c, s, _ = np.linalg.lstsq(columns, values, rcond=None)[0]
-    return complex(c, s)
+from jaxsph.analysis import fundamental, whole_periods
 
 
 def main(dx: float = 0.04) -> None:
@@ -30,8 +22,10 @@ def main(dx: float = 0.04) -> None:
     file = solved(case, f"flap_3d_{dx:g}")
     series, results, T = file.series(), file.results(), case.waves.T
     t = series["time"]
-    last = analysis.whole_periods(t, T, int(results["periods"]))
-    pitch, eta = (harmonic(t[last], a[last], T) for a in (series["pitch"], series["eta_interpolated"][:, 0]))
+    last = whole_periods(t, T, int(results["periods"]))
+    pitch, eta = (
+        fundamental(t[last], a[last], T) for a in (series["pitch"], series["eta_interpolated"][:, 0])
+    )
     with Report(f"flap_3d_{dx:g}", "Bottom-hinged flap in waves, incompressible, 3-D", dx) as report:
         report.seconds = results["wall_seconds"]
         report.row("amplitude of the pitch", float(np.degrees(abs(pitch))), "degrees")
@@ -44,7 +38,7 @@ def main(dx: float = 0.04) -> None:
             "elevation by particles off that by density, RMS over dx", float(np.sqrt(np.mean(both**2))) / dx
         )
         front, behind = (
-            2 * abs(harmonic(t[last], series["body_pressure"][last, k], T)) / (1000 * 9.81 * case.waves.H)
+            2 * abs(fundamental(t[last], series["body_pressure"][last, k], T)) / (1000 * 9.81 * case.waves.H)
             for k in (0, 1)
         )
         report.row("swing of the pressure in front over rho g H", front)

@@ -139,14 +139,19 @@ _MIN_SAMPLES_PER_PERIOD = 8
 _MAX_CONDITION = 10.0
 
 
-def _harmonic_amplitudes(t: Series, y: Series, omega: float) -> NDArray[np.complex128]:
-    """Complex amplitudes B of y ~ Re(B exp(i omega t)), with mean and second harmonic."""
-    phase = omega * t
+def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
+    """Complex amplitudes B of y ~ mean + Re(B exp(i 2 pi t / T)) + second harmonic, by least squares.
+
+    `t` [times] and `T` (s), `y` [..., times]; B [...] has the units of y. An angle of B1 / B2 is by how much
+    the first leads the second.
+    """
+    t, y = _series(t, y)
+    phase = 2.0 * np.pi / T * t
     columns = [np.ones_like(t)]
     for n in (1, 2):  # over near-whole periods, what is fitted cannot leak into B
         columns += [np.cos(n * phase), np.sin(n * phase)]
-    solution = np.linalg.lstsq(np.stack(columns, axis=-1), y.T, rcond=None)[0]
-    return solution[1] - 1j * solution[2]
+    solution = np.linalg.lstsq(np.stack(columns, axis=-1), y.reshape(-1, t.size).T, rcond=None)[0]
+    return (solution[1] - 1j * solution[2]).reshape(y.shape[:-1])
 
 
 def reflection(
@@ -181,8 +186,7 @@ def reflection(
     mask = whole_periods(t, T, max(periods, 1))
     if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
         raise ValueError(f"fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")
-    omega = 2.0 * np.pi / T
-    k = float(waves.wavenumber(omega, d, g))
+    k = float(waves.wavenumber(2.0 * np.pi / T, d, g))
     basis = np.exp(1j * k * (x - x[0])[:, None] * np.array([-1.0, 1.0]))
     condition = np.linalg.cond(basis)
     if not condition < _MAX_CONDITION:
@@ -190,7 +194,7 @@ def reflection(
             f"gauges at {x.tolist()} m are singular (condition {condition:.3g}) for a wavelength "
             f"of {2.0 * np.pi / k:.4g} m: keep a distance from multiples of half of it"
         )
-    B = _harmonic_amplitudes(t[mask], eta[:, mask], omega)
+    B = fundamental(t[mask], eta[:, mask], T)
     incident, reflected = np.abs(np.linalg.lstsq(basis, B, rcond=None)[0])
     if incident == 0.0:
         raise ValueError("there is no incident wave at this period")

@@ -60,6 +60,15 @@ def test_reflection_ignores_noise():
     assert found == pytest.approx(0.2, abs=0.012)
 
 
+def test_fundamental_of_several_series():
+    t = np.linspace(0.0, 3 * T, 361)  # whole periods: mean and harmonics are orthogonal to it
+    B = np.array([[2.0 + 1.0j, -0.3j], [0.0, -1.0]])
+    wave = np.exp(1j * OMEGA * t)
+    y = 0.7 + np.real(B[..., None] * wave) + 0.2 * np.cos(2 * OMEGA * t + 1.0)
+    np.testing.assert_allclose(analysis.fundamental(t, y, T), B, atol=1e-12)
+    assert analysis.fundamental(t, y[0, 0], T) == pytest.approx(B[0, 0])
+
+
 def test_reflection_errors():
     eta = _two_waves(GAUGES, 0.05, 0.2, 0.0)
     with pytest.raises(ValueError, match="two at least"):
