@@ -1265,7 +1265,7 @@ def check(case: Case) -> list[tuple[str, str]]:
     """What a run of this case will be: labels and values, for people."""
     model, state = build(case)
     n, ghosts = state.particles.x.shape[0], model.walls.count
-    steps = int(np.ceil(case.t1 / float(model.dt)))
+    steps = int(np.ceil(case.t1 / float(model.dt) - 1e-3))
     rows = [
         ("case", f"{case.name}: {case.description}"),
         ("particles", f"{n:,} of water, {ghosts:,} ghosts, dx = {case.dx:g} m"),

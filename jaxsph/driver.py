@@ -570,20 +570,14 @@ def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict
         return results
     P_inc = float(waves.incident_power(case.waves.H, T, d, case.fluid.rho0, case.g))
     results |= {"periods": float(periods), "P_inc": P_inc}
-    if "power_pto" in solution.series and case.pto is not None and case.pto.K_dm is not None:
+    chamber = case.pto is not None and case.pto.K_dm is not None
+    body = case.body is not None and case.body.pto is not None
+    if "power_pto" in solution.series and (chamber or body):
         efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
-        results |= {
-            "xi": efficiency.xi,
-            "xi_scatter": float(np.std(efficiency.per_period)),
-            "P_owc": efficiency.xi * P_inc,
-        }
-    if case.body is not None and case.body.pto is not None:
-        efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
-        scatter = float(np.std(efficiency.per_period))
-        results["P_pto"] = efficiency.xi * P_inc
+        results["P_owc" if chamber else "P_pto"] = efficiency.xi * P_inc
         if case.tank.width is None:
-            results |= {"xi": efficiency.xi, "xi_scatter": scatter}
-        else:
+            results |= {"xi": efficiency.xi, "xi_scatter": float(np.std(efficiency.per_period))}
+        else:  # power over power per width
             results["capture_width"] = efficiency.xi
     if "eta" in solution.series and len(case.probes.gauges) >= 4:
         x = np.asarray(case.probes.gauges)[1:4]

@@ -425,7 +425,7 @@ class ISPH(AbstractParticleScheme):
             q, a = free * unknown[0], unknown[1]
             q_ghosts = at_walls(q)
             both = q_ghosts + by_body(a / unit)
-            driven = unit * coupling.accelerated(q, q_ghosts[rows], outside=False)
+            driven = unit * coupling.driven(q, q_ghosts[rows])
             return q - pulled(q, both) + fixed * q, a - driven
 
         b_body = unit * coupling.accelerated(nothing, beyond[rows])

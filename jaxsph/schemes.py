@@ -91,12 +91,13 @@ class BodyCoupling(NamedTuple):
     outside: Float[Array, "3"]
     """Force that is not of the water's pressure."""
 
-    def accelerated(
-        self, p: Float[Array, " N"], p_body: Float[Array, " B"], outside: bool = True
-    ) -> Float[Array, "3"]:
-        """Acceleration for the water's pressures, and the dummies' without its own part (Pa)."""
-        force = self.grip.force(p, p_body)
-        return self.inverse @ (force + self.outside if outside else force)
+    def driven(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
+        """Acceleration by the water's pressures alone, and the dummies' without its own part (Pa)."""
+        return self.inverse @ self.grip.force(p, p_body)
+
+    def accelerated(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
+        """The same by every force."""
+        return self.driven(p, p_body) + self.inverse @ self.outside
 
     def pressures(self, acceleration: Float[Array, "3"]) -> Float[Array, " B"]:
         """What an acceleration adds to the dummies' pressures, Pa."""

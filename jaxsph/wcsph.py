@@ -350,11 +350,12 @@ class SymplecticEuler(AbstractIntegrator):
         p, dt, t = state.particles, model.dt, model.time(state)
         x_old = p.x
         paddle, a_wall = paddle_moved(scheme, model, state, dt)
-        ghosts, body = _with_body(scheme, model, state, state, tables, a_wall, dt)
+        push = pushed(model, state, scheme.c0)
+        ghosts, body = _with_body(scheme, model, state, state, tables, a_wall, push, dt)
         ghosts = scheme.ghost_velocity(model, state, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
-        u = p.u + dt * (stacked(rates.acceleration) + _push(scheme, model, state))
+        u = p.u + dt * (stacked(rates.acceleration) + _by_no_pair(model, state, push))
         u, air, work = _air(scheme, model, state, tables, sources, u, dt, t)
         u, sponge = damped(model, p, u, dt)
         before = state
@@ -397,13 +398,14 @@ class PredictorCorrector(AbstractIntegrator):
         """`start` advanced by dt with the rates of `at`."""
         p0, p, t = start.particles, at.particles, model.time(start)
         paddle, a_wall = paddle_moved(scheme, model, start, dt)
-        ghosts, body = _with_body(scheme, model, start, at, tables, a_wall, dt)
+        push = pushed(model, at, scheme.c0)
+        ghosts, body = _with_body(scheme, model, start, at, tables, a_wall, push, dt)
         ghosts = scheme.ghost_velocity(model, at, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        u = p0.u + dt * (stacked(rates.acceleration) + _push(scheme, model, at))
+        u = p0.u + dt * (stacked(rates.acceleration) + _by_no_pair(model, at, push))
         u, air, work = _air(scheme, model, start, tables, sources, u, dt, t)
         u, sponge = damped(model, p0, u, dt)
         work = with_work(scheme, model, tables, ghosts, work, sponge, at.paddle[1], dt)
@@ -419,9 +421,17 @@ class PredictorCorrector(AbstractIntegrator):
 
 
 def _with_body(
-    scheme: DeltaSPH, model: Model, start: State, at: State, tables: Tables, a_wall: Scalar, dt: Scalar
+    scheme: DeltaSPH,
+    model: Model,
+    start: State,
+    at: State,
+    tables: Tables,
+    a_wall: Scalar,
+    push: Float[Array, "N D"],
+    dt: Scalar,
 ) -> tuple[GhostFields, BodyState | None]:
-    """All ghosts for the water of `at`, and the body of `start` after dt under its pressure."""
+    """All ghosts for the water of `at`, which solids push off so, and the body of `start` after dt under its
+    pressure."""
     ghosts = scheme.ghosts(model, at, tables, a_wall)
     if model.body is None:
         return ghosts, None
@@ -432,13 +442,12 @@ def _with_body(
     ghosts = ghosts._replace(p=ghosts.p.at[rows].add(coupling.pressures(acceleration)))
     body = body_moved(start.body, acceleration, dt)
     force = coupling.grip.force(p, ghosts.p[rows])
-    contact = touching(model, at, dt * pushed(model, at, scheme.c0), dt)
+    contact = touching(model, at, dt * push, dt)
     return ghosts, eqx.tree_at(lambda b: (b.force, b.contact), body, (force, contact))
 
 
-def _push(scheme: DeltaSPH, model: Model, state: State) -> Float[Array, "N D"]:
-    """Acceleration that is no pair's: off the walls, and by the body force, m/s2."""
-    push = pushed(model, state, scheme.c0)
+def _by_no_pair(model: Model, state: State, push: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    """Acceleration that is no pair's: `push` off the solids, and the force field's, m/s2."""
     return push if model.force is None else push + model.force.acceleration(state.particles.x)
 
 
