@@ -98,8 +98,8 @@ class ISPHSection(_Section):
     solver: Literal["bicgstab", "explicit"] = "bicgstab"
     tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
     """Of the residual of the Poisson equation, over its right-hand side."""
-    relaxation: float = Field(0.05, ge=0, le=1)
-    """Share of the crowding of particles that a step takes back."""
+    relaxation: float = Field(isph.RELAXATION, ge=0, le=4)
+    """Rate at which crowding of particles is taken back, over sqrt(g/h)."""
     shifting: float | None = Field(None, gt=0, le=20)
     """Strength of particle shifting."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
