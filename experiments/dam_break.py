@@ -110,10 +110,14 @@ def front_and_height(x: np.ndarray, dx: float) -> tuple[float, float]:
     return float(water[:, 0].max() + 0.5 * dx), float(beside[:, -1].max() + 0.5 * dx)
 
 
+def fronts_and_heights(file: RunFile, dx: float) -> np.ndarray:
+    """`front_and_height` of every snapshot of a run, [2, snapshots], m."""
+    return np.array([front_and_height(file.snapshot(i)["x"], dx) for i in range(file.snapshot_count)]).T
+
+
 def front_of(file: RunFile, dx: float) -> Front:
     """The front over all snapshots of a run."""
-    found = [front_and_height(file.snapshot(i)["x"], dx) for i in range(file.snapshot_count)]
-    x, height = np.array(found).T
+    x, height = fronts_and_heights(file, dx)
     T = file.snapshot_times() * np.sqrt(2 * G / WIDTH)
     # the release itself is no snapshot
     return Front(np.append(0.0, T), np.append(1.0, x / WIDTH), np.append(1.0, height / HEIGHT))

@@ -78,10 +78,8 @@ def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
     window = (t_there > dam_break.WINDOW[0]) & (t_there < dam_break.WINDOW[1])
     off = np.interp(t_there[window], t, smooth) - p_there[window]
     label = f"dam break, H/dx = {layers}, {name}"
-    fronts = [
-        dam_break.front_and_height(file.snapshot(i)["x"], case.dx)[0] for i in range(file.snapshot_count)
-    ]
-    passed = float(np.interp(FRONT, np.array(fronts) / dam_break.BUCHNER, file.snapshot_times() * scale))
+    front, _ = dam_break.fronts_and_heights(file, case.dx)
+    passed = float(np.interp(FRONT, front / dam_break.BUCHNER, file.snapshot_times() * scale))
     report.row(f"{label}: front {FRONT:g} H from the wall behind it, t sqrt(g/H)", passed)
     report.row("the same: pressure arrives on the disc, t sqrt(g/H)", here.arrival, paper=there.arrival)
     report.row("the same: plateau of the disc's pressure, p/(rho g H)", here.plateau, paper=there.plateau)
