@@ -11,7 +11,7 @@ import typer
 
 import jaxsph as js
 from experiments.common import Report, use_threads
-from jaxsph.pairs import weighted_sum
+from jaxsph.core.pairs import weighted_sum
 
 PAPER = 158_000.0
 """Particle steps per second: 200 steps of 4,222,746 in 5341 s, 16 threads (Yeylaghi et al. 2016, table 1)."""

@@ -22,11 +22,15 @@ import numpy as np
 import typer
 
 from experiments.common import Report, timed, use_threads
-from jaxsph import kernels, neighbours, schemes, wcsph
-from jaxsph._typing import columns
-from jaxsph.case import SKIN
-from jaxsph.pairs import Smoothing
-from jaxsph.state import Particles, Tables
+from jaxsph.case.assemble import SKIN
+from jaxsph.core.arrays import columns
+from jaxsph.core.kernels import Gaussian
+from jaxsph.core.pairs import Smoothing
+from jaxsph.core.search.cells import cell_order, grid_over, needed_capacity, search
+from jaxsph.model.state import Particles, Tables
+from jaxsph.model.viscosity import ArtificialViscosity
+from jaxsph.schemes.integrators import SymplecticEuler
+from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 
 def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repeats: int = 9) -> None:
@@ -59,26 +63,26 @@ def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repea
 def right_hand_side(given: dict[str, np.ndarray]):
     """A call that evaluates the solver's own two passes, and what they give in the inputs' order."""
     h, dx, c0, rho0 = (float(given[name]) for name in ("h", "dx", "c0", "rho0"))
-    smoothing = Smoothing(kernels.Gaussian(), jnp.float32(h))
-    scheme = wcsph.DeltaSPH(
+    smoothing = Smoothing(Gaussian(), jnp.float32(h))
+    scheme = DeltaSPH(
         smoothing=smoothing,
         c0=jnp.float32(c0),
         rho0=jnp.float32(rho0),
         delta=jnp.float32(given["delta"]),
-        viscosity=schemes.ArtificialViscosity(jnp.float32(given["alpha"])),
-        integrator=wcsph.SymplecticEuler(),
+        viscosity=ArtificialViscosity(jnp.float32(given["alpha"])),
+        integrator=SymplecticEuler(),
     )
     x = np.stack([given["x"], given["y"]], axis=1)
-    grid = neighbours.grid_over(x.min(axis=0), x.max(axis=0), float(given["radius"]) + SKIN * dx)
-    order = np.asarray(neighbours.cell_order(jnp.asarray(x), grid))
+    grid = grid_over(x.min(axis=0), x.max(axis=0), float(given["radius"]) + SKIN * dx)
+    order = np.asarray(cell_order(jnp.asarray(x), grid))
     field = {k: jnp.asarray(given[k][order]) for k in ("x", "y", "u", "v", "rho", "volume")}
     x, u = jnp.asarray(x[order]), jnp.stack([field["u"], field["v"]], axis=1)
     rho = field["rho"] - jnp.float32(rho0)
     n = len(x)
     particles = Particles(x, jnp.zeros_like(x), u, rho, field["volume"] * field["rho"], jnp.arange(n))
     every = jnp.ones(n, jnp.int32)
-    most = int(neighbours.search(x, x, grid, 1, every, every, True).most)
-    table = neighbours.search(x, x, grid, neighbours.needed_capacity(most, 1.0), every, every, True)
+    most = int(search(x, x, grid, 1, every, every, True).most)
+    table = search(x, x, grid, needed_capacity(most, 1.0), every, every, True)
     sources = {
         "x": columns(x),
         "rho": rho,

@@ -12,8 +12,8 @@ import typer
 
 import jaxsph as js
 from experiments.common import Report, timed, use_threads
-from jaxsph.case import steps_per_sample
-from jaxsph.state import Failure
+from jaxsph.case.report import steps_per_sample
+from jaxsph.model.state import Failure
 
 
 def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:

@@ -20,7 +20,9 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, lattice, observed_order
-from jaxsph import schemes, wcsph
+from jaxsph.model.shifting import Shifting
+from jaxsph.model.viscosity import LaplacianViscosity
+from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 L, NU, U = 0.5, 0.01, 0.02
 SCALE = L**2 / NU
@@ -53,14 +55,14 @@ class Flow(NamedTuple):
 FLOWS = {"Poiseuille": Flow(8.0 * NU * U / L**2, 0.0), "Couette": Flow(0.0, U)}
 
 
-def built(flow: Flow, n: int, viscosity=schemes.LaplacianViscosity, strength: float | None = 12.0):
+def built(flow: Flow, n: int, viscosity=LaplacianViscosity, strength: float | None = 12.0):
     """(model, state) with n spacings between the walls and 16 along them."""
     dx = L / n
     box = js.Box((0.0, 0.0), (16 * dx, L), sides=("periodic", "walls"))
     # with viscosity's step, h^2/(8 nu), this speed of sound is at a Courant number of a quarter
     c0 = max(10.0 * U, 2.0 * NU / (1.2 * dx))
-    shifting = None if strength is None else schemes.Shifting(strength)
-    scheme = wcsph.DeltaSPH.of(dx, c0, viscosity=viscosity(NU), period=box.period, shifting=shifting)
+    shifting = None if strength is None else Shifting(strength)
+    scheme = DeltaSPH.of(dx, c0, viscosity=viscosity(NU), period=box.period, shifting=shifting)
     walls = js.Ghosts.build(box, dx, scheme.smoothing, js.NoSlip(), sliding={(1, 1): (flow.lid, 0.0)})
     x = lattice(box.low, box.high, dx)
     given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=0.02 * SCALE, g=(flow.force, 0.0))

@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from jaxsph import boundaries
-from jaxsph.io import RunFile
+from jaxsph.output.run_file import RunFile
+from jaxsph.solids.placement import lattice as filled
 
 RUNS = Path("runs")
 """Where runs are kept; a second call reads them, or goes on where they were interrupted."""
@@ -124,7 +124,7 @@ def observed_order(dx: Sequence[float], errors: Sequence[float]) -> float:
 
 def lattice(low: Sequence[float], high: Sequence[float], dx: float) -> np.ndarray:
     """Positions `[N, D]` (m) of a box filled with particles of spacing dx."""
-    return boundaries.lattice(tuple(low), tuple(high), dx)[0]
+    return filled(tuple(low), tuple(high), dx)[0]
 
 
 VERDICT = {None: "", True: "ok", False: "MISSED"}

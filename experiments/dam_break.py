@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 import jaxsph as js
 from experiments.common import Report, reference, solved
 from jaxsph import analysis
-from jaxsph.io import RunFile
+from jaxsph.output.run_file import RunFile
 
 G, RHO = 9.81, 1000.0
 

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import RUNS, Report
-from jaxsph.case import steps_per_sample
-from jaxsph.state import Failure
+from jaxsph.case.report import steps_per_sample
+from jaxsph.model.state import Failure
 
 LENGTH, DEPTH, DRAUGHT, CHAMBER, WALL = 0.68, 0.8, 0.6, 0.32, 0.01
 SCALE = 0.5 * 1000.0 * 9.81 * DEPTH**2 * (LENGTH - WALL)

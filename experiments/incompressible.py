@@ -13,7 +13,9 @@ import typer
 import jaxsph as js
 from experiments import dam_break, standing_wave, taylor_green
 from experiments.common import Report, lattice, solved
-from jaxsph import isph, schemes
+from jaxsph.model.shifting import Shifting
+from jaxsph.model.viscosity import LaplacianViscosity
+from jaxsph.schemes.incompressible import ISPH
 
 FRONT = 5.0
 """Where the front of Buchner's dam break is timed, in H from the wall behind the column."""
@@ -101,15 +103,15 @@ def _divergence(solution: js.Solution) -> float:
 def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
     """The vortex of `taylor_green` with n by n particles."""
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
-    scheme = isph.ISPH.of(
+    scheme = ISPH.of(
         1.0 / n,
         taylor_green.U,
         dim=2,
         rho0=taylor_green.RHO,
-        viscosity=schemes.LaplacianViscosity(taylor_green.U / taylor_green.RE),
+        viscosity=LaplacianViscosity(taylor_green.U / taylor_green.RE),
         period=box.period,
         relaxation=0.0,
-        shifting=schemes.Shifting(3.0),
+        shifting=Shifting(3.0),
     )
     walls = js.Ghosts.build(box, 1.0 / n, scheme.smoothing, js.FreeSlip())
     x = lattice(box.low, box.high, 1.0 / n)

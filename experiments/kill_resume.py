@@ -14,7 +14,7 @@ import typer
 
 from experiments.common import Report
 from jaxsph.errors import FileError
-from jaxsph.io import RunFile
+from jaxsph.output.run_file import RunFile
 
 
 def main(dx: float = 0.02, t1: float = 2.0) -> None:

@@ -2,6 +2,11 @@
 
 The drop stays an ellipse of semi-axes A and B with the velocity (sigma x, -sigma y) and
     sigma' = (sigma^2 + Omega^2) (B^2 - A^2)/(B^2 + A^2),  A' = sigma A,  B' = -sigma B,
+from jaxsph.model.viscosity import ArtificialViscosity
+from jaxsph.model.forces import CentralForce
+from jaxsph.schemes.weakly_compressible import DeltaSPH
+from jaxsph.model.shifting import Shifting
+from jaxsph.model import laws
 from A = B = R and sigma = sigma0. Its pressure is
     p = rho (sigma^2 + Omega^2) A^2 B^2/(A^2 + B^2) (1 - x^2/A^2 - y^2/B^2)
 (Monaghan and Rafiee 2013; Antuono et al. 2015). No wall, no gravity: the surface is free all around.
@@ -21,8 +26,7 @@ from scipy.integrate import solve_ivp
 
 import jaxsph as js
 from experiments.common import Report, lattice
-from jaxsph import laws, schemes, wcsph
-from jaxsph.state import AbstractProbe
+from jaxsph.model.interfaces import AbstractProbe
 
 R, OMEGA, SIGMA0, RHO = 1.0, 1.0, 0.5, 1000.0
 SAMPLE = 0.05
@@ -83,16 +87,16 @@ def built(n: int, c0: float = 15.0, strength: float | None = None):
     """(model, state) of a drop with n spacings to its radius; no `strength`, no shifting."""
     dx = R / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
-    shifting = None if strength is None else schemes.Shifting(strength)
-    inviscid = schemes.ArtificialViscosity(0.0)
-    scheme = wcsph.DeltaSPH.of(dx, c0, rho0=RHO, viscosity=inviscid, shifting=shifting)
+    shifting = None if strength is None else Shifting(strength)
+    inviscid = ArtificialViscosity(0.0)
+    scheme = DeltaSPH.of(dx, c0, rho0=RHO, viscosity=inviscid, shifting=shifting)
     walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())
     x = lattice((-R, -R), (R, R), dx)
     x = x[np.sum(x**2, axis=1) < R**2]
     u = SIGMA0 * x * [1.0, -1.0]
     # the lattice's own circle: its area is that of the particles
     p = 0.5 * RHO * (SIGMA0**2 + OMEGA**2) * (len(x) * dx**2 / np.pi - np.sum(x**2, axis=1))
-    force = laws.CentralForce(jnp.float32(OMEGA), jnp.zeros(2, jnp.float32))
+    force = CentralForce(jnp.float32(OMEGA), jnp.zeros(2, jnp.float32))
     given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, force=force)
     return js.assemble(x, u, **given, speed=0.8, skin=0.4)
 

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import Report
 from experiments.studies import T, short_case
-from jaxsph.gradients import incident_power
+from jaxsph.study.base import incident_power
 
 
 def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, rate: float = 0.15) -> None:

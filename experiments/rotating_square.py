@@ -16,8 +16,11 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, lattice
-from jaxsph import laws, schemes, wcsph
-from jaxsph.state import AbstractProbe
+from jaxsph.model import laws
+from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.model.shifting import Shifting
+from jaxsph.model.viscosity import ArtificialViscosity
+from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 L, OMEGA, RHO = 1.0, 1.0, 1000.0
 SAMPLE = 0.1
@@ -58,12 +61,12 @@ def built(n: int, strength: float | None = 12.0, c0: float = 10.0):
     """(model, state) of n by n particles; no `strength`, no shifting."""
     dx = L / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
-    scheme = wcsph.DeltaSPH.of(
+    scheme = DeltaSPH.of(
         dx,
         c0,
         rho0=RHO,
-        viscosity=schemes.ArtificialViscosity(0.0),
-        shifting=None if strength is None else schemes.Shifting(strength),
+        viscosity=ArtificialViscosity(0.0),
+        shifting=None if strength is None else Shifting(strength),
     )
     walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())
     x = lattice((-L / 2, -L / 2), (L / 2, L / 2), dx)

@@ -12,7 +12,7 @@ import typer
 import jaxsph as js
 from experiments.common import Report
 from experiments.studies import short_case
-from jaxsph.gradients import parabola
+from jaxsph.study.ensemble import parabola
 
 MEMBERS, SPREAD = 7, 0.1
 

@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, lattice, observed_order
-from jaxsph import schemes, wcsph
+from jaxsph.model.shifting import Shifting
+from jaxsph.model.viscosity import LaplacianViscosity, PhysicalViscosity
+from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 U, RE, RHO = 1.0, 100.0, 1000.0
 DECAY = -8.0 * np.pi**2 / RE
@@ -29,16 +31,16 @@ def exact(x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
     return U * np.exp(DECAY * t) * u, U**2 * np.exp(2 * DECAY * t) * p
 
 
-def built(n: int, c0: float = 10.0, viscosity=schemes.LaplacianViscosity, strength: float | None = 12.0):
+def built(n: int, c0: float = 10.0, viscosity=LaplacianViscosity, strength: float | None = 12.0):
     """(model, state) of n by n particles; no `strength`, no shifting."""
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
-    scheme = wcsph.DeltaSPH.of(
+    scheme = DeltaSPH.of(
         1.0 / n,
         c0,
         rho0=RHO,
         viscosity=viscosity(U / RE),
         period=box.period,
-        shifting=None if strength is None else schemes.Shifting(strength),
+        shifting=None if strength is None else Shifting(strength),
     )
     walls = js.Ghosts.build(box, 1.0 / n, scheme.smoothing, js.FreeSlip())
     x = lattice(box.low, box.high, 1.0 / n)
@@ -85,7 +87,7 @@ def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
         curves = {"shifting": good}
         for label, options in (
             ("without shifting", {"strength": None}),
-            ("with Monaghan's viscous sum", {"viscosity": schemes.PhysicalViscosity}),
+            ("with Monaghan's viscous sum", {"viscosity": PhysicalViscosity}),
         ):
             curves[label] = solved(n, t1, **options)
             report.row(f"{label}: error of the rate", 100 * (decay_rate(curves[label]) - 1), "%", theory=0.0)

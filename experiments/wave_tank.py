@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, solved
-from jaxsph import analysis, waves
+from jaxsph import analysis
+from jaxsph.waves import theory
 
 PAPER = {0.5: (5.9, 1.5), 1.0: (6.1, 1.3), 2.0: (5.6, 1.9), 6.0: (6.3, 1.8)}
 """Where the errors are taken, wavelengths from the paddle, and the paper's MAE_a and MAE_p there, %, at
@@ -22,8 +23,8 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
     """
     case = js.load_case("wave_tank").replace({"dx": dx})
     H, T, d = case.waves.H, case.waves.T, case.tank.depth
-    wavelength = float(waves.wavelength(T, d))
-    speed = float(waves.group_velocity(2 * np.pi / T, d))
+    wavelength = float(theory.wavelength(T, d))
+    speed = float(theory.group_velocity(2 * np.pi / T, d))
     if wavelengths != 4:
         far = [float(np.round(at * wavelength, 3)) for at in PAPER if 2 < at < wavelengths - 1]
         changes = {
@@ -50,7 +51,7 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         for at in places:
             i = int(np.argmin(abs(x - at * wavelength)))
             window = settled(t, x[i] / speed, T, case.waves.ramp_periods)
-            reference = np.asarray(waves.stokes2_elevation(x[i], t[window], H, T, d))
+            reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
             args = (t[window], eta[window, i], t[window], reference)
             height = 100 * analysis.mae_amplitude(*args, H / 2, T, window=5)
             phase = 100 * analysis.mae_phase(*args, T, window=5)
@@ -75,9 +76,9 @@ def _picture(gauges: list[tuple]) -> Figure:
     """Elevation at every gauge with the theory over the periods compared."""
     figure = Figure(figsize=(8, 1.8 * len(gauges)), layout="constrained")
     axes = figure.subplots(len(gauges), sharex=True, squeeze=False)[:, 0]
-    for axis, (label, t, eta, t_theory, theory) in zip(axes, gauges, strict=True):
+    for axis, (label, t, eta, t_theory, expected) in zip(axes, gauges, strict=True):
         axis.plot(t, 1e3 * eta, label="SPH")
-        axis.plot(t_theory, 1e3 * theory, "k--", lw=1, label="Stokes, second order")
+        axis.plot(t_theory, 1e3 * expected, "k--", lw=1, label="Stokes, second order")
         axis.set(ylabel="eta, mm", title=label)
     axes[0].legend(loc="upper left", fontsize="small")
     axes[-1].set_xlabel("t, s")

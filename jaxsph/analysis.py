@@ -4,6 +4,8 @@ numpy in, numpy out; nothing here is traced. Equation numbers are those of Zhu e
 (2020) unless another source is named. Times in s, elevations in m.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks, savgol_filter
 
-from jaxsph import waves
+from jaxsph.waves import theory
 
 Series = NDArray[np.float64]
 
@@ -74,9 +76,6 @@ def _series(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
     return t, y
 
 
-# --- periods -------------------------------------------------------------------------
-
-
 def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
     """Mask of the samples in the last `periods` whole periods, both ends included.
 
@@ -116,7 +115,7 @@ def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: 
     """Hydrodynamic efficiency xi over the last whole periods, Eqs 24 and 25.
 
     `power` absorbed by the device at times `t`, in the unit of `P_inc` (W, or W/m per
-    unit width as `waves.incident_power`). Trapezoidal integral, with the power
+    unit width as `theory.incident_power`). Trapezoidal integral, with the power
     interpolated at the ends of the periods. Raises ValueError for a short record.
     """
     t, power = _series(t, power)
@@ -133,9 +132,9 @@ def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: 
     return Efficiency(float(np.mean(per_period)), per_period)
 
 
-# --- reflection ----------------------------------------------------------------------
-
 _MIN_SAMPLES_PER_PERIOD = 8
+
+
 _MAX_CONDITION = 10.0
 
 
@@ -160,7 +159,7 @@ def reflection(
     t: ArrayLike,
     T: float,
     d: float,
-    g: float = waves.GRAVITY,
+    g: float = theory.GRAVITY,
     periods: int | None = None,
 ) -> Reflection:
     """Incident and reflected amplitude from a row of gauges, at the fundamental 1 / T, over the last so many
@@ -186,7 +185,7 @@ def reflection(
     mask = whole_periods(t, T, max(periods, 1))
     if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
         raise ValueError(f"fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")
-    k = float(waves.wavenumber(2.0 * np.pi / T, d, g))
+    k = float(theory.wavenumber(2.0 * np.pi / T, d, g))
     basis = np.exp(1j * k * (x - x[0])[:, None] * np.array([-1.0, 1.0]))
     condition = np.linalg.cond(basis)
     if not condition < _MAX_CONDITION:
@@ -199,9 +198,6 @@ def reflection(
     if incident == 0.0:
         raise ValueError("there is no incident wave at this period")
     return Reflection(float(incident), float(reflected), float(reflected / incident))
-
-
-# --- errors against a reference ----------------------------------------------------------
 
 
 def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1) -> Extrema:
@@ -298,9 +294,6 @@ def mae_phase(
     """
     times, _ = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(times[:, 0] - times[:, 1])) / T)
-
-
-# --- decay -----------------------------------------------------------------------------
 
 
 def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxsph as js
-from jaxsph.driver import simulate as simulate_
+from jaxsph.run.simulate import simulate as simulate_
 
 COARSE = {
     "hydrostatic": {"dx": 0.1, "probes.gauges": [0.2, 0.8]},

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from jaxsph import analysis, waves
+from jaxsph import analysis
+from jaxsph.waves import theory
 
 T, D = 1.2, 0.5
 OMEGA = 2.0 * np.pi / T
-K = float(waves.wavenumber(OMEGA, D))
+K = float(theory.wavenumber(OMEGA, D))
 LENGTH = 2.0 * np.pi / K
 TIMES = np.linspace(0.0, 7.3, 731)
 GAUGES = np.array([4.0, 4.25, 4.65])

@@ -8,38 +8,38 @@ import pytest
 
 import jaxsph
 
-# Layers from the bottom up. Inside a layer a room may import those named before it in the same tuple
-# (`case` makes the probes it describes, `driver` ends with the analysis, `plot` reads what `io` wrote).
 LAYERS = (
-    ("_typing", "kernels", "transforms", "pairs", "neighbours", "loop"),
-    ("state", "laws", "waves"),
-    ("shapes", "boundaries", "devices", "bodies"),
-    ("schemes", "wcsph", "isph", "tangents"),
-    ("probes", "case"),
-    ("analysis", "linear", "driver"),
-    ("io", "plot", "design", "gradients"),
-    ("__main__",),
+    ("core",),
+    ("model",),
+    ("waves", "solids"),
+    ("parts",),
+    ("schemes",),
+    ("probes",),
+    ("case",),
+    ("run",),
+    ("study",),
+    ("output",),
+    ("cli",),
 )
-UNRELATED = {
-    ("loop", "pairs"),
-    ("loop", "neighbours"),
-    ("loop", "kernels"),
-    ("devices", "boundaries"),
-    ("bodies", "boundaries"),
-    ("bodies", "devices"),
-    ("devices", "shapes"),
-    ("isph", "wcsph"),
+"""Rooms from the bottom up: a room imports those below it, and its own files."""
+LEAVES = {"errors", "analysis"}
+"""Files that anyone above `model` may import; `errors` imports nothing of the package."""
+RECORDS = {
+    "run": {"output.run_file", "output.hdf5"},
+    "study": {"output.run_file", "output.sweep_file", "output.hdf5"},
 }
-"""Pairs that the order within a layer would allow and the design does not."""
-LEAF = "errors"
-"""Imports nothing of the package; anyone may import it."""
-HOST_ONLY = "io"
-"""Files know nothing of the physics: `io` imports errors alone, so `driver`, below it, may use it."""
+"""Files know nothing of the physics, so those who run may write them."""
 FACADE = "__init__"
-ORDER = {room: (height, place) for height, row in enumerate(LAYERS) for place, room in enumerate(row)}
+HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 
-SOURCES = {path.stem: path for path in Path(jaxsph.__file__).parent.glob("*.py")}
-TREES = {room: ast.parse(path.read_text(encoding="utf-8")) for room, path in SOURCES.items()}
+PACKAGE = Path(jaxsph.__file__).parent
+SOURCES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
+    for path in PACKAGE.rglob("*.py")
+    if path.name != "__init__.py" or path.parent == PACKAGE
+}
+TREES = {file: ast.parse(path.read_text(encoding="utf-8")) for file, path in SOURCES.items()}
+FILES = sorted(set(SOURCES) - {FACADE, "__main__"})
 
 
 def _imports(tree):
@@ -52,47 +52,73 @@ def _imports(tree):
             yield node.module, tuple(alias.name for alias in node.names)
 
 
-def _rooms(tree):
-    """Rooms of the package that a module imports; the package itself counts as the facade."""
+def _imported(tree):
+    """Files of the package that a file imports; the package itself counts as the facade."""
     for module, names in _imports(tree):
         if module == "jaxsph":
             yield from (name if name in SOURCES else FACADE for name in names or (FACADE,))
         elif module.startswith("jaxsph."):
-            yield module.split(".")[1]
+            path = module.removeprefix("jaxsph.")
+            if path in SOURCES:
+                yield path
+            else:
+                yield from (f"{path}.{name}" for name in names)
 
 
-def _allowed(room, imported):
-    if imported == LEAF or (room, imported) == ("driver", HOST_ONLY):
+def _room(file):
+    return file.split(".")[0]
+
+
+def _allowed(file, imported):
+    room, other = _room(file), _room(imported)
+    if imported == "errors" or (imported == "analysis" and HEIGHT.get(room, 99) > HEIGHT["model"]):
         return True
     if imported == FACADE:
-        return room == "__main__"
-    if room == HOST_ONLY or (room, imported) in UNRELATED:
+        return room == "cli"
+    if file == "analysis":
+        return imported == "waves.theory"
+    if room == other:
+        return room not in LEAVES
+    if imported in RECORDS.get(room, ()):
+        return True
+    if file in ("output.run_file", "output.sweep_file", "output.hdf5", "output.vtk"):
         return False
-    return ORDER[imported] < ORDER[room]
+    return HEIGHT[other] < HEIGHT[room]
 
 
 def test_every_room_has_its_layer():
-    assert set(SOURCES) == set(ORDER) | {LEAF, FACADE}
+    assert {_room(file) for file in FILES} == set(HEIGHT) | LEAVES
 
 
-@pytest.mark.parametrize("room", sorted(ORDER))
-def test_imports_go_downward_only(room):
-    wrong = sorted({other for other in _rooms(TREES[room]) if not _allowed(room, other)})
-    assert not wrong, f"{room} imports {', '.join(wrong)}"
+@pytest.mark.parametrize("file", FILES)
+def test_imports_go_downward_only(file):
+    wrong = sorted({other for other in _imported(TREES[file]) if not _allowed(file, other)})
+    assert not wrong, f"{file} imports {', '.join(wrong)}"
+
+
+def test_files_of_a_room_do_not_import_each_other_in_circles():
+    known = {file: set(_imported(TREES[file])) & set(FILES) for file in FILES}
+    order = []
+    while known:
+        free = [file for file, others in known.items() if not (others - {file}) & set(known)]
+        assert free, f"circle among {sorted(known)}"
+        order += free
+        for file in free:
+            del known[file]
 
 
 def test_leaf_and_facade_import_no_room():
     # The facade imports its rooms by name when they are first used.
-    assert not list(_rooms(TREES[LEAF])) and not list(_rooms(TREES[FACADE]))
+    assert not list(_imported(TREES["errors"])) and not list(_imported(TREES[FACADE]))
 
 
 @pytest.mark.parametrize(
     ("name", "owners"),
     [
-        ("scan", {"loop", "pairs"}),  # over time, and over the slots of a table
-        ("fori_loop", {"neighbours"}),  # over the candidates of a line of cells
+        ("scan", {"core.loop", "core.pairs"}),  # over time, and over the slots of a table
+        ("fori_loop", {"core.search.cells"}),  # over the candidates of a line of cells
         ("while_loop", set()),
-        ("checkpoint", {"transforms", "pairs"}),  # of steps and blocks, and of slots
+        ("checkpoint", {"core.transforms", "core.pairs"}),  # of steps and blocks, and of slots
     ],
 )
 def test_loops_have_owners(name, owners):
@@ -101,26 +127,26 @@ def test_loops_have_owners(name, owners):
         # jax.checkpoint, jax.lax.scan, lax.scan: not a method such as RunFile.checkpoint
         return any(ast.unparse(n.value) in ("jax", "lax", "jax.lax") for n in attributes)
 
-    assert {room for room, tree in TREES.items() if uses(tree)} == owners
+    assert {file for file, tree in TREES.items() if uses(tree)} == owners
 
 
 def test_time_loop_is_built_of_loop():
-    assert "loop" in set(_rooms(TREES["driver"]))
+    assert "core.loop" in set(_imported(TREES["run.simulate"]))
 
 
 def test_jax_md_stays_behind_the_search():
     users = {
-        room
-        for room, tree in TREES.items()
+        file
+        for file, tree in TREES.items()
         if any(module.split(".")[0] == "jax_md" for module, _ in _imports(tree))
     }
-    assert users <= {"neighbours"}
+    assert users <= {"core.search.jax_md"}
 
 
 def test_optional_physics_is_no_flag():
     fields = [
-        (room, node.target.id)
-        for room, tree in TREES.items()
+        (file, node.target.id)
+        for file, tree in TREES.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.AnnAssign)
         and isinstance(node.target, ast.Name)

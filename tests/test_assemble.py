@@ -9,15 +9,16 @@ import pytest
 import jaxsph as js
 from experiments import taylor_green
 from experiments.common import lattice
-from jaxsph import laws, wcsph
-from jaxsph.boundaries import SIDES
+from jaxsph.model.forces import CentralForce
+from jaxsph.schemes.weakly_compressible import DeltaSPH
+from jaxsph.solids.box import SIDES
 
 DX = 0.1
 
 
 def _assembled(sides, high=(1.2, 1.2), top=1.2, slip=None, sliding=None, u=None, **given):
     box = js.Box((0.0,) * len(high), high, sides=sides)
-    scheme = wcsph.DeltaSPH.of(DX, 10.0, period=box.period)
+    scheme = DeltaSPH.of(DX, 10.0, period=box.period)
     walls = js.Ghosts.build(box, DX, scheme.smoothing, slip or js.FreeSlip(), sliding=sliding)
     x = lattice(box.low, (*high[:-1], top), DX)
     u = np.zeros_like(x) if u is None else np.broadcast_to(u, x.shape)
@@ -61,7 +62,7 @@ def test_vortex_decays_as_viscosity_says(vortex):
 
 def test_period_must_be_the_box_s():
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "floor"))
-    scheme = wcsph.DeltaSPH.of(DX, 10.0)
+    scheme = DeltaSPH.of(DX, 10.0)
     walls = js.Ghosts.build(box, DX, scheme.smoothing, js.FreeSlip())
     x = lattice(box.low, box.high, DX)
     with pytest.raises(ValueError, match="period"):
@@ -128,7 +129,7 @@ def test_box_without_walls_lets_fluid_fly():
 
 
 def test_central_force_is_minus_the_gradient_of_its_potential():
-    force = laws.CentralForce(jnp.float32(1.5), jnp.float32([0.2, -0.1]))
+    force = CentralForce(jnp.float32(1.5), jnp.float32([0.2, -0.1]))
     x = jnp.asarray(np.random.default_rng(0).normal(size=(20, 2)), jnp.float32)
     slope = jax.grad(lambda x: jnp.sum(force.potential(x)))(x)
     np.testing.assert_allclose(force.acceleration(x), -slope, atol=1e-5)  # float32, values of some units

@@ -8,15 +8,17 @@ from conftest import enable_x64
 
 import jaxsph as js
 from experiments import thin_wall
-from jaxsph import kernels, laws, wcsph
-from jaxsph._typing import columns
-from jaxsph.pairs import Smoothing, pair_sum, with_empty
+from jaxsph.core.arrays import columns
+from jaxsph.core.kernels import Gaussian
+from jaxsph.core.pairs import Smoothing, pair_sum, with_empty
+from jaxsph.model import laws
+from jaxsph.model.background import Background
 
 DX, H = 0.01, 0.012
 
 
 def _background():
-    return wcsph.Background(*(jnp.asarray(a) for a in (1.0, 0.03, 0.32, 0.26, 0.40, 9810.0, 0.37)))
+    return Background(*(jnp.asarray(a) for a in (1.0, 0.03, 0.32, 0.26, 0.40, 9810.0, 0.37)))
 
 
 def test_force_is_the_gradient_of_the_smoothed_background():
@@ -54,7 +56,7 @@ def test_sum_and_force_cancel_where_the_kernel_is_full():
         R = background.pressure(jnp.asarray(x))
         fields = {"x": columns(jnp.asarray(x)), "p": R, "V": V}
         targets = jax.tree.map(lambda a: a[index], fields)
-        smoothing = Smoothing(kernels.Gaussian(), jnp.asarray(H))
+        smoothing = Smoothing(Gaussian(), jnp.asarray(H))
         summed = pair_sum(laws.pressure_force, smoothing, targets, with_empty(fields), jnp.asarray(table))
         along, up = background.force(jnp.asarray(x[index]), jnp.asarray(H))
         # the sum is the force of the pressure, -grad R; the body force is the same again

@@ -10,27 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph.boundaries import (
+from jaxsph.core.kernels import Gaussian
+from jaxsph.core.pairs import Smoothing, with_empty
+from jaxsph.core.search.cells import grid_over, search
+from jaxsph.errors import CaseError
+from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
+from jaxsph.solids.divisions import (
     PLAIN,
     SETS,
-    Box,
     DiagonalDivision,
     FivePartDivision,
-    FreeSlip,
-    Ghosts,
     HorizontalDivision,
     MultiNodeGhosts,
-    NoSlip,
-    Platform,
     RegionalGhosts,
-    WallPlate,
-    lattice,
-    wall_normals,
 )
-from jaxsph.errors import CaseError
-from jaxsph.kernels import Gaussian
-from jaxsph.neighbours import grid_over, search
-from jaxsph.pairs import Smoothing, with_empty
+from jaxsph.solids.placement import lattice
+from jaxsph.solids.walls import Ghosts, wall_normals
 
 DX = 0.05
 LENGTH, DEPTH, HEIGHT = 1.0, 0.6, 1.0

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph.case import Case, Geometry
+from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 
 OWC = js.load_case("owc")

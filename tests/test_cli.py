@@ -7,9 +7,10 @@ import pytest
 from typer.testing import CliRunner
 
 import jaxsph as js
-from jaxsph import __main__ as command
+from jaxsph.cli import _setting, app
 from jaxsph.errors import CaseError, FileError, SimulationError
-from jaxsph.io import RunFile, Variable
+from jaxsph.output.hdf5 import Variable
+from jaxsph.output.run_file import RunFile
 
 
 class _Case:
@@ -66,7 +67,7 @@ def calls(monkeypatch, tmp_path):
 
 
 def _jaxsph(*arguments):
-    return CliRunner().invoke(command.app, [str(a) for a in arguments])
+    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def test_run_records_prints_and_plots(calls, tmp_path):
@@ -112,7 +113,7 @@ def test_run_passes_its_options_on(calls, tmp_path):
     ],
 )
 def test_settings_are_toml_or_text(text, expected):
-    assert command._setting(text) == expected
+    assert _setting(text) == expected
 
 
 @pytest.mark.parametrize("text", ["dx", "=3", ""])

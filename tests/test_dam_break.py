@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 import jaxsph as js
 from experiments import dam_break
-from jaxsph.case import Geometry
+from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 
 DAM = js.load_case("dam_break")

@@ -6,10 +6,14 @@ import pytest
 import xarray as xr
 
 import jaxsph as js
-from jaxsph import design, driver
-from jaxsph.case import build
+from jaxsph.case.build import build
 from jaxsph.errors import CaseError, FileError
-from jaxsph.io import RunFile, Variable
+from jaxsph.output.hdf5 import Variable
+from jaxsph.output.run_file import RunFile
+from jaxsph.run import together
+from jaxsph.run.together import run_together
+from jaxsph.study import sweep as sweeping
+from jaxsph.study.sweep import _member
 
 CASE = js.load_case("hydrostatic").replace({"dx": 0.25, "t1": 0.1, "probes": {"gauges": [0.5]}})
 
@@ -28,7 +32,7 @@ def quick(monkeypatch):
         variables = {"eta": Variable("m", "elevation", "gauge"), "kinetic": Variable("J m-1", "energy")}
         return {"results": results, "series": series, "failure": failure}, variables
 
-    monkeypatch.setattr(design, "_member", member)
+    monkeypatch.setattr(sweeping, "_member", member)
     return ran, failing
 
 
@@ -50,7 +54,7 @@ def test_a_batch_is_the_single_runs_and_one_that_fails_does_not_spoil_it(tmp_pat
             state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u + 100.0)
         return model, state
 
-    monkeypatch.setattr(driver, "build", thrown)
+    monkeypatch.setattr(together, "build", thrown)
     over = {"scheme.delta": [0.1, 0.05, 0.2]}
     done = js.sweep(CASE, over, tmp_path / "s.h5", batch=4, progress=False)
     assert list(done.failures) == [(2,)] and "stopped at t = " in done.failures[2,]
@@ -66,13 +70,13 @@ def test_a_batch_goes_on_where_its_members_were(tmp_path):
     """One was a chunk ahead when the sweep was stopped, and waits for the other; a third had ended."""
     cases = [CASE.replace({"scheme.delta": a, "output.snapshot_dt": 0.05}) for a in (0.1, 0.05)]
     outs = [tmp_path / f"{k}.h5" for k in range(2)]
-    whole = driver.run_together(cases, [tmp_path / f"whole_{k}.h5" for k in range(2)], progress=False)
+    whole = run_together(cases, [tmp_path / f"whole_{k}.h5" for k in range(2)], progress=False)
     js.run(cases[0], t1=0.05, out=outs[0], progress=False)
-    again = driver.run_together(cases, outs, progress=False)
+    again = run_together(cases, outs, progress=False)
     for one, other in zip(whole, again, strict=True):
         for name, series in one.series.items():
             assert np.allclose(other[name], series, rtol=2e-5, atol=1e-4), name
-    ended = driver.run_together(cases, outs, progress=False)
+    ended = run_together(cases, outs, progress=False)
     assert np.array_equal(ended[1]["kinetic"], again[1]["kinetic"])
 
 
@@ -159,6 +163,6 @@ def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_p
     run.append(series, kinetic, {"kinetic"}, None, {"x": np.zeros(2)}, {})
     run.finish({"t_end": 0.1})
     # neither cores nor processes: it would fail at the first use of either
-    found, variables = design._member(CASE, stem, None, None)
+    found, variables = _member(CASE, stem, None, None)
     assert found["failure"] == "" and found["results"] == {"t_end": 0.1}
     assert variables["kinetic"] == kinetic["kinetic"] and list(found["series"]["kinetic"]) == [1.0] * 3

@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph._typing import columns
-from jaxsph.devices import Chamber, PhasedPTO, PneumaticPTO, PrescribedPressure
-from jaxsph.pairs import with_empty
+from jaxsph.core.arrays import columns
+from jaxsph.core.pairs import with_empty
+from jaxsph.parts.chamber import Chamber
+from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
 
 FLOWS = st.floats(-2.0, 2.0)
 DAMPINGS = st.floats(0.0, 1.0e6)

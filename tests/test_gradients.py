@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph import design
-from jaxsph.gradients import SMOOTH, _seed, grain, parabola
-from jaxsph.io import Variable
+from jaxsph.output.hdf5 import Variable
+from jaxsph.study import sweep as sweeping
+from jaxsph.study.base import SMOOTH
+from jaxsph.study.ensemble import parabola
+from jaxsph.study.tangents import _seed, grain
 
 # Waves of one period's quarter ramp in a short tank: the chamber breathes within 0.2 s.
 SHORT = {
@@ -88,7 +90,7 @@ def members(monkeypatch):
         series = {"time": np.arange(3) * 0.01}
         return {"results": results, "series": series, "failure": "too fast" if not results else ""}, {}
 
-    monkeypatch.setattr(design, "_member", member)
+    monkeypatch.setattr(sweeping, "_member", member)
     return scatter, failing
 
 
@@ -109,7 +111,7 @@ def test_energy_of_an_ensemble_is_that_from_the_start(monkeypatch):
             "power_pto": Variable("W m-1", "power")
         }
 
-    monkeypatch.setattr(design, "_member", member)
+    monkeypatch.setattr(sweeping, "_member", member)
     case = OWC.replace({"pto.K_dm": 500.0})
     found = js.derivative(case, "pto.K_dm", "energy_pto", js.Ensemble(), progress=False)
     assert found.value == pytest.approx(0.5) and found.slope == pytest.approx(1e-3)
@@ -155,7 +157,7 @@ def theory(monkeypatch):
         series = {"time": np.arange(3) * 0.01}
         return {"results": {"xi": js.linear_owc(case).xi + noise}, "series": series, "failure": ""}, {}
 
-    monkeypatch.setattr(design, "_member", member)
+    monkeypatch.setattr(sweeping, "_member", member)
     return ran
 
 

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from jaxsph import io
 from jaxsph.errors import FileError, JaxsphError, SimulationError
-from jaxsph.io import RunFile, Variable, export_vtkhdf
+from jaxsph.output import run_file
+from jaxsph.output.hdf5 import SCHEMA, Variable
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.vtk import export_vtkhdf
 
 CASE = 'name = "sample"\ndx = 0.1\n'
 GAUGES = {"gauge_x": ("gauge", np.array([1.0, 2.5]), "m", "distance from the paddle")}
@@ -174,7 +176,7 @@ def test_crash_while_writing_leaves_the_old_file(run, monkeypatch, name):
 
 def test_crash_in_the_middle_of_a_write_leaves_the_old_file(run, monkeypatch):
     before = run.path.read_bytes()
-    monkeypatch.setattr(io, "_replace_arrays", _crash)
+    monkeypatch.setattr(run_file, "_replace_arrays", _crash)
     with pytest.raises(KeyboardInterrupt):
         _append(run, 3)
     assert run.path.read_bytes() == before
@@ -257,7 +259,7 @@ def test_foreign_files(tmp_path):
 
 def test_file_of_a_newer_version(run):
     with h5py.File(run.path, "r+") as file:
-        file.attrs["schema"] = io.SCHEMA + 1
+        file.attrs["schema"] = SCHEMA + 1
     with pytest.raises(FileError, match="newer jaxsph"):
         RunFile.open(run.path)
 

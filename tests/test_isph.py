@@ -10,8 +10,13 @@ import pytest
 from conftest import enable_x64
 
 import jaxsph as js
-from jaxsph import analysis, isph, probes, schemes
-from jaxsph.case import make_probes
+from jaxsph import analysis
+from jaxsph.case.report import make_probes
+from jaxsph.model import laws
+from jaxsph.probes.devices import BodyProbe
+from jaxsph.schemes.base import touching
+from jaxsph.schemes.incompressible import RELAXATION
+from jaxsph.schemes.poisson import BiCGStab, Explicit
 
 TANK = {
     "dx": 0.05,
@@ -77,7 +82,7 @@ def test_a_box_floats_in_weakly_compressible_water_too(advanced):
     case = {k: v for k, v in FLOATING.items() if k != "isph"}
     model, state = js.build(js.Case.from_dict(case))
     sample = 0.02
-    found = js.march(model, state, 0.2, sample, (probes.BodyProbe(jnp.float32(sample)),))
+    found = js.march(model, state, 0.2, sample, (BodyProbe(jnp.float32(sample)),))
     mean = found["body_force_mean"][1:, 1].mean()
     np.testing.assert_allclose(mean, 500.0 * 0.3 * 0.3 * 9.81, rtol=0.03)
     assert np.abs(found["heave"]).max() < 0.02 * 0.15
@@ -99,7 +104,7 @@ def test_water_that_touches_a_body_pushes_it(advanced):
     kick = jnp.ones_like(state.particles.u)
     near = np.asarray(model.body.distance(state.particles.x, state.body)) < 0.4 * 0.025
     p = eqx.tree_at(lambda s: s.particles.x, state, state.particles.x.at[0].set(jnp.array([0.5, 0.345])))
-    force = schemes.touching(model, p, kick, model.dt)
+    force = touching(model, p, kick, model.dt)
     expected = -(float(p.particles.m[0]) + float(np.sum(np.asarray(state.particles.m)[near]))) / model.dt
     np.testing.assert_allclose(force[:2], expected, rtol=1e-5)
 
@@ -144,9 +149,9 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     u = state.particles.u
     sources = scheme._sources(state.particles, alone, u, jnp.zeros_like(ghosts.x))
     sources |= {"p": jnp.concatenate([state.particles.p, p_ghosts])}
-    with_body = scheme._sum(isph.laws.pressure_force, sources, tables)
+    with_body = scheme._sum(laws.pressure_force, sources, tables)
     sources["V"] = sources["V"].at[len(u) :].set(0.0)
-    without = scheme._sum(isph.laws.pressure_force, sources, tables)
+    without = scheme._sum(laws.pressure_force, sources, tables)
     V = scheme.volume(state.particles)
     on_water = [float(jnp.sum(V * (a - b))) for a, b in zip(with_body, without, strict=True)]
     size = float(jnp.sum(V * jnp.abs(with_body[1] - without[1])))
@@ -181,7 +186,7 @@ def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
     after = model.step(state, tables)
     deep = np.asarray(state.particles.x[:, 1]) < 0.25
     found = np.asarray(model.scheme.divergence(model, after, tables))[deep].mean()
-    rate = isph.RELAXATION * np.sqrt(9.81 / float(model.scheme.smoothing.h))
+    rate = RELAXATION * np.sqrt(9.81 / float(model.scheme.smoothing.h))
     np.testing.assert_allclose(found, 0.02 * rate, rtol=0.15)
 
 
@@ -194,9 +199,9 @@ def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
         scheme = dataclasses.replace(model.scheme, solver=solver)
         return np.asarray(scheme.step(model, state, tables).particles.p)
 
-    exact = pressure(isph.BiCGStab(1e-5))
-    far = np.abs(pressure(isph.Explicit(1)) - exact).max()
-    near = np.abs(pressure(isph.Explicit(400)) - exact).max()
+    exact = pressure(BiCGStab(1e-5))
+    far = np.abs(pressure(Explicit(1)) - exact).max()
+    near = np.abs(pressure(Explicit(400)) - exact).max()
     assert near < 0.1 * far
     assert near < 0.01 * exact.max()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import enable_x64
 
-from jaxsph.kernels import Gaussian, WendlandC2, support
+from jaxsph.core.kernels import Gaussian, WendlandC2, support
 
 H = 0.03
 # What the cut at 3h takes from the Gaussian: erfc-type tails of exp(-q^2).

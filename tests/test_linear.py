@@ -10,8 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph import linear, waves
-from jaxsph.linear import ChamberGeometry, linear_owc, linear_response, radiation_and_scattering
+from jaxsph.case.linear import linear_owc
+from jaxsph.waves import theory
+from jaxsph.waves.linear_owc import (
+    _FUNCTIONS,
+    ChamberGeometry,
+    _solve,
+    linear_response,
+    radiation_and_scattering,
+)
 
 G = 9.81
 OWC = js.load_case("owc")
@@ -124,7 +131,7 @@ def test_identities(numbers):
 @given(geometries)
 def test_converged(numbers):
     w = _solved(*_draw(numbers))
-    finer = linear._solve(w.geometry, w.omega, w.g, linear._FUNCTIONS + 8)
+    finer = _solve(w.geometry, w.omega, w.g, _FUNCTIONS + 8)
     # The thinnest walls (a hundredth of the depth) are worst: 6e-6 was the most of 175 draws. q_S may be
     # near zero, where the waves do not reach under the wall: then against a thousandth of long waves' flow.
     assert abs(w.q_R - finer.q_R) < 2e-5 * abs(finer.q_R)
@@ -237,8 +244,8 @@ def test_built_in_case():
     assert found.omega == pytest.approx(2 * np.pi / 1.2) and found.T == pytest.approx(1.2)
     assert found.water.geometry == ChamberGeometry(0.42, 0.13, 0.16, 0.02)
     # float32 arithmetic of the other side
-    assert found.P_inc == pytest.approx(float(waves.incident_power(0.04, 1.2, 0.42)), rel=1e-5)
-    assert found.water.k == pytest.approx(float(waves.wavenumber(found.omega, 0.42)), rel=1e-6)
+    assert found.P_inc == pytest.approx(float(theory.incident_power(0.04, 1.2, 0.42)), rel=1e-5)
+    assert found.water.k == pytest.approx(float(theory.wavenumber(found.omega, 0.42)), rel=1e-6)
     # What it is at the time of writing; no other source.
     assert (found.xi, found.eta_max) == pytest.approx((0.7790, 0.7942), abs=1e-4)
     assert found.water is linear_owc(OWC.replace({"pto.K_dm": 300.0})).water  # solved once

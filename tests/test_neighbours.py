@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsph.neighbours import Grid, cell_order, grid_over, needed_capacity, search, wrapped
+from jaxsph.core.search.cells import Grid, cell_order, grid_over, needed_capacity, search, wrapped
 
 N, M, RADIUS = 60, 90, 0.45
 search_ = jax.jit(search, static_argnames=("grid", "capacity", "same"))

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from conftest import enable_x64
 
-from jaxsph import laws
-from jaxsph._typing import columns
-from jaxsph.kernels import Gaussian, WendlandC2
-from jaxsph.pairs import (
+from jaxsph.core.arrays import columns
+from jaxsph.core.kernels import Gaussian, WendlandC2
+from jaxsph.core.pairs import (
     Smoothing,
     neighbour_count,
     pair_sum,
@@ -20,9 +19,11 @@ from jaxsph.pairs import (
     trace_upper,
     with_empty,
 )
-from jaxsph.schemes import ArtificialViscosity, PhysicalViscosity
-from jaxsph.state import Particles
-from jaxsph.wcsph import DeltaSPH, SymplecticEuler
+from jaxsph.model import laws
+from jaxsph.model.state import Particles
+from jaxsph.model.viscosity import ArtificialViscosity, PhysicalViscosity
+from jaxsph.schemes.integrators import SymplecticEuler
+from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 DX = 0.1
 RHO0 = 1000.0

@@ -6,10 +6,16 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 
-from jaxsph import plot
 from jaxsph.errors import FileError
-from jaxsph.io import RunFile, SweepFile, Variable
-from jaxsph.linear import ChamberGeometry, linear_response, radiation_and_scattering
+from jaxsph.output.hdf5 import Variable
+from jaxsph.output.plot.particles import _Tank, animate, particles
+from jaxsph.output.plot.pictures import plot_run
+from jaxsph.output.plot.series import _energy_terms, chamber, energy, gauges
+from jaxsph.output.plot.style import ORANGE
+from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.waves.linear_owc import ChamberGeometry, linear_response, radiation_and_scattering
 
 CASE = """
 name = "little owc"
@@ -90,7 +96,7 @@ def _pixels(figure):
 def test_every_picture_is_written_and_none_is_blank(tmp_path):
     image = pytest.importorskip("PIL.Image")
     run = _make(tmp_path / "run.h5")
-    written = plot.plot_run(run.path)
+    written = plot_run(run.path)
     assert {p.parent for p in written} == {tmp_path / "run_plots"}
     assert sorted(p.name for p in written if p.suffix == ".png") == STILLS
     for path in written:
@@ -108,23 +114,23 @@ def test_every_picture_is_written_and_none_is_blank(tmp_path):
 
 def test_pictures_without_data_are_left_out(tmp_path):
     bare = RunFile.create(tmp_path / "bare.h5", "", {}, {})
-    assert plot.plot_run(bare) == [] and not (tmp_path / "bare_plots").exists()
+    assert plot_run(bare) == [] and not (tmp_path / "bare_plots").exists()
     some = _make(tmp_path / "some.h5", snapshots=0, drop=(*SCALARS, "pressure"))
-    assert [p.name for p in plot.plot_run(some, folder=tmp_path / "here")] == ["gauges.png"]
+    assert [p.name for p in plot_run(some, folder=tmp_path / "here")] == ["gauges.png"]
     one = _make(tmp_path / "one.h5", snapshots=1)
-    assert plot.animate(one, tmp_path / "a") == []
+    assert animate(one, tmp_path / "a") == []
 
 
 def test_foreign_file(tmp_path):
     with pytest.raises(FileError):
-        plot.plot_run(tmp_path / "none.h5")
+        plot_run(tmp_path / "none.h5")
 
 
 @pytest.mark.parametrize("case", [CASE, "dx = 0.05", "", "[tank]\nlength = 3.0"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_particles_are_drawn_to_scale_whatever_the_case_says(tmp_path, case, dim):
     run = _make(tmp_path / "run.h5", case, snapshots=1, dim=dim)
-    figure = plot.particles(run)
+    figure = particles(run)
     pixels = _pixels(figure)
     collections = [c for ax in figure.axes for c in ax.collections]
     dots = [c for c in collections if isinstance(c, PathCollection)]  # the colour bar has others
@@ -142,15 +148,15 @@ def test_particles_are_drawn_to_scale_whatever_the_case_says(tmp_path, case, dim
 
 def test_long_tank_has_strips_and_the_device_enlarged(tmp_path):
     run = _make(tmp_path / "run.h5", snapshots=1)
-    titles = [ax.get_title(loc="left") for ax in plot.particles(run).axes]
+    titles = [ax.get_title(loc="left") for ax in particles(run).axes]
     assert "the OWC, enlarged" in titles
     long = _make(tmp_path / "long.h5", CASE.replace("3.0", "12.0"), snapshots=1)
-    assert len(plot.particles(long).axes) > len(titles)
+    assert len(particles(long).axes) > len(titles)
 
 
 def test_plate_is_where_the_case_is_built(tmp_path):
     text = CASE.replace("0.2\n", "0.19\n")
-    tank = plot._Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
+    tank = _Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
     # the faces are where the case puts them; the draught is whole spacings
     assert tank.plate == pytest.approx((2.76, 2.81, 0.2))
     assert tank.platform is None
@@ -159,8 +165,8 @@ def test_plate_is_where_the_case_is_built(tmp_path):
 def test_platform_is_drawn_where_the_case_is_built(tmp_path):
     text = CASE.replace("[device]\n", "[device]\nplatform_length = 0.52\nplatform_height = 0.12\n")
     run = _make(tmp_path / "run.h5", text, snapshots=1)
-    assert plot._Tank.of(run).platform == pytest.approx((2.5, 0.1))
-    boxes = [patch.get_bbox() for patch in plot.particles(run).axes[0].patches]
+    assert _Tank.of(run).platform == pytest.approx((2.5, 0.1))
+    boxes = [patch.get_bbox() for patch in particles(run).axes[0].patches]
     assert any(box.x0 == pytest.approx(2.5) and box.y1 == pytest.approx(0.1) for box in boxes)
 
 
@@ -171,7 +177,7 @@ def test_overlay_is_drawn_at_each_gauge(tmp_path):
         seen.append(x)
         return 0.0 * t
 
-    figure = plot.gauges(_make(tmp_path / "run.h5"), theory)
+    figure = gauges(_make(tmp_path / "run.h5"), theory)
     assert seen == [1.0, 2.0]
     assert [len(ax.lines) for ax in figure.axes] == [2, 2]
 
@@ -183,7 +189,7 @@ def test_linear_theory_is_drawn_over_the_settled_part(tmp_path, finished, period
     T = 0.1
     water = radiation_and_scattering(ChamberGeometry(0.3, 0.2, 0.1, 0.05), 2 * np.pi / T)
     linear = linear_response(water, 0.02, 500.0)
-    bare, figure = plot.chamber(run), plot.chamber(run, linear)
+    bare, figure = chamber(run), chamber(run, linear)
     drawn = [[line for line in ax.lines if line.get_linestyle() == "--"] for ax in (*bare.axes, *figure.axes)]
     expected = [abs(linear.level), abs(linear.q), linear.P_a_peak, linear.P_owc]
     assert [len(lines) for lines in drawn] == [0, 0, 0, 0, 2, 2, 2, 1]
@@ -195,13 +201,13 @@ def test_linear_theory_is_drawn_over_the_settled_part(tmp_path, finished, period
 
 def test_energy_areas_end_at_the_budget(tmp_path):
     run = _make(tmp_path / "run.h5")
-    terms = plot._energy_terms(run.series())
+    terms = _energy_terms(run.series())
     from jaxsph import analysis
 
     budget = analysis.energy_budget(run.series())
     total = sum(values[-1] for _, values, _ in terms)
     assert total == pytest.approx(budget["paddle"] - budget["residual"], rel=1e-12)
-    assert "%" in plot.energy(run).axes[0].get_title(loc="left")
+    assert "%" in energy(run).axes[0].get_title(loc="left")
 
 
 def test_energy_where_the_device_does_work_on_the_water(tmp_path, monkeypatch):
@@ -210,7 +216,7 @@ def test_energy_where_the_device_does_work_on_the_water(tmp_path, monkeypatch):
     series["power_pto"] = -series["power_pto"]
     series["power_paddle"] *= 0.0
     monkeypatch.setattr(RunFile, "series", lambda self: series)
-    ax = plot.energy(run).axes[0]
+    ax = energy(run).axes[0]
     assert len(ax.lines) > 3 and "largest kinetic energy" in ax.get_title(loc="left")
 
 
@@ -241,20 +247,20 @@ K, H = np.array([200.0, 400.0, 600.0]), np.array([0.02, 0.04])
 )
 def test_sweeps_have_a_picture(tmp_path, axes, shape, results):
     file = _swept(tmp_path / "s.h5", axes, shape, **results)
-    (picture,) = plot.plot_sweep(file)
+    (picture,) = plot_sweep(file)
     assert picture == tmp_path / "s_plots" / "xi.png" and matplotlib.image.imread(picture).std() > 0.02
-    assert plot.plot_sweep(file, of="nothing") == []
+    assert plot_sweep(file, of="nothing") == []
 
 
 def test_slopes_are_drawn_as_they_are():
     """A tangent's short line has the slope that the search found."""
     found = {"xi": np.array([0.3, 0.5, 0.4]), "slope pto.K_dm": np.array([1e-3, 1e-4, -1e-3])}
-    (axis,) = plot._over_one({"pto.K_dm": K}, found, "xi").axes
-    lines = [line.get_xydata() for line in axis.lines if line.get_color() == plot.ORANGE]
+    (axis,) = _over_one({"pto.K_dm": K}, found, "xi").axes
+    lines = [line.get_xydata() for line in axis.lines if line.get_color() == ORANGE]
     assert [(b[1] - a[1]) / (b[0] - a[0]) for a, b in lines] == pytest.approx(found["slope pto.K_dm"])
 
 
 def test_the_grid_s_picture_names_the_largest():
-    (axis, _) = plot._over_grid({"pto.K_dm": K, "waves.H": H}, np.arange(6.0).reshape(3, 2), "xi").axes
+    (axis, _) = _over_grid({"pto.K_dm": K, "waves.H": H}, np.arange(6.0).reshape(3, 2), "xi").axes
     star = axis.lines[-1].get_xydata()
     assert star == pytest.approx(np.array([[600.0, 0.04]])) and "largest, 5" in axis.get_title(loc="left")

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsph.bodies import RigidBody, RotationalPTO
-from jaxsph.plot import _posed
-from jaxsph.shapes import Block, Disc, Polygon
-from jaxsph.state import BodyState
+from jaxsph.model.state import BodyState
+from jaxsph.output.plot.particles import _posed
+from jaxsph.parts.body import RigidBody, RotationalPTO
+from jaxsph.solids.shapes import Block, Disc, Polygon
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
 BLOCK = Block((0.1, 0.2), (0.5, 0.4))

@@ -18,8 +18,8 @@ from conftest import advance, coarse, enable_x64, with_velocity
 
 import jaxsph as js
 from jaxsph.errors import CaseError, FileError, SimulationError
-from jaxsph.io import RunFile
-from jaxsph.state import Failure
+from jaxsph.model.state import Failure
+from jaxsph.output.run_file import RunFile
 
 driver = importlib.import_module("jaxsph.driver")
 

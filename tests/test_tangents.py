@@ -11,8 +11,8 @@ import pytest
 from conftest import coarse, enable_x64
 
 import jaxsph as js
-from jaxsph._typing import columns, stacked
-from jaxsph.tangents import TangentFilter, average_of
+from jaxsph.core.arrays import columns, stacked
+from jaxsph.model.tangents import TangentFilter, average_of
 
 CHANGES = {
     "tank.length": 1.2,

@@ -7,7 +7,7 @@ from conftest import enable_x64
 import jaxsph as js
 from experiments import dam_break, divisions, hydrostatic, standing_wave, vessel
 from jaxsph import analysis
-from jaxsph.io import RunFile
+from jaxsph.output.run_file import RunFile
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsph import waves
+from jaxsph.parts.sponge import Sponge
+from jaxsph.waves import theory
+from jaxsph.waves.absorption import ActiveAbsorption, near_field_ratio
+from jaxsph.waves.regular import RegularWaves, SecondOrderPiston, second_order_piston
 
 DATA = Path(__file__).parent / "data"
 G = 9.81
@@ -30,17 +33,17 @@ OMEGA = 2.0 * np.pi / T
 # The tables have six digits (relative error up to 5e-6); float32 adds a few ulp of 1e-7.
 TABLE_RTOL = 6e-6
 
-wavenumber = jax.jit(waves.wavenumber)
-wavenumber_slopes = jax.jit(jax.grad(waves.wavenumber, argnums=(0, 1)))
-elevation = jax.jit(waves.stokes2_elevation)
-velocity = jax.jit(waves.stokes2_velocity)
+wavenumber = jax.jit(theory.wavenumber)
+wavenumber_slopes = jax.jit(jax.grad(theory.wavenumber, argnums=(0, 1)))
+elevation = jax.jit(theory.stokes2_elevation)
+velocity = jax.jit(theory.stokes2_velocity)
 
-REGULAR = waves.RegularWaves(H=0.1, T=1.2, d=0.5, ramp=2.4)
-SECOND = waves.RegularWaves(0.1, 1.2, 0.5, ramp=2.4, correction=waves.SecondOrderPiston())
+REGULAR = RegularWaves(H=0.1, T=1.2, d=0.5, ramp=2.4)
+SECOND = RegularWaves(0.1, 1.2, 0.5, ramp=2.4, correction=SecondOrderPiston())
 paddle = jax.jit(lambda w, t: (w.paddle_displacement(t), w.paddle_velocity(t), w.paddle_elevation(t)))
 paddle_speed = jax.jit(lambda a, w, X, t, eta: a.velocity(w, X, t, eta))
 sponge_factor = jax.jit(lambda sponge, x, dt: sponge.factor(x, dt))
-dk_domega = jax.jit(jax.grad(waves.wavenumber))
+dk_domega = jax.jit(jax.grad(theory.wavenumber))
 
 
 def _dispersion64(omega, d, g=G):
@@ -58,13 +61,13 @@ def _dispersion64(omega, d, g=G):
 @pytest.mark.parametrize(
     ("computed", "column"),
     [
-        (lambda: waves.wavenumber(OMEGA, D), "k_1_per_m"),
-        (lambda: waves.wavelength(T, D), "lambda_m"),
-        (lambda: waves.group_velocity(OMEGA, D), "cg_m_per_s"),
-        (lambda: waves.biesel(K, D), "Biesel_H_over_S0"),
-        (lambda: waves.incident_power(H, T, D), "P_inc_W_per_m_rho1000"),
-        (lambda: waves.stokes2_elevation(0.0, 0.0, H, T, D), "crest_m"),
-        (lambda: waves.stokes2_elevation(0.0, T / 2, H, T, D), "trough_m"),
+        (lambda: theory.wavenumber(OMEGA, D), "k_1_per_m"),
+        (lambda: theory.wavelength(T, D), "lambda_m"),
+        (lambda: theory.group_velocity(OMEGA, D), "cg_m_per_s"),
+        (lambda: theory.biesel(K, D), "Biesel_H_over_S0"),
+        (lambda: theory.incident_power(H, T, D), "P_inc_W_per_m_rho1000"),
+        (lambda: theory.stokes2_elevation(0.0, 0.0, H, T, D), "crest_m"),
+        (lambda: theory.stokes2_elevation(0.0, T / 2, H, T, D), "trough_m"),
     ],
 )
 def test_table(computed, column):
@@ -74,7 +77,7 @@ def test_table(computed, column):
 def test_table_second_order_piston():
     # The bracket is a difference of near terms, the first in (kd)^-3: an error of the
     # table's digits and of 10 roundings, relative to the larger terms.
-    e2 = waves.second_order_piston(H, waves.wavenumber(OMEGA, D), D)
+    e2 = second_order_piston(H, theory.wavenumber(OMEGA, D), D)
     expected = TABLE["madsen_e2_amp_m_unverified"]
     term = H**2 / (16.0 * D * TABLE["Biesel_H_over_S0"])
     assert np.all(np.abs(e2 - expected) < TABLE_RTOL * np.abs(expected) + 10 * EPS * term)
@@ -113,15 +116,15 @@ def test_wavenumber_second_derivative():
 
 
 def test_group_velocity_is_slope_of_dispersion():
-    speed = waves.group_velocity(5.0, 0.5)
+    speed = theory.group_velocity(5.0, 0.5)
     slope = dk_domega(5.0, 0.5)
     assert float(speed * slope) == pytest.approx(1.0, rel=10 * EPS)  # two divisions, tanh
 
 
 def test_deep_water_does_not_overflow():
     # sinh(kd) overflows float32 at kd = 89: here kd is 400.
-    grad = jax.grad(lambda k: waves.biesel(k, 1.0))(400.0)
-    assert float(waves.biesel(400.0, 1.0)) == pytest.approx(2.0, rel=2 * EPS)
+    grad = jax.grad(lambda k: theory.biesel(k, 1.0))(400.0)
+    assert float(theory.biesel(400.0, 1.0)) == pytest.approx(2.0, rel=2 * EPS)
     assert np.isfinite(grad)
     assert np.all(np.isfinite(velocity(0.0, 400.0, 0.0, 0.01, 1.0, 400.0)))
 
@@ -156,8 +159,8 @@ def test_stokes2_velocity_laws():
         """Largest of eta_t + u eta_x - w at the surface over a period."""
 
         def one(t):
-            eta = partial(waves.stokes2_elevation, H=H, T=1.2, d=0.5)
-            u, w = waves.stokes2_velocity(x, 0.5 + eta(x, t), t, H, 1.2, 0.5)
+            eta = partial(theory.stokes2_elevation, H=H, T=1.2, d=0.5)
+            u, w = theory.stokes2_velocity(x, 0.5 + eta(x, t), t, H, 1.2, 0.5)
             return jax.grad(eta, 1)(x, t) + u * jax.grad(eta, 0)(x, t) - w
 
         return jnp.max(jnp.abs(jax.vmap(one)(jnp.linspace(0.0, 1.2, 48))))
@@ -184,7 +187,7 @@ def test_second_order_piston_conserves_mass():
     eta2 = height**2 * k / 16 * np.cosh(kd) * (2 + np.cosh(2 * kd)) / np.sinh(kd) ** 3
     balance = eta2 / (2 * kd) - height**2 / (8 * 0.5 * Phi)
     second_term = height**2 / (16 * 0.5 * Phi)
-    gap = np.abs(waves.second_order_piston(height, k, 0.5) - balance) / second_term
+    gap = np.abs(second_order_piston(height, k, 0.5) - balance) / second_term
     assert np.all(gap < 1.0 * kd**2)  # the next order of the expansion; its factor is 2/3
     # Without the second term, or with twice it, the gap would be 1 at every kd.
     assert gap[-1] < 0.02
@@ -211,7 +214,7 @@ def test_paddle_is_elementwise_and_differentiable():
     gradient = jax.jit(jax.grad(lambda w: w.paddle_displacement(1.7)))(SECOND)
     step = 1e-2  # central difference: rounding EPS / step = 1e-5, truncation of order 1e-3
     plus, minus = (
-        waves.RegularWaves(0.1, 1.2 + s * step, 0.5, ramp=2.4, correction=SECOND.correction) for s in (1, -1)
+        RegularWaves(0.1, 1.2 + s * step, 0.5, ramp=2.4, correction=SECOND.correction) for s in (1, -1)
     )
     slope = (paddle(plus, 1.7)[0] - paddle(minus, 1.7)[0]) / (2 * step)
     assert float(gradient.T) == pytest.approx(float(slope), rel=5e-3)
@@ -219,7 +222,7 @@ def test_paddle_is_elementwise_and_differentiable():
 
 
 def test_no_ramp_starts_at_once_with_finite_gradient():
-    w = waves.RegularWaves(0.1, 1.2, 0.5)
+    w = RegularWaves(0.1, 1.2, 0.5)
     assert float(w.paddle_elevation(0.0)) == pytest.approx(0.05)
     gradient = jax.jit(jax.grad(lambda w: w.paddle_velocity(0.0)))(w)
     assert np.all(np.isfinite(jax.tree.leaves(gradient)))
@@ -228,14 +231,14 @@ def test_no_ramp_starts_at_once_with_finite_gradient():
 def test_correction_is_madsens():
     t = jnp.linspace(3.0, 6.0, 50)
     difference = paddle(SECOND, t)[0] - paddle(REGULAR, t)[0]
-    e2 = waves.second_order_piston(0.1, SECOND.k, 0.5)
+    e2 = second_order_piston(0.1, SECOND.k, 0.5)
     # A difference of displacements of 0.035 m: their rounding, EPS times 0.035 m.
     np.testing.assert_allclose(difference, e2 * jnp.sin(2 * SECOND.omega * t), atol=2e-8)
 
 
 def test_elevation_is_phase_locked():
     t = jnp.linspace(3.0, 6.0, 50)
-    linear = waves.RegularWaves(1e-4, 1.2, 0.5)  # second order below 1e-4 of the first
+    linear = RegularWaves(1e-4, 1.2, 0.5)  # second order below 1e-4 of the first
     np.testing.assert_allclose(linear.elevation(0.0, t), linear.paddle_elevation(t), atol=2e-4 * 0.5e-4)
 
 
@@ -271,8 +274,8 @@ def test_near_field_and_biesel_solve_the_piston_problem():
     omega, d, x = 2 * np.pi / 1.2, 0.5, 0.06
     progressive, near = _piston_modes(x, omega, d)
     # The fit on 2000 points stands for the integrals with an error of order 1e-5.
-    assert progressive == pytest.approx(1j * float(waves.biesel(REGULAR.k, d)), rel=1e-4)
-    assert near == pytest.approx(waves.near_field_ratio(x, omega, d), rel=1e-3)
+    assert progressive == pytest.approx(1j * float(theory.biesel(REGULAR.k, d)), rel=1e-4)
+    assert near == pytest.approx(near_field_ratio(x, omega, d), rel=1e-3)
     assert near.real > 0.0
 
 
@@ -283,7 +286,7 @@ def _reading(w, absorption, t):
 
 
 def test_absorption_leaves_the_target_wave_alone():
-    absorption = waves.ActiveAbsorption.at_gauge(REGULAR, 0.06, drift_rate=0.05)
+    absorption = ActiveAbsorption.at_gauge(REGULAR, 0.06, drift_rate=0.05)
     t = jnp.linspace(3.0, 6.0, 60)
     X, U, _ = paddle(REGULAR, t)
     speed = paddle_speed(absorption, REGULAR, X, t, _reading(REGULAR, absorption, t))
@@ -293,20 +296,20 @@ def test_absorption_leaves_the_target_wave_alone():
 def test_default_absorption_is_equation_23():
     t, measured = jnp.linspace(3.0, 6.0, 60), 0.013
     X, _, eta = paddle(REGULAR, t)
-    speed = paddle_speed(waves.ActiveAbsorption(), REGULAR, X, t, measured)
+    speed = paddle_speed(ActiveAbsorption(), REGULAR, X, t, measured)
     printed = REGULAR.omega / REGULAR.Phi * (2.0 * eta - measured)
     np.testing.assert_allclose(speed, printed, atol=1e-5)  # m/s; rounding of omega t = 30 rad
 
 
 def test_drift_term_returns_the_paddle():
-    absorption = waves.ActiveAbsorption(gain=0.0, drift_rate=0.1)
+    absorption = ActiveAbsorption(gain=0.0, drift_rate=0.1)
     X, U, _ = paddle(REGULAR, 4.0)
     speed = paddle_speed(absorption, REGULAR, X + 0.02, 4.0, 0.0)
     assert float(speed - U) == pytest.approx(-0.1 * 0.02, abs=1e-6)  # rounding of U = 0.2 m/s
 
 
 def test_second_order_target_is_what_the_gauge_reads():
-    absorption = waves.ActiveAbsorption(distance=0.06)
+    absorption = ActiveAbsorption(distance=0.06)
     t = jnp.linspace(3.0, 6.0, 60)
     # The Stokes wave itself is not taken for a reflection; rounding of phases of 60 rad.
     np.testing.assert_allclose(absorption.gauge_elevation(SECOND, t), SECOND.elevation(0.06, t), atol=1e-6)
@@ -314,12 +317,12 @@ def test_second_order_target_is_what_the_gauge_reads():
 
 def test_residual_reflection():
     # A gauge at the paddle without near field absorbs all; without gain it is a wall.
-    assert float(waves.ActiveAbsorption().residual_reflection(REGULAR)) == pytest.approx(0, abs=EPS)
-    assert float(waves.ActiveAbsorption(0.0).residual_reflection(REGULAR)) == pytest.approx(1)
+    assert float(ActiveAbsorption().residual_reflection(REGULAR)) == pytest.approx(0, abs=EPS)
+    assert float(ActiveAbsorption(0.0).residual_reflection(REGULAR)) == pytest.approx(1)
     # Close the loop through `velocity`: an arriving wave cos(omega t + k x), doubled at
     # the paddle, and the answer Re(b exp(i omega t)) of the paddle with its near field.
     # The paddle must then move as it is told; that is linear in b and gives it.
-    absorption = waves.ActiveAbsorption.at_gauge(REGULAR, 0.06)
+    absorption = ActiveAbsorption.at_gauge(REGULAR, 0.06)
     t = np.linspace(3.0, 4.2, 25)
     X, U, _ = paddle(REGULAR, t)
     omega, k, Phi = (float(v) for v in (REGULAR.omega, REGULAR.k, REGULAR.Phi))
@@ -343,7 +346,7 @@ def test_residual_reflection():
 
 
 def test_sponge():
-    sponge = waves.Sponge(6.0, 8.0)
+    sponge = Sponge(6.0, 8.0)
     x = jnp.array([5.0, 6.0, 7.0, 8.0, 8.5])
     # Eq. 28 by hand; a few roundings.
     np.testing.assert_allclose(
@@ -367,7 +370,7 @@ def test_sponge():
     ],
 )
 def test_theory_limits(H, T, d, words):
-    warnings = waves.theory_limits(H, T, d)
+    warnings = theory.theory_limits(H, T, d)
     for word in words:
         assert any(word in warning for warning in warnings)
     assert bool(warnings) == bool(words)

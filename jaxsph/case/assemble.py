@@ -1,0 +1,209 @@
+"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
+
+Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
+spacing dx, and `Case.notices` says what became of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.core.pairs import Smoothing
+from jaxsph.core.search.cells import Grid, grid_over, needed_capacity, search
+from jaxsph.model.interfaces import AbstractBody, AbstractForce, Model
+from jaxsph.model.state import BodyState, Particles, Search, State, Status, Work
+from jaxsph.parts.chamber import Chamber
+from jaxsph.parts.paddle import Wavemaker
+from jaxsph.parts.sponge import Sponge
+from jaxsph.schemes.base import AbstractParticleScheme
+from jaxsph.solids.walls import Ghosts
+
+SKIN = 0.2
+"""Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
+OWC takes as long with 0.3 (`python -m experiments.bench_step`)."""
+
+
+def assemble(
+    x: np.ndarray,
+    u: np.ndarray,
+    *,
+    scheme: AbstractParticleScheme,
+    walls: Ghosts,
+    dx: float,
+    sample_dt: float,
+    p: np.ndarray | None = None,
+    volume: np.ndarray | float | None = None,
+    g: Sequence[float] | None = None,
+    force: AbstractForce | None = None,
+    wavemaker: Wavemaker | None = None,
+    sponge: Sponge | None = None,
+    chamber: Chamber | None = None,
+    body: AbstractBody | None = None,
+    body_state: BodyState | None = None,
+    speed: float | None = None,
+    dt_most: float | None = None,
+    skin: float = SKIN,
+    depth: float | None = None,
+    stroke: float = 0.0,
+    settings: dict[str, int] | None = None,
+) -> tuple[Model, State]:
+    """Model and initial state from arrays: any fluid in any box, where `build` makes the tanks of cases.
+
+    **Arguments**: `x` `[N, D]` (m) and `u` `[N, D]` (m/s); the numbers have the scheme's precision.
+    `p` `[N]`, the gauge pressure (Pa), by default none. `volume` (m3; m2 in 2-D): each particle's, by
+    default dx^D.
+    `walls`: `Ghosts.build` of a `Box`, whose `period` the scheme's smoothing must have.
+    `g` `[D]` (m/s2), by default none; `force`: a field beside it. `body`: a rigid body whose dummies are the
+    walls' `solid`, in the state `body_state`, by default at rest.
+    `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
+    `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
+    that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
+    tables: a wider one costs pairs and saves searches, which pays where particles move far in a step.
+    `depth` (m): for depth-averaged results, by default the box's height. `stroke` (m) of the wavemaker.
+    `settings`: as for `build`.
+    **Raises** ValueError for shapes that do not fit, another period than the walls', a
+    period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
+    """
+    dtype = np.dtype(scheme.smoothing.h.dtype)
+    x, u = np.asarray(x, float), np.asarray(u, float)
+    n, dim = _checked(x, u, p, scheme, walls, dx)
+
+    def leaf(a: Any) -> jax.Array:
+        return jnp.asarray(a, dtype)
+
+    m = float(scheme.rho0) * np.broadcast_to(dx**dim if volume is None else volume, n)
+    g = np.zeros(dim) if g is None else np.asarray(g, float)
+    bounded = dt_most is None
+    if dt_most is None:
+        dt_most = scheme.stable_dt(float(np.linalg.norm(g)), dim)
+    if speed is None:
+        speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(dt_most))
+    skin = skin * dx
+    if bounded:
+        # nor may a step take a particle out of what a table holds
+        dt_most = min(dt_most, 0.4 * skin / speed)
+    # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
+    # an even number of steps, so that there are shorter ones for a table that goes stale.
+    needed = sample_dt / dt_most
+    most = max(2.0, 0.5 * skin / (speed * dt_most))
+    blocks = int(np.ceil(needed / most))
+    block = 2 * int(np.ceil(needed / blocks / 2))
+    particles = Particles(
+        x=leaf(x),
+        x_carry=leaf(x - np.asarray(x, dtype)),
+        u=leaf(u),
+        rho=jnp.zeros(n, dtype),
+        m=leaf(m),
+        id=jnp.arange(n, dtype=jnp.int32),
+    )
+    particles = scheme.started(particles, leaf(np.zeros(n) if p is None else p))
+    state = State(
+        particles=particles,
+        paddle=jnp.zeros(4, dtype),
+        air=jnp.zeros(2, dtype),
+        work=Work.zero(dtype),
+        step=jnp.zeros((), jnp.int32),
+        status=Status.sound(dim, dtype),
+        body=BodyState.at_rest(dtype) if body is not None and body_state is None else body_state,
+    )
+    if (body is None) != (not walls.solid):
+        raise ValueError("a body and walls with its dummies (`solid`) go together: give both or neither")
+    model = Model(
+        scheme=scheme,
+        walls=walls,
+        wavemaker=wavemaker,
+        sponge=sponge,
+        chamber=chamber,
+        g=leaf(g),
+        dx=leaf(dx),
+        dt=leaf(sample_dt / (blocks * block)),
+        t0=leaf(0.0),
+        depth=leaf(walls.high[-1] - walls.low[-1] if depth is None else depth),
+        z0=leaf(x[:, -1]),
+        search=_search(walls, x, scheme.smoothing, skin, stroke, block, chamber, settings),
+        force=force,
+        body=body,
+    )
+    return model, state
+
+
+def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
+    """Number of particles and dimensions; ValueError where what is given does not fit together."""
+    if x.ndim != 2 or x.shape[1] != len(walls.low) or u.shape != x.shape:
+        raise ValueError(f"x and u must be [N, {len(walls.low)}], not {x.shape} and {u.shape}")
+    if p is not None and np.shape(p) != x.shape[:1]:
+        raise ValueError(f"p must be [{len(x)}], not {np.shape(p)}")
+    if scheme.smoothing.period != walls.period:
+        raise ValueError(
+            f"the smoothing's period, {scheme.smoothing.period}, must be that of the box, {walls.period}"
+        )
+    for axis, length in enumerate(walls.period or ()):
+        if length is not None and abs(length / dx - round(length / dx)) > 1e-6 * length / dx:
+            raise ValueError(f"dx = {dx:g} m does not divide the period {length:g} m of axis {axis}")
+    slack = 1e-6 * (np.asarray(walls.high) - np.asarray(walls.low))
+    if (x < walls.low - slack).any() or (x > walls.high + slack).any():
+        raise ValueError(f"particles are outside the box from {walls.low} to {walls.high} m")
+    return x.shape
+
+
+def _search(
+    walls: Ghosts,
+    x: np.ndarray,
+    smoothing: Smoothing,
+    skin: float,
+    stroke: float,
+    block: int,
+    chamber: Chamber | None,
+    settings: dict[str, int] | None,
+) -> Search:
+    radius = float(smoothing.radius) + skin
+    everything = np.concatenate([np.asarray(walls.x), x])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    low[0] -= stroke
+    high[0] += stroke
+    for axis, side in enumerate(walls.sides):
+        # what no wall holds may go anywhere in the box; cells along a period begin at its low end
+        if side in ("open", "periodic"):
+            low[axis], high[axis] = walls.low[axis], walls.high[axis]
+    grid = grid_over(low, high, radius, walls.period)
+    found = dict(settings or {})
+    if "capacity" not in found:
+        fluid, nodes = _fullest(walls, jnp.asarray(x, walls.x.dtype), grid)
+        found["capacity"] = needed_capacity(fluid)
+        found["node_capacity"] = needed_capacity(nodes)
+        found["chamber_capacity"] = 1
+        if chamber is not None:
+            _, count = chamber.candidates(jnp.asarray(x, walls.x.dtype), skin, 1)
+            found["chamber_capacity"] = int(1.5 * int(count)) + 32
+        found["rebuild_every"] = block
+    return Search(
+        grid=grid,
+        capacity=int(found["capacity"]),
+        node_capacity=int(found["node_capacity"]),
+        chamber_capacity=int(found["chamber_capacity"]),
+        rebuild_every=int(found["rebuild_every"]),
+        skin=skin,
+    )
+
+
+def _fullest(walls: Ghosts, x: jax.Array, grid: Grid) -> tuple[int, int]:
+    """Largest number of neighbours of any particle and of any node in the initial state."""
+    region = walls.regions.index(x)
+    kind = walls.regions.kind(region)
+    count = jax.jit(search, static_argnums=(2, 3, 6))
+    fluid = count(
+        x,
+        jnp.concatenate([x, walls.x]),
+        grid,
+        1,
+        walls.regions.sees(region),
+        jnp.concatenate([kind, walls.kind]),
+        True,
+    )
+    nodes = count(walls.node, x, grid, 1, walls.node_sees, kind, False)
+    return int(fluid.most), int(nodes.most)

@@ -1,0 +1,278 @@
+"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
+
+Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
+spacing dx, and `Case.notices` says what became of each.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from jaxsph.schemes.incompressible import RELAXATION
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Fluid(_Section):
+    """The water."""
+
+    rho0: float = Field(1000.0, gt=0)
+    """Density at zero gauge pressure, kg/m3."""
+    nu: float = Field(1.0e-6, ge=0)
+    """Kinematic viscosity of Eq. 6, m2/s; used where `scheme.alpha` is not given."""
+    c0: float | None = Field(None, gt=0)
+    """Numerical speed of sound, m/s; by default from Eq. 2."""
+
+
+class SchemeSection(_Section):
+    """Delta-SPH and its closures."""
+
+    kernel: Literal["gaussian", "wendland"] = "gaussian"
+    h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
+    delta: float = Field(0.1, ge=0, le=1)
+    alpha: float | None = Field(None, ge=0, le=1)
+    """Artificial viscosity of Eq. 4 in the place of nu."""
+    integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
+    cfl: float | None = Field(None, gt=0, le=1.5)
+    """Share of h/c0 for the time step; by default the integrator's own."""
+
+
+class ISPHSection(_Section):
+    """Incompressible SPH in the place of `scheme` (Yeylaghi et al. 2016)."""
+
+    h_over_dx: float | None = Field(None, ge=1.2, le=2.5)
+    """Of Wendland's kernel, which reaches 2 h; by default 2 in two and 1.5 in three dimensions."""
+    cfl: float = Field(0.25, gt=0, le=0.5)
+    """Share of h over the largest speed to expect for the time step."""
+    speed: float | None = Field(None, gt=0)
+    """Largest speed to expect, m/s; by default from the waves, the water's depth and the body."""
+    solver: Literal["bicgstab", "explicit"] = "bicgstab"
+    tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
+    """Of the residual of the Poisson equation, over its right-hand side."""
+    relaxation: float = Field(RELAXATION, ge=0, le=4)
+    """Rate at which crowding of particles is taken back, over sqrt(g/h)."""
+    shifting: float | None = Field(None, gt=0, le=20)
+    """Strength of particle shifting."""
+    surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
+    """Where the pressure is zero: beyond the surface, or at its particles (Eq. 23-24)."""
+
+
+class Tank(_Section):
+    """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
+
+    length: float = Field(gt=0)
+    depth: float = Field(gt=0)
+    width: float | None = Field(None, gt=0)
+    """Given, the case is three-dimensional."""
+    height: float | None = Field(None, gt=0)
+    """Top of the walls, m; by default enough for waves and a body, and four depths for a released column."""
+    column: float | None = Field(None, gt=0)
+    """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
+    layer: float | None = Field(None, gt=0)
+    """Depth of the water that the rest of the bed is wet with, m; with `column`."""
+    slip: Literal["free_slip", "no_slip"] = "free_slip"
+    walls: Literal["mirror", "dummy"] | None = None
+    """Where walls take their pressure from: their mirror image (by default), or the water around them (with a
+    body)."""
+
+
+class WavesSection(_Section):
+    """Regular waves from a piston at x = 0."""
+
+    H: float = Field(gt=0)
+    T: float = Field(gt=0)
+    ramp_periods: float = Field(2.0, ge=0)
+    second_order: bool = True
+    absorption: bool = True
+
+
+class SpongeSection(_Section):
+    """Damping zone at the end of the tank (Eq. 27-28)."""
+
+    length: float = Field(gt=0)
+    strength: float = Field(10.0, gt=0)
+
+
+class Device(_Section):
+    """An onshore OWC: a plate that pierces the surface in front of the end wall."""
+
+    chamber_length: float = Field(gt=0)
+    wall_thickness: float = Field(gt=0)
+    draught: float = Field(gt=0)
+    """Depth of the plate's tip below still water, m."""
+    thin_wall: Literal["regional", "multi_node"] = "regional"
+    division: Literal["a", "b", "c"] = "b"
+    """Regions around the plate (section 2.4.1.2)."""
+    platform_length: float | None = Field(None, gt=0)
+    """Length of a raised bed under the OWC, from the end wall, m; given with its height, or neither."""
+    platform_height: float | None = Field(None, ge=0)
+    """Height of that bed, m; 0 leaves the bed flat."""
+
+    @model_validator(mode="after")
+    def _whole_platform(self) -> Device:
+        if (self.platform_length is None) != (self.platform_height is None):
+            raise ValueError("give both device.platform_length and device.platform_height, or neither")
+        return self
+
+
+class PTOSection(_Section):
+    """What the chamber's air does: a quadratic damping or a prescribed pressure."""
+
+    K_dm: float | None = Field(None, ge=0, le=1.0e6)
+    """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
+    phase: list[float] | None = Field(None, min_length=2)
+    """Cosine and sine of every harmonic of ln(K_dm(t)/K_dm) over the waves' phase, [a1, b1, a2, b2]."""
+    P_a: float | None = None
+    """Prescribed gauge pressure, Pa."""
+    ramp: float = Field(0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _one_law(self) -> PTOSection:
+        if (self.K_dm is None) == (self.P_a is None):
+            raise ValueError("give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure)")
+        if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
+            raise ValueError(
+                f"pto.phase = {self.phase}: needs pto.K_dm, and a cosine and a sine for every harmonic"
+            )
+        return self
+
+
+class BlockSection(_Section):
+    """A box with faces across the axes, at rest."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _extent(self) -> BlockSection:
+        if len(self.low) != len(self.high) or not all(
+            a < b for a, b in zip(self.low, self.high, strict=True)
+        ):
+            raise ValueError(f"low = {self.low} must be below high = {self.high} along every axis")
+        return self
+
+
+class DiscSection(_Section):
+    """A circular cylinder across a two-dimensional tank, at rest."""
+
+    centre: tuple[float, float]
+    radius: float = Field(gt=0)
+
+
+class RotationalPTOSection(_Section):
+    """Moment against the pitch; per metre in two dimensions."""
+
+    damping: float = Field(0.0, ge=0)
+    """N m s/rad."""
+    coulomb: float = Field(0.0, ge=0)
+    """N m."""
+    spring: float = Field(0.0, ge=0)
+    """N m/rad, about the upright."""
+    stop: float = Field(math.pi, gt=0)
+    """Angle to either side at which end stops begin, rad."""
+    stop_stiffness: float = Field(0.0, ge=0)
+    """N m/rad."""
+
+
+class BodySection(_Section):
+    """A rigid body; give one of block, polygon and disc."""
+
+    block: BlockSection | None = None
+    polygon: tuple[tuple[float, float], ...] | None = Field(None, min_length=3)
+    """Corners (x, z), m."""
+    disc: DiscSection | None = None
+    free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
+    """Motions that the water drives; the others go on at their `velocity`."""
+    mass: float | None = Field(None, gt=0)
+    """kg (kg/m in 2-D)."""
+    inertia: float | None = Field(None, gt=0)
+    """About the pivot, kg m2 (kg m in 2-D)."""
+    density: float | None = Field(None, gt=0)
+    """kg/m3: gives mass and inertia in the place of both."""
+    pivot: tuple[float, float] | None = None
+    """(x, z) of the hinge, m; by default the centre of mass."""
+    centre: tuple[float, float] | None = None
+    """(x, z) of the centre of mass, m; by default that of the shape."""
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
+    angle: float = Field(0.0, ge=-1.6, le=1.6)
+    """Pitch at the start, rad."""
+    release: float = Field(0.0, ge=0)
+    """Time up to which it is held at rest, s: so long the water settles around it."""
+    pto: RotationalPTOSection | None = None
+    sensors: tuple[tuple[float, ...], ...] = ()
+    """Points of pressure sensors on it, in its place at rest, m."""
+
+    @model_validator(mode="after")
+    def _whole(self) -> BodySection:
+        if sum(one is not None for one in (self.block, self.polygon, self.disc)) != 1:
+            raise ValueError("give exactly one of body.block, body.polygon and body.disc")
+        if self.free and (self.density is None) == (self.mass is None):
+            raise ValueError(
+                "a body that is free needs body.density, or body.mass (and for pitch body.inertia)"
+            )
+        if "pitch" in self.free and self.density is None and self.inertia is None:
+            raise ValueError("body.free has pitch: give body.inertia or body.density")
+        if self.release and (not self.free or any(self.velocity)):
+            raise ValueError("body.release lets go of a body that is free and at rest until then")
+        if self.pto is not None and "pitch" not in self.free:
+            raise ValueError("body.pto works on the pitch: add it to body.free")
+        return self
+
+
+class StandingWave(_Section):
+    """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
+
+    amplitude: float = Field(gt=0)
+    mode: int = Field(1, ge=1)
+
+
+class ProbesSection(_Section):
+    """Where to measure."""
+
+    gauges: tuple[float, ...] = ()
+    """x of the wave gauges, m: elevations averaged across the tank."""
+    surface: tuple[tuple[float, ...], ...] = ()
+    """Points, (x,) or (x, y), m, where the elevation is measured by both methods of Yeylaghi et al. 2016:
+    interpolated density, and the surface's particles."""
+    pressure: tuple[tuple[float, ...], ...] = ()
+    """Points of the pressure sensors, m."""
+    velocity: tuple[tuple[float, ...], ...] = ()
+    """Points where the water's velocity is measured, m."""
+
+
+class Output(_Section):
+    """How often to record."""
+
+    sample_dt: float = Field(0.01, gt=0)
+    snapshot_dt: float = Field(0.2, gt=0)
+    periods: int = Field(10, ge=1)
+    """Whole periods at the end over which power and efficiency are averaged."""
+
+
+class Sections(_Section):
+    """All sections of a case, in SI units."""
+
+    name: str = "case"
+    description: str = ""
+    dx: float = Field(gt=0)
+    t1: float = Field(gt=0)
+    g: float = Field(9.81, ge=0)
+    precision: Literal["float32", "float64"] = "float32"
+    fluid: Fluid = Fluid()
+    scheme: SchemeSection = SchemeSection()
+    tank: Tank
+    waves: WavesSection | None = None
+    sponge: SpongeSection | None = None
+    device: Device | None = None
+    pto: PTOSection | None = None
+    start: StandingWave | None = None
+    isph: ISPHSection | None = None
+    body: BodySection | None = None
+    probes: ProbesSection = ProbesSection()
+    output: Output = Output()

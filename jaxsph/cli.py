@@ -1,0 +1,477 @@
+"""The `jaxsph` command: run, sweep, slope, optimise, resume, plot, check, cases."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsph.errors import CaseError, JaxsphError, SimulationError
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.output.vtk import export_vtkhdf
+
+app = typer.Typer(
+    name="jaxsph",
+    help="SPH of wave energy converters, on JAX: run a case, resume it, look at it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+RESULTS = {
+    "t_end": ("end of the run", "s"),
+    "steps": ("time steps", ""),
+    "wall_seconds": ("wall time", "s"),
+    "particle_steps_per_second": ("particle steps per second", "1/s"),
+    "energy_paddle": ("work of the paddle", "J/m"),
+    "energy_stored": ("  stored in the water", "J/m"),
+    "energy_pto": ("  taken by the PTO", "J/m"),
+    "energy_sponge": ("  taken by the sponge", "J/m"),
+    "energy_viscous": ("  viscous loss", "J/m"),
+    "energy_diffusive": ("  loss by density diffusion", "J/m"),
+    "energy_contact": ("  lost by water that meets a solid", "J/m"),
+    "energy_projection": ("  lost in the projection", "J/m"),
+    "energy_residual": ("  not accounted for", "J/m"),
+    "energy_residual_share": ("  not accounted for, share", ""),
+    "periods": ("periods averaged", ""),
+    "P_inc": ("incident power", "W/m"),
+    "P_owc": ("absorbed power", "W/m"),
+    "P_pto": ("absorbed power", "W/m"),
+    "capture_width": ("capture width", "m"),
+    "xi": ("hydrodynamic efficiency", ""),
+    "xi_scatter": ("  from period to period", ""),
+    "reflection": ("reflection coefficient", ""),
+    "incident_height": ("incident wave height", "m"),
+}
+"""Words and units of the scalar results in two dimensions, in the order of the table."""
+
+
+PER_METRE = ("P_inc",)
+"""Those that are per metre of width in three dimensions too."""
+
+
+CaseName = Annotated[str, typer.Argument(metavar="CASE", help="A TOML file or a built-in name.")]
+
+
+RunName = Annotated[Path, typer.Argument(metavar="FILE", help="The file of a run.")]
+
+
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change one value, e.g. --set pto.K_dm=300; repeatable. No value removes the key.",
+    ),
+]
+
+
+EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of the run, s.")]
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+class Way(enum.StrEnum):
+    """A method of `jaxsph.gradients`."""
+
+    ensemble = enum.auto()
+    filtered = enum.auto()
+    exact = enum.auto()
+
+    def of(self, spread: float, members: int, out: Path | None = None) -> Any:
+        """The method itself."""
+        import jaxsph as js
+
+        match self:
+            case Way.ensemble:
+                return js.Ensemble(spread, members, out)
+            case Way.filtered:
+                return js.Filtered()
+            case Way.exact:
+                return js.Exact()
+
+
+Method = Annotated[
+    Way,
+    typer.Option(
+        help="ensemble: many runs, with a standard error; filtered: one run, with a bias; "
+        "exact: for a fraction of a second."
+    ),
+]
+
+
+Pictures = Annotated[bool, typer.Option("--plot/--no-plot", help="Make pictures after the run.")]
+
+
+@app.command()
+def run(
+    case: CaseName,
+    settings: Settings = None,
+    t1: EndTime = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
+    plot: Pictures = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case and record it into one HDF5 file."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
+        if not quiet:
+            for notice in loaded.notices():
+                typer.echo(f"note: {notice}", err=True)
+        with _resumable(out):
+            solution = js.run(loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet)
+        _report(solution, out, plot, quiet)
+
+
+@app.command()
+def sweep(
+    case: CaseName,
+    grid: Annotated[
+        list[str],
+        typer.Option(
+            "--grid",
+            metavar="KEY=VALUES",
+            help="Values of one parameter: 0.02,0.04 or first:last:count; repeatable.",
+        ),
+    ],
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_sweep.h5"),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Runs at a time; default: one per core.")] = None,
+    batch: Annotated[
+        int | None, typer.Option(help="Runs side by side in one call; the default on an accelerator, 8.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case for every combination of values, or go on with an interrupted sweep."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        over = dict(_values(text) for text in grid)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
+        done = js.sweep(loaded, over, out, workers=workers, batch=batch, progress=not quiet)
+        if not quiet:
+            _table(_sweep_rows(done))
+        typer.echo(f"recorded in {out}")
+        for place, text in done.failures.items():
+            typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
+        if done.failures:
+            raise typer.Exit(1)
+
+
+@app.command()
+def slope(
+    case: CaseName,
+    over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
+    of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
+    method: Method = Way.ensemble,
+    members: Annotated[int, typer.Option(help="Runs around the case's value.")] = 9,
+    spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_<KEY>.h5"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Slope of a result over one number of the case, with its error."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
+        found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
+        error = "" if found.error is None else f" +- {found.error:.2g}"
+        _table(
+            [
+                (of, f"{found.value:.4g}"),
+                (f"d {of} / d {over}", f"{found.slope:.4g}{error}"),
+                ("speaks of changes up to", f"{found.reach:.3g}"),
+            ]
+        )
+        if method is Way.ensemble:
+            typer.echo(f"recorded in {out}")
+
+
+@app.command()
+def optimise(
+    case: CaseName,
+    over: Annotated[
+        list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
+    ],
+    of: Annotated[str, typer.Option("--of", help="What to maximise: xi, P_owc or energy_pto.")] = "xi",
+    method: Method = Way.ensemble,
+    members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
+    spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
+    evaluations: Annotated[int, typer.Option(help="Slopes at most.")] = 10,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_optimum.h5"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Search the values that make a result largest, or go on with an interrupted search."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
+        bounds = dict(_bounds(text) for text in over)
+        way = method.of(spread, members)
+        found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
+        for here in found.history:
+            _table(
+                [(f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in bounds), f"{here[of]:.4g}")]
+            )
+        highest = max(found.history, key=lambda here: here[of])
+        best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
+        typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
+        typer.echo(f"recorded in {out}")
+
+
+@app.command()
+def resume(file: RunName, t1: EndTime = None, plot: Pictures = True, quiet: Quiet = False) -> None:
+    """Go on with a run from its last checkpoint."""
+    import jaxsph as js
+
+    with _explained():
+        stored = tomllib.loads(RunFile.open(file).case_toml)
+        _match_precision(stored.get("precision"))
+        with _resumable(file):
+            solution = js.resume(file, t1=t1, progress=not quiet)
+        _report(solution, file, plot, quiet)
+
+
+@app.command()
+def plot(
+    file: RunName,
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder; default: FILE without .h5, _plots.")
+    ] = None,
+    animation: Annotated[
+        bool, typer.Option("--animation/--no-animation", help="Animate the snapshots.")
+    ] = True,
+    vtk: Annotated[
+        Path | None, typer.Option("--vtk", metavar="FILE", help="Also export for ParaView.")
+    ] = None,
+    linear: Annotated[
+        bool, typer.Option("--linear", help="Draw what linear theory expects of the chamber.")
+    ] = False,
+) -> None:
+    """Make pictures of a run or a sweep, finished or not, and export a run's particles."""
+    import jaxsph as js
+    from jaxsph.output.plot.pictures import plot_run
+    from jaxsph.output.plot.sweeps import plot_sweep
+
+    with _explained():
+        if SweepFile(file).is_one():
+            for path in plot_sweep(file, folder):
+                typer.echo(path)
+            return
+        opened = RunFile.open(file)
+        expected = js.linear_owc(js.Case.from_dict(tomllib.loads(opened.case_toml))) if linear else None
+        for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
+            typer.echo(path)
+        if vtk is not None:
+            typer.echo(export_vtkhdf(opened, vtk))
+
+
+@app.command()
+def check(case: CaseName, settings: Settings = None) -> None:
+    """Validate a case and say what its run will be."""
+    import jaxsph as js
+
+    with _explained():
+        loaded = _load(case, settings)
+        _table(js.check(loaded) + js.linear_check(loaded))
+        for notice in loaded.notices():
+            typer.echo(f"note: {notice}", err=True)
+
+
+@app.command()
+def cases() -> None:
+    """List the built-in cases."""
+    import jaxsph as js
+
+    _table(list(js.built_in_cases().items()))
+
+
+def _load(name: str, settings: list[str] | None) -> Any:
+    import jaxsph as js
+
+    case = js.load_case(name)
+    if settings:
+        case = case.replace(dict(_setting(text) for text in settings))
+    _match_precision(getattr(case, "precision", None))
+    return case
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """("a.b", value) from "a.b=value", the value being TOML, or else plain text."""
+    key, equals, value = text.partition("=")
+    key, value = key.strip(), value.strip()
+    if not key or not equals:
+        raise CaseError(f"--set {text!r}: must be KEY=VALUE, such as --set pto.K_dm=300")
+    if not value:
+        return key, None
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
+def _values(text: str) -> tuple[str, list[float]]:
+    """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"."""
+    key, equals, value = (part.strip() for part in text.partition("="))
+    try:
+        if value.count(":") == 2:
+            first, last, count = value.split(":")
+            step = (float(last) - float(first)) / max(int(count) - 1, 1)
+            values = [float(first) + k * step for k in range(int(count))]
+        else:
+            values = [float(part) for part in value.split(",")]
+    except ValueError:
+        values = []
+    if not key or not equals or not values:
+        raise CaseError(f"--grid {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
+    return key, values
+
+
+def _bounds(text: str) -> tuple[str, tuple[float, float]]:
+    """("a.b", (low, high)) from "a.b=low:high"."""
+    key, _, value = (part.strip() for part in text.partition("="))
+    try:
+        low, high = (float(part) for part in value.split(":"))
+    except ValueError:
+        raise CaseError(f"--over {text!r}: must be KEY=LOW:HIGH, such as --over pto.K_dm=100:2500") from None
+    return key, (low, high)
+
+
+def _match_precision(precision: str | None) -> None:
+    """float64 has to be switched on before the first array is made."""
+    if precision == "float64":
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+
+
+def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
+    if not quiet:
+        for notice in getattr(solution, "notices", None) or []:
+            typer.echo(f"note: {notice}", err=True)
+        case = getattr(solution, "case", None)
+        flat = case is None or case.tank.width is None
+        _table(_rows(getattr(solution, "results", None) or {}, flat))
+        typer.echo(f"recorded in {path}")
+    if not pictures:
+        return
+    from jaxsph.output.plot.pictures import plot_run
+
+    written = plot_run(path)
+    if written and not quiet:
+        typer.echo(f"{len(written)} pictures in {written[0].parent}")
+
+
+def _rows(results: dict[str, float], flat: bool) -> list[tuple[str, str]]:
+    """Labels and values in the order of RESULTS; then whatever it does not know. `flat`: in 2-D, where bodies
+    and energies are per metre of width."""
+    names = [name for name in RESULTS if name in results]
+    names += [name for name in results if name not in RESULTS]
+    rows = []
+    for name in names:
+        label, unit = RESULTS.get(name, (name, ""))
+        if not flat and name not in PER_METRE:
+            unit = unit.removesuffix("/m")
+        rows.append((label, f"{_number(results[name]):>10} {unit}".rstrip()))
+    return rows
+
+
+def _sweep_rows(done: Any) -> list[tuple[str, str]]:
+    """A line per member: where it is, and its efficiency or what else its case gives."""
+    name = "xi" if "xi" in done.results else "energy_residual_share"
+    if name not in done.results:
+        return []
+    label = RESULTS[name][0].strip()
+    places = sorted(set(done.members) - set(done.failures))
+    return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
+
+
+def _place(done: Any, place: tuple[int, ...]) -> str:
+    pairs = zip(done.axes.items(), place, strict=True)
+    return ", ".join(f"{key} = {values[k]:g}" for (key, values), k in pairs)
+
+
+def _number(value: float) -> str:
+    if float(value).is_integer() and abs(value) < 1e9:
+        return f"{int(value)}"
+    return f"{value:.4g}"
+
+
+def _table(rows: list[tuple[str, str]]) -> None:
+    width = max((len(label) for label, _ in rows), default=0)
+    for label, value in rows:
+        typer.echo(f"{label:<{width}}  {value}")
+
+
+@contextlib.contextmanager
+def _explained() -> Iterator[None]:
+    """Turns what a user can act on into a message and an exit code: 2 for input, 1 for a run."""
+    try:
+        yield
+    except JaxsphError as error:
+        typer.echo(f"jaxsph: error: {error}", err=True)
+        raise typer.Exit(1 if isinstance(error, SimulationError) else 2) from None
+    except KeyboardInterrupt:
+        typer.echo("jaxsph: interrupted", err=True)
+        raise typer.Exit(130) from None
+
+
+@contextlib.contextmanager
+def _resumable(path: Path) -> Iterator[None]:
+    """Says after an interrupted or failed run what is left of it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(f"\njaxsph: interrupted. {_what_is_left(path)}", err=True)
+        raise typer.Exit(130) from None
+    except SimulationError as error:
+        raise SimulationError(
+            f"{error}\n{_what_is_left(path)}", error.step, error.time, error.where
+        ) from None
+
+
+def _what_is_left(path: Path) -> str:
+
+    with contextlib.suppress(JaxsphError):
+        if RunFile.open(path).checkpoint():
+            return f"{path} is whole up to its last checkpoint; go on with: jaxsph resume {path}"
+    return f"There was no checkpoint yet; begin again with --overwrite ({path})"
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

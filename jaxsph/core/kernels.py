@@ -1,0 +1,72 @@
+"""Smoothing kernels: W and its slope factor F = (dW/dr)/r, so that grad W = F (x_i - x_j).
+
+Both are functions of r^2: no square root where the kernel needs none, and nothing singular at r = 0.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Float, Scalar
+
+
+class AbstractKernel(eqx.Module):
+    """A radial kernel of smoothing length h that vanishes for r >= `reach` * h."""
+
+    reach: eqx.AbstractClassVar[float]
+    """Support radius in units of h."""
+
+    @abc.abstractmethod
+    def value(self, r2: Float[Array, "..."], h: Scalar, dim: int) -> Float[Array, "..."]:
+        """W(r) in m^-dim, not cut: the caller masks r < reach * h."""
+
+    @abc.abstractmethod
+    def slope(self, r2: Float[Array, "..."], h: Scalar, dim: int) -> Float[Array, "..."]:
+        """(dW/dr)/r in m^-(dim+2), not cut, never positive."""
+
+
+class Gaussian(AbstractKernel):
+    """exp(-r^2/h^2) / (pi^(dim/2) h^dim), cut at 3h and not renormalised: the cut loses
+    1.2e-4 of it in two dimensions and 4.4e-4 in three."""
+
+    reach: ClassVar[float] = 3.0
+
+    def value(self, r2, h, dim):
+        """W(r); see `AbstractKernel`."""
+        return jnp.exp(-r2 / (h * h)) / (math.pi ** (dim / 2) * h**dim)
+
+    def slope(self, r2, h, dim):
+        """(dW/dr)/r; see `AbstractKernel`."""
+        return self.value(r2, h, dim) * (-2.0 / (h * h))
+
+
+class WendlandC2(AbstractKernel):
+    """(1 - q/2)^4 (1 + 2q), q = r/h, of support 2h, in two and three dimensions (Wendland 1995)."""
+
+    reach: ClassVar[float] = 2.0
+
+    def value(self, r2, h, dim):
+        """W(r); see `AbstractKernel`."""
+        # The square root needs r > 0 for a finite derivative; the guard changes W by nothing visible.
+        q = jnp.sqrt(r2 / (h * h) + 1e-12)
+        return _wendland_constant(dim) / h**dim * (1.0 - 0.5 * q) ** 4 * (1.0 + 2.0 * q)
+
+    def slope(self, r2, h, dim):
+        """(dW/dr)/r; see `AbstractKernel`."""
+        q = jnp.sqrt(r2 / (h * h) + 1e-12)
+        return -5.0 * _wendland_constant(dim) / h ** (dim + 2) * (1.0 - 0.5 * q) ** 3
+
+
+def _wendland_constant(dim: int) -> float:
+    return {2: 7.0 / (4.0 * math.pi), 3: 21.0 / (16.0 * math.pi)}[dim]
+
+
+def support(kernel: AbstractKernel, h: jax.Array | float) -> jax.Array | float:
+    """Radius in m beyond which the kernel is zero."""
+    return kernel.reach * h

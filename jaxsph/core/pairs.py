@@ -1,0 +1,261 @@
+"""The one loop over pairs of particles, and what is made of pair sums directly.
+
+A table of neighbours is slot-major, `[K, N]`: slot k of target i holds the index of a source, or the
+index of the empty source (the last one, of no volume and far away). The loop goes over the K slots and
+each turn handles N pairs with gathers of single components; on a CPU this is several times faster than
+arrays of `[N, K, D]` because nothing of that size is ever stored.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, dot
+from jaxsph.core.kernels import AbstractKernel
+from jaxsph.core.transforms import in_any_lane, kept, plainly_taken, taken
+
+Fields = Any
+"""Mapping from a field's name to an array `[N]` or a tuple of arrays `[N]`; it always holds "x"."""
+
+
+SPARE = 1.15
+"""Slots of a table over the neighbours of its fullest target when it was sized."""
+
+
+FAR = 1.0e3
+"""Coordinate (m) of the empty source: outside every kernel, and small enough for float32 squares."""
+
+
+Period = tuple[float | None, ...] | None
+"""Length (m) of the domain along every axis that is periodic, None along the others; None: no axis is."""
+
+
+class Smoothing(eqx.Module):
+    """Kernel, smoothing length and periods: what turns two places into a weight."""
+
+    kernel: AbstractKernel
+    h: Scalar
+    period: Period = eqx.field(static=True, default=None)
+
+    @property
+    def radius(self) -> Scalar:
+        """Support radius, m."""
+        return self.kernel.reach * self.h
+
+
+def nearest_image(r: Components, period: Period) -> Components:
+    """x_i - x_j (m) to the nearest image of j, for places at most one period apart.
+
+    Nearer ones than half a period are left as they are. One period at most is added: the empty source
+    must stay far away.
+    """
+    if period is None:
+        return r
+
+    def nearest(a, length):
+        if length is None:
+            return a
+        length = jnp.asarray(length, a.dtype)
+        return a - jnp.where(a > 0.5 * length, length, 0.0) + jnp.where(a < -0.5 * length, length, 0.0)
+
+    return tuple(nearest(a, length) for a, length in zip(r, period, strict=True))
+
+
+class Pair(NamedTuple):
+    """Geometry of one pair, as a law sees it: r_ij = x_i - x_j and the kernel there."""
+
+    r: Components
+    r2: jax.Array
+    F: jax.Array
+    """(dW/dr)/r, zero outside the support: grad_i W_ij = F r."""
+    W: jax.Array
+
+    @property
+    def grad_W(self) -> Components:
+        """Gradient of W at i, m^-(D+1)."""
+        return tuple(self.F * component for component in self.r)
+
+
+Law = Callable[[Pair, Fields, Fields], Any]
+
+
+def pair_sum(
+    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
+) -> Any:
+    """Sum of `law(pair, i, j)` over the sources j listed for every target i.
+
+    **Arguments**: `law` sees one pair: scalar components that happen to be arrays over the targets;
+    `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
+    the last source is the empty one. **Returns** the law's pytree with `[N]` leaves.
+    """
+    return kept(_summed(law, smoothing, targets, sources, table, taken))
+
+
+def linear_pair_sum(
+    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
+) -> Any:
+    """`pair_sum` of fields that are derivatives themselves, and are transposed for reverse mode."""
+    return _summed(law, smoothing, targets, sources, table, plainly_taken)
+
+
+def pair_weights(
+    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
+) -> tuple[Any, Any]:
+    """`pair_sum` of the first of the two things that the law gives, and for every slot `[K, N]` the second:
+    the weights of a sum that is wanted many times over (`weighted_sum`)."""
+    terms = _terms(law, smoothing, targets, sources, taken)
+    summed = jax.tree.map(
+        lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(lambda slot: terms(slot)[0], table[0])
+    )
+
+    def add(total, slot):
+        term, weight = terms(slot)
+        return jax.tree.map(jnp.add, total, term), weight
+
+    return jax.lax.scan(add, summed, table)
+
+
+def weighted_sum(
+    weights: Float[Array, "K N"], f: Float[Array, " M"], table: Int[Array, "K N"]
+) -> Float[Array, " N"]:
+    """sum_k weights[k] f[table[k]]; f has a value, any, for the empty source too. Linear in f."""
+
+    def add(total, row):
+        weight, slot = row
+        return total + weight * plainly_taken(f, slot), None
+
+    return jax.lax.scan(add, jnp.zeros(weights.shape[1], f.dtype), (weights, table))[0]
+
+
+def _terms(law, smoothing, targets, sources, take):
+    """The law's value for every target and its source in one slot."""
+    x_i = targets["x"]
+    dim = len(x_i)
+    kernel, h = smoothing.kernel, smoothing.h
+    radius2 = smoothing.radius**2
+
+    def pair_terms(slot):
+        j = jax.tree.map(lambda a: take(a, slot), sources)
+        r = nearest_image(tuple(a - b for a, b in zip(x_i, j["x"], strict=True)), smoothing.period)
+        r2 = dot(r, r)
+        inside = r2 < radius2
+        F = jnp.where(inside, kernel.slope(r2, h, dim), 0.0)
+        # W is dead code, and removed by the compiler, for a law that does not use it.
+        W = jnp.where(inside, kernel.value(r2, h, dim), 0.0)
+        return law(Pair(r, r2, F, W), targets, j)
+
+    return pair_terms
+
+
+def _summed(law, smoothing, targets, sources, table, take):
+    pair_terms = _terms(law, smoothing, targets, sources, take)
+    empty = sources["x"][0].shape[0] - 1
+    # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
+    terms, closed = jax.closure_convert(pair_terms, table[0])
+    terms = jax.checkpoint(terms)
+    shapes = jax.eval_shape(pair_terms, table[0])
+
+    def zero():
+        return jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+
+    def add(total, slot, *closed):
+        return jax.tree.map(jnp.add, total, terms(slot, *closed))
+
+    def added(add, total, rows, *closed):
+        total, _ = jax.lax.scan(lambda total, slot: (add(total, slot, *closed), None), total, rows)
+        return total
+
+    def where_filled(add, total, rows, *closed):
+        # Tables have spare rows at their end, which are empty in most blocks.
+        filled = in_any_lane(jnp.any(rows != empty))
+        return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
+
+    @jax.custom_jvp
+    def total_of(table, *closed):
+        return added(functools.partial(where_filled, add), zero(), table, *closed)
+
+    @total_of.defjvp
+    def _(primals, tangents):
+        # One choice for all spare rows, outside the loop: of a branch, reverse mode stores all that it saw,
+        # and inside the loop that would be the sources for every row.
+        def total_of(table, *closed):
+            own = int(len(table) / SPARE)
+            add_rows = functools.partial(added, add)
+            return where_filled(add_rows, add_rows(zero(), table[:own], *closed), table[own:], *closed)
+
+        return jax.jvp(total_of, primals, tangents)
+
+    return total_of(table, *closed)
+
+
+def with_empty(fields: Fields) -> Fields:
+    """Appends the empty source: volume and every other field zero, position `FAR`."""
+
+    def append(value, a):
+        return jnp.concatenate([a, jnp.full((1,), value, a.dtype)])
+
+    return {
+        name: jax.tree.map(lambda a, v=(FAR if name == "x" else 0.0): append(v, a), field)
+        for name, field in fields.items()
+    }
+
+
+def symmetric_inverse(M: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    """Inverse of symmetric 2x2 (xx, xy, yy) or 3x3 (xx, xy, xz, yy, yz, zz) matrices, same order.
+
+    Where the matrix is close to singular (a particle with no neighbours on one side of it), the
+    inverse of the identity is given instead, which leaves the gradient without correction.
+    """
+    if len(M) == 3:
+        xx, xy, yy = M
+        determinant = xx * yy - xy * xy
+        cofactors = (yy, -xy, xx)
+        identity = (1.0, 0.0, 1.0)
+    else:
+        xx, xy, xz, yy, yz, zz = M
+        cofactors = (
+            yy * zz - yz * yz,
+            xz * yz - xy * zz,
+            xy * yz - xz * yy,
+            xx * zz - xz * xz,
+            xy * xz - xx * yz,
+            xx * yy - xy * xy,
+        )
+        determinant = xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2]
+        identity = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    sound = determinant > 0.05
+    inverse = 1.0 / jnp.where(sound, determinant, 1.0)
+    return tuple(jnp.where(sound, c * inverse, e) for c, e in zip(cofactors, identity, strict=True))
+
+
+def symmetric_product(M: tuple[jax.Array, ...], v: Components) -> Components:
+    """M v for symmetric M stored as its upper triangle, row by row."""
+    dim = len(v)
+    index = {}
+    count = 0
+    for row in range(dim):
+        for column in range(row, dim):
+            index[row, column] = index[column, row] = count
+            count += 1
+    return tuple(dot(tuple(M[index[row, k]] for k in range(dim)), v) for row in range(dim))
+
+
+def outer_upper(a: Components, b: Components) -> tuple[jax.Array, ...]:
+    """Upper triangle, row by row, of the (symmetric) outer product of a and b."""
+    return tuple(a[row] * b[column] for row in range(len(a)) for column in range(row, len(a)))
+
+
+def trace_upper(M: tuple[jax.Array, ...], dim: int) -> jax.Array:
+    """Trace of a matrix stored as its upper triangle."""
+    return M[0] + M[2] if dim == 2 else M[0] + M[3] + M[5]
+
+
+def neighbour_count(table: Int[Array, "K N"], empty: int) -> Int[Array, " N"]:
+    """Number of filled slots of every target."""
+    return jnp.sum(table != empty, axis=0)

@@ -1,0 +1,238 @@
+"""Neighbour search: positions in, slot-major tables `[K, N]` of source indices out.
+
+Sources are sorted by cells of half the search radius; in every line of cells the candidates of a target
+are one contiguous range of the sorted sources, which a loop walks and compacts. Who may see whom near a
+thin wall is a bit mask: a target sees a source when their bits meet. Along a periodic axis the cells divide
+the period, the lines go on at the other end, and distances are those to the nearest image.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.core.arrays import Array, Bool, Float, Int
+from jaxsph.core.pairs import SPARE, Period, nearest_image
+
+WIDTH = 2
+"""Cells per search radius: five lines of half-radius cells hold 30 % fewer candidates than three whole."""
+
+
+class Grid(eqx.Module):
+    """A box of cells. Particles outside it are counted in the nearest cell, which loses no pair; along a
+    periodic axis they must have been `wrapped` into it."""
+
+    origin: tuple[float, ...] = eqx.field(static=True)
+    cell: float = eqx.field(static=True)
+    """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of them fits."""
+    shape: tuple[int, ...] = eqx.field(static=True)
+    period: Period = eqx.field(static=True, default=None)
+
+    @property
+    def radius(self) -> float:
+        """Search radius (support plus skin), m."""
+        return WIDTH * self.cell
+
+    @property
+    def sides(self) -> tuple[float, ...]:
+        """Sides of a cell along every axis, m."""
+        period = self.period or (None,) * len(self.shape)
+        return tuple(
+            self.cell if length is None else length / n for n, length in zip(self.shape, period, strict=True)
+        )
+
+
+class Table(NamedTuple):
+    """Neighbours of every target, and what is needed to trust them."""
+
+    indices: Int[Array, "K N"]
+    """Source of each slot; the number of sources itself (the empty source) where the slot is empty."""
+    most: Int[Array, ""]
+    """Largest number of neighbours found: above K, the table has overflowed."""
+
+    @property
+    def overflow(self) -> Bool[Array, ""]:
+        """Whether neighbours were lost."""
+        return self.most > self.indices.shape[0]
+
+
+def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = None) -> Grid:
+    """The grid that covers the box from `low` to `high` for searches within `radius`.
+
+    Along a periodic axis it covers one period from `low`. **Raises** ValueError for a period so short that
+    a particle would see a cell, and with it a source, from both ends.
+    """
+    cell = float(radius) / WIDTH
+    span = np.asarray(high, float) - np.asarray(low, float)
+    shape = [int(n) for n in np.maximum(np.ceil(span / cell), 1)]
+    for axis, length in enumerate(period or ()):
+        if length is None:
+            continue
+        shape[axis] = int(length / cell)
+        if shape[axis] < 2 * WIDTH + 1:
+            raise ValueError(
+                f"period = {length:g} m along axis {axis} is too short for a search radius of {radius:g} m: "
+                f"at least {(2 * WIDTH + 1) * cell:g} m are needed"
+            )
+    return Grid(tuple(float(a) for a in low), cell, tuple(shape), period)
+
+
+def wrapped(
+    x: Float[Array, "N D"], carry: Float[Array, "N D"], low: tuple[float, ...], period: Period
+) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
+    """Positions (m) moved by a period into [low, low + period), and what they have lost to rounding.
+
+    The move is exact: what x cannot hold of it goes into the carry (Knuth's two-sum).
+    """
+    if period is None:
+        return x, carry
+    length = jnp.asarray([0.0 if a is None else a for a in period], x.dtype)
+    low = jnp.asarray(low, x.dtype)
+    shift = jnp.where(x < low, length, jnp.where(x >= low + length, -length, 0.0))
+    new = x + shift
+    kept = new - x
+    return new, carry + ((x - (new - kept)) + (shift - kept))
+
+
+def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
+    side = grid.cell if grid.period is None else jnp.asarray(grid.sides, x.dtype)
+    scaled = (x - jnp.asarray(grid.origin, x.dtype)) / side
+    # clip first: an integer conversion of a huge float is undefined
+    upper = jnp.asarray(grid.shape, x.dtype) - 1
+    return jnp.floor(jnp.clip(scaled, 0.0, upper)).astype(jnp.int32)
+
+
+def _key(cell: Int[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
+    key = cell[:, 0]
+    for axis in range(1, len(grid.shape)):
+        key = key * grid.shape[axis] + cell[:, axis]
+    return key
+
+
+def cell_order(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
+    """Permutation that sorts particles by cell (stable, so that a sorted set stays as it is)."""
+    return jnp.argsort(_key(_cells(jax.lax.stop_gradient(x), grid), grid), stable=True)
+
+
+def search(
+    targets: Float[Array, "N D"],
+    sources: Float[Array, "M D"],
+    grid: Grid,
+    capacity: int,
+    sees: Int[Array, " N"],
+    kind: Int[Array, " M"],
+    same: bool,
+) -> Table:
+    """All sources within the grid's radius of each target.
+
+    **Arguments**: `sees` and `kind` are bit masks: a pair counts where `sees[i] & kind[j]` is not zero;
+    `same`: the first N sources are the targets, and a particle is not its own neighbour.
+    Not differentiated: the table is a piecewise constant function of the positions.
+    """
+    targets, sources = jax.lax.stop_gradient((targets, sources))
+    find = functools.partial(_search, grid=grid, capacity=capacity, same=same)
+
+    @jax.custom_batching.custom_vmap
+    def one(*arrays):
+        return jax.tree.map(lambda a: a[0], find(*(a[None] for a in arrays)))
+
+    @one.def_vmap
+    def _(lanes, batched, *arrays):
+        # one search over all lanes: side by side, every line of cells would wait for the fullest lane
+        every = (
+            a if b else jnp.broadcast_to(a, (lanes, *a.shape)) for a, b in zip(arrays, batched, strict=True)
+        )
+        return find(*every), Table(True, True)
+
+    return one(targets, sources, sees, kind)
+
+
+def _search(
+    targets: Float[Array, "B N D"],
+    sources: Float[Array, "B M D"],
+    sees: Int[Array, "B N"],
+    kind: Int[Array, "B M"],
+    grid: Grid,
+    capacity: int,
+    same: bool,
+) -> Table:
+    """The tables `[B, K, N]` of B lanes, each with a grid of its own after the last one's."""
+    lanes, n_lane, m_lane = *targets.shape[:2], sources.shape[1]
+    n, m = lanes * n_lane, lanes * m_lane
+    targets, sources = (a.reshape(-1, a.shape[-1]) for a in (targets, sources))
+    sees, kind = sees.reshape(-1), kind.reshape(-1)
+    lane = jnp.arange(lanes, dtype=jnp.int32)
+    of_target, of_source = (jnp.repeat(lane, k) if lanes > 1 else lane for k in (n_lane, m_lane))
+    per_lane = int(np.prod(grid.shape))
+    cells = lanes * per_lane
+    key = _key(_cells(sources, grid), grid) + of_source * per_lane
+    order = jnp.argsort(key).astype(jnp.int32)
+    start = jnp.cumsum(jnp.zeros(cells + 1, jnp.int32).at[key + 1].add(1), dtype=jnp.int32)
+    xs = tuple(sources[order, k] for k in range(targets.shape[1]))
+    kinds = kind[order]
+    x_i = tuple(targets[:, k] for k in range(targets.shape[1]))
+    slot_of = jnp.arange(n, dtype=jnp.int32)
+    me = slot_of + of_target * (m_lane - n_lane)
+    radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
+
+    home = _cells(targets, grid)
+    period = grid.period or (None,) * len(grid.shape)
+    last = grid.shape[-1]
+    bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
+    spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
+    if period[-1] is not None:
+        # what sticks out at one end of the last axis goes on at the other
+        over = jnp.where(bottom < 0, bottom + last, 0)
+        spans.append((over, jnp.where(bottom < 0, last - 1, jnp.where(top >= last, top - last, -1))))
+
+    def line(offset, low, high, found):
+        """Adds the candidates of one line of cells to what was found."""
+        inside = low <= high
+        row = jnp.zeros(n, jnp.int32)
+        for axis, step in enumerate(offset):
+            index = home[:, axis] + step
+            if period[axis] is not None:
+                index = index % grid.shape[axis]
+            inside &= (index >= 0) & (index < grid.shape[axis])
+            row = row * grid.shape[axis] + index
+        row = jnp.where(inside, row, 0) + of_target * (per_lane // last)
+        first = start[row * last + low]
+        end = jnp.where(inside, start[row * last + high + 1], first)
+
+        def candidate(c, found):
+            flat, count = found
+            k = jnp.minimum(first + c, m - 1)
+            r = nearest_image(tuple(a - b[k] for a, b in zip(x_i, xs, strict=True)), grid.period)
+            r2 = sum(a**2 for a in r)
+            j = order[k]
+            near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
+            if same:
+                near &= j != me
+            # Written at the next free slot whether near or not: the next near one overwrites it, and
+            # what is left behind the last is cleared below. The slot after the table takes the excess.
+            slot = jnp.minimum(count, capacity)
+            flat = flat.at[slot * n + slot_of].set(j, mode="promise_in_bounds", unique_indices=True)
+            return flat, count + near.astype(jnp.int32)
+
+        return jax.lax.fori_loop(0, jnp.max(end - first, initial=0), candidate, found)
+
+    found = (jnp.zeros((capacity + 1) * n, jnp.int32), jnp.zeros(n, jnp.int32))
+    for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1):
+        for low, high in spans:
+            found = line(offset, low, high, found)
+    flat, count = found
+    filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
+    indices = flat[: capacity * n].reshape(capacity, n) - (of_target * m_lane)[None, :]
+    indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
+    return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
+
+
+def needed_capacity(most: int, spare: float = SPARE) -> int:
+    """Slots for tables whose fullest target has `most` neighbours now: some spare, a multiple of four."""
+    return max(4, int(np.ceil(most * spare / 4)) * 4)

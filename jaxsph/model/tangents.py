@@ -1,0 +1,179 @@
+"""Derivatives that last: a filter on what JAX differentiates, which leaves the values alone.
+
+Particles are chaotic. A derivative carried exactly through the loop belongs, after a fraction of a second,
+to the paths of single particles and not to the flow; averaged over neighbours as it goes, it stays the
+flow's, and loses a part of it (`python -m experiments.filter_study`).
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Components, Int, columns, dot, stacked
+from jaxsph.core.pairs import (
+    Fields,
+    Pair,
+    Smoothing,
+    linear_pair_sum,
+    outer_upper,
+    pair_sum,
+    symmetric_inverse,
+    symmetric_product,
+    with_empty,
+)
+from jaxsph.model import laws
+from jaxsph.model.interfaces import AbstractTangents, Model
+from jaxsph.model.state import State, Tables
+
+
+class TangentFilter(AbstractTangents):
+    """Derivatives of positions and velocities, f, become f - (1 - S)^order f with the average S of
+    neighbours, every `interval` steps.
+
+    S is exact for straight lines, so that it does not pull at the free surface, and holds what is tangential
+    to a wall as even there. Of a wave of number k an average leaves exp(-(k h)^2/4). What it must outrun are
+    rows of the square lattice, which under pressure slide over each other: exact slopes grow e-fold in 0.14 s
+    on the bed of still water, 0.4 m deep at dx = 0.02 m (`python -m experiments.lattice_growth`). Higher
+    orders spare the chamber's flow better: order 3 at every step lost a fifth of the response where this
+    loses half, but left slow modes of those rows, and grew thirtyfold a period in a tank of 4 m. Densities
+    follow on their own.
+    """
+
+    order: int = eqx.field(static=True, default=1)
+    interval: int = eqx.field(static=True, default=5)
+    """Steps."""
+
+    def __check_init__(self) -> None:
+        """Refuses what filters nothing."""
+        if self.order < 1 or self.interval < 1:
+            raise ValueError(f"order = {self.order} and interval = {self.interval}: must be 1 or more")
+
+    def filtered(self, model, state, tables):
+        """See `AbstractTangents`."""
+        p = state.particles
+
+        def filtered(fields):
+            average = average_of(*jax.lax.stop_gradient((model, state)), tables)
+            return _filtered(self.order, fields, average)
+
+        fields = (columns(p.x), columns(p.u))
+        if self.interval > 1:
+            due = state.step % self.interval == 0
+            x, u = jax.lax.cond(due, filtered, lambda fields: fields, fields)
+        else:
+            x, u = filtered(fields)
+        return eqx.tree_at(lambda s: (s.particles.x, s.particles.u), state, (stacked(x), stacked(u)))
+
+
+class Average(NamedTuple):
+    """The average over neighbours, a linear map of vector fields: straight lines fitted around every
+    particle with the kernel's weights, and their value there."""
+
+    x: Components
+    V: jax.Array
+    smoothing: Smoothing
+    table: Int[Array, "K N"]
+    """Water around the water; walls are empty slots."""
+    own: jax.Array
+    """Weight of the particle itself."""
+    weight: jax.Array
+    """Sum of all weights."""
+    centre: Components
+    """Weighted mean of the neighbours' places from the particle, over h."""
+    inverse: tuple[tuple[jax.Array, ...], ...]
+    """For every component of the field, the inverse of the places' covariance over h^2/2, with the slope away
+    from walls held down for what is even there."""
+
+    def __call__(self, fields: tuple[Components, ...]) -> tuple[Components, ...]:
+        """The averages of vector fields."""
+        h = self.smoothing.h
+
+        def law(pair: Pair, i: Fields, j: Fields):
+            w = laws.volume(j) * pair.W
+            there = tuple(-r / h for r in pair.r)
+            return jax.tree.map(lambda f: (w * f, tuple(w * f * a for a in there)), j["f"])
+
+        sources = with_empty({"x": self.x, "V": self.V, "f": fields})
+        sums = linear_pair_sum(law, self.smoothing, {"x": self.x}, sources, self.table)
+
+        def fitted(f, inverse, found):
+            zeroth, first = found
+            mean = (zeroth + self.own * f) / self.weight
+            slope = tuple(a / self.weight - c * mean for a, c in zip(first, self.centre, strict=True))
+            return mean - 2.0 * dot(self.centre, symmetric_product(inverse, slope))
+
+        return tuple(
+            tuple(map(fitted, field, self.inverse, found)) for field, found in zip(fields, sums, strict=True)
+        )
+
+
+def average_of(model: Model, state: State, tables: Tables) -> Average:
+    """The average over a state's neighbours."""
+    p, walls = state.particles, model.walls
+    smoothing: Smoothing = model.scheme.smoothing
+    h, (n, dim) = smoothing.h, p.x.shape
+    ghosts, _ = model.walls_at(state)
+    V = model.scheme.volume(p)
+    own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
+    none = jnp.zeros_like(walls.volume)
+    # pushes[k][a]: a ghost's volume, where component k is even across its wall and a is normal to it
+    normal, even = walls.mirror == -1.0, walls.mirror != -1.0
+    pushes = tuple(
+        tuple(jnp.where(even[:, k] & normal[:, a], walls.volume, 0.0) for a in range(dim)) for k in range(dim)
+    )
+    sources = {
+        "x": columns(jnp.concatenate([p.x, ghosts])),
+        "w": jnp.concatenate([V, none]),
+        "push": jax.tree.map(lambda a: jnp.concatenate([jnp.zeros_like(V), a]), pushes),
+    }
+
+    def moments(pair: Pair, i: Fields, j: Fields):
+        w = j["w"] * pair.W
+        there = tuple(-r / h for r in pair.r)
+        first = tuple(w * a for a in there)
+        return w, first, outer_upper(first, there), jax.tree.map(lambda a: a * pair.W, j["push"])
+
+    x = columns(p.x)
+    weight, first, second, push = pair_sum(moments, smoothing, {"x": x}, with_empty(sources), tables.fluid)
+    weight = weight + own
+    centre = tuple(a / weight for a in first)
+    spread = tuple(a / weight - b for a, b in zip(second, outer_upper(centre, centre), strict=True))
+    inverse = tuple(symmetric_inverse(_held(spread, push[k], dim)) for k in range(dim))
+    return Average(x, V, smoothing, jnp.minimum(tables.fluid, n), own, weight, centre, inverse)
+
+
+HOLD = 40.0
+"""How many times its own covariance, over a full kernel of ghosts, a slope is held down: it need only be
+large."""
+
+
+def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:
+    """The covariance over 1/2 with the held slopes' directions made stiff, upper triangle."""
+    found, count = [], 0
+    for row in range(dim):
+        for column in range(row, dim):
+            stiff = HOLD * push[row] if row == column else 0.0
+            found.append(2.0 * spread[count] + stiff)
+            count += 1
+    return tuple(found)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _filtered(order: int, fields: tuple[Components, ...], average: Average) -> tuple[Components, ...]:
+    """The fields; their derivatives less what `order` averages leave of them."""
+    del order, average
+    return fields
+
+
+@_filtered.defjvp
+def _(order, primals, tangents):
+    fields, average = primals
+    rest = tangents[0]
+    for _ in range(order):
+        rest = jax.tree.map(jnp.subtract, rest, average(rest))
+    return fields, jax.tree.map(jnp.subtract, tangents[0], rest)

@@ -1,0 +1,175 @@
+"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
+
+Layout of a run's file (`SCHEMA`):
+
+    attributes             schema, jaxsph_version, case (the whole case as TOML text)
+    settings               attributes: what fixed the arrays' shapes
+    series, energy         samples over the dimension `time`, readable by netCDF tools; each
+                           variable with `units` and `long_name`; positions of gauges, sensors
+    snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
+    checkpoint             all that evolves, bit for bit, at the end of the series
+    progress, results      attributes: numbers of the run so far, and of the finished run
+
+Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
+file or the new one, whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from jaxsph.errors import FileError
+
+SCHEMA = 1
+"""Version of the layout; files of a newer one are refused."""
+
+
+Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
+
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+# What netCDF calls a dimension that has no coordinate values of its own.
+_BARE_DIMENSION = "This is a netCDF dimension but not a netCDF variable. {:10d}"
+
+
+@dataclass
+class Variable:
+    """What a series is: for axes' labels and for readers of the file."""
+
+    units: str
+    long_name: str
+    dim: str | None = None
+    """Name of the second dimension, e.g. "gauge"; None for a series `[T]`."""
+
+
+@contextlib.contextmanager
+def _replacing(path: Path, mode: str) -> Iterator[h5py.File]:
+    """A copy (mode "r+") or a new file ("w") that takes the file's place if all goes well."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with _writing(path):
+        try:
+            _remove_abandoned(path)
+            if mode == "r+":
+                shutil.copyfile(path, part)
+            with h5py.File(part, mode) as file:
+                yield file
+                file.flush()
+            _sync(part)
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+        if os.name == "posix":  # elsewhere a folder cannot be opened to sync its entries
+            _sync(path.parent)
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[h5py.File]:
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except FileNotFoundError:
+        raise FileError(_missing(path)) from None
+    except PermissionError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    except (OSError, KeyError, RuntimeError) as error:
+        raise FileError(
+            f"{path}: is cut short or damaged ({error}). Restore it from a copy, or run "
+            "the case again with --overwrite"
+        ) from error
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
+        raise FileError(
+            f"{path}: could not be written ({error}); what was there before is unchanged. Look at "
+            "the space and the permissions of its folder"
+        ) from error
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Removes unfinished copies that a killed run left: a write takes seconds, not an hour."""
+    for part in path.parent.glob(f".{path.name}.*.part"):
+        with contextlib.suppress(OSError):
+            if time.time() - part.stat().st_mtime > 3600.0:
+                part.unlink()
+
+
+def _sync(path: Path) -> None:
+    """Waits until a file's bytes, or a folder's entries, are on the disk."""
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _missing(path: Path) -> str:
+    return f"{path}: no such file; `jaxsph run CASE --out {path}` makes one"
+
+
+def _check_signature(path: Path) -> None:
+    """Tells a missing or foreign file from a damaged one, which h5py does not."""
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; give a run's file (.h5)")
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_SIGNATURE))
+    except FileNotFoundError:
+        raise FileError(_missing(path)) from None
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+    if start == _SIGNATURE:
+        return
+    if _SIGNATURE.startswith(start):
+        raise FileError(f"{path}: is cut short or empty; run the case again with --overwrite")
+    raise FileError(f"{path}: is not an HDF5 file; give a file that `jaxsph run` wrote")
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("jaxsph")
+    except importlib.metadata.PackageNotFoundError:
+        return "0+unknown"
+
+
+def _plain(value: Any) -> Any:
+    """A Python number for a numpy scalar; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
+    """The dimension called `dim`, made where it is missing."""
+    if dim not in group:
+        scale = group.create_dataset(dim, (size,), "f4")
+        scale.make_scale(_BARE_DIMENSION.format(size))
+    elif group[dim].shape != (size,):
+        raise ValueError(f"dimension {dim!r} has size {group[dim].shape[0]}, not {size}")
+    return group[dim]
+
+
+def _dimension(data: h5py.Dataset, axis: int) -> str:
+    return data.dims[axis][0].name.rsplit("/", 1)[-1]
+
+
+def _exact(data: h5py.Dataset) -> np.ndarray:
+    """A dataset's array as it was; indexing would turn 0-d ones into scalars."""
+    found = np.empty(data.shape, data.dtype)
+    if found.size:
+        data.read_direct(found)
+    return found

@@ -1,0 +1,322 @@
+"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
+
+Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
+record what it shows. `plot_run` writes all of them as PNG files, and an animation;
+`plot_sweep` draws what a sweep or a search found.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.colors import Colormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+
+from jaxsph.output.plot.style import (
+    WALL,
+    WIDTH,
+    _styled,
+)
+from jaxsph.output.run_file import RunFile
+
+MOST_FRAMES = 200
+"""Frames of an animation; longer runs skip snapshots."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A quantity of the particles to colour them by."""
+
+    label: str
+    colours: str | Colormap
+    values: Callable[[dict[str, Any]], np.ndarray]
+
+
+PRESSURE = Field("pressure (Pa)", "viridis", lambda s: s["p"])
+
+
+SPEED = Field("speed (m/s)", "plasma", lambda s: np.linalg.norm(s["u"], axis=1))
+
+
+@dataclass(frozen=True)
+class _Tank:
+    """What is drawn around the particles; lengths in m, None where the case does not say."""
+
+    name: str
+    dx: float
+    x0: float
+    x1: float
+    depth: float | None
+    top: float
+    """Upper edge of the view."""
+    plate: tuple[float, float, float] | None
+    """Front wall of an OWC: its two faces and the height of its tip."""
+    platform: tuple[float, float] | None
+    """Raised bed under it: its start and its height."""
+    body: tuple[np.ndarray, np.ndarray] | None = None
+    """Outline `[K, 2]` and pivot of a rigid body at rest."""
+
+    @classmethod
+    def of(cls, run: RunFile) -> _Tank:
+        """From the case's text and the snapshots, whatever of the case is there."""
+        case = tomllib.loads(run.case_toml)
+        ends = [run.snapshot(i)["x"] for i in _frames(run, 12)]
+        low, high = (f([f(x, axis=0) for x in ends], axis=0) for f in (np.min, np.max))
+        spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
+        dx = float(case.get("dx", spacing))
+        tank = case.get("tank", {})
+        length = _snapped(tank.get("length"), dx)
+        depth = _snapped(tank.get("depth"), dx)
+        top = float(max(high[-1], depth or high[-1]))
+        top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
+        x1 = length if length is not None else float(high[0]) + 0.5 * dx
+        return cls(
+            name=str(case.get("name", run.path.stem)),
+            dx=dx,
+            x0=min(0.0, float(low[0]) - 0.5 * dx),
+            x1=x1,
+            depth=depth,
+            top=top,
+            plate=_plate(case.get("device", {}), x1, depth, dx),
+            platform=_platform(case.get("device", {}), x1, dx),
+            body=_outline(case.get("body")),
+        )
+
+    def strips(self) -> list[tuple[float, float]]:
+        """x ranges that cover the tank, each at most eight times as long as high."""
+        margin = 0.01 * (self.x1 - self.x0) + self.dx
+        count = max(1, int(np.ceil((self.x1 - self.x0) / (8.0 * self.top) - 0.3)))
+        edges = np.linspace(self.x0 - margin, self.x1 + margin, count + 1)
+        return list(zip(edges[:-1], edges[1:], strict=True))
+
+    def zoom(self) -> tuple[float, float] | None:
+        """x range of the device, where it would be small in the whole picture."""
+        if self.plate is None or self.x1 - self.x0 < 4.0 * self.top:
+            return None
+        right = self.x1 + 0.05 * self.top
+        return right - 2.6 * self.top, right
+
+
+def _snapped(value: float | None, dx: float) -> float | None:
+    """A length on the lattice, as the case is built."""
+    return None if value is None else float(np.floor(value / dx + 0.5 + 1e-9)) * dx
+
+
+def _plate(
+    device: dict[str, Any], end: float, depth: float | None, dx: float
+) -> tuple[float, float, float] | None:
+    names = ("chamber_length", "wall_thickness", "draught")
+    if depth is None or not all(name in device for name in names):
+        return None
+    length, thickness, draught = (device[name] for name in names)
+    return end - length - thickness, end - length, depth - _snapped(draught, dx)
+
+
+def _platform(device: dict[str, Any], end: float, dx: float) -> tuple[float, float] | None:
+    if not device.get("platform_height"):
+        return None
+    return end - _snapped(device["platform_length"], dx), _snapped(device["platform_height"], dx)
+
+
+def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | None:
+    if body is None:
+        return None
+    if "polygon" in body:
+        corners = np.asarray(body["polygon"], float)
+    elif "disc" in body:
+        angle = np.linspace(0.0, 2.0 * np.pi, 60)
+        around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        corners = np.asarray(body["disc"]["centre"]) + body["disc"]["radius"] * around
+    else:
+        low, high = body["block"]["low"], body["block"]["high"]
+        (x0, z0), (x1, z1) = (low[0], low[-1]), (high[0], high[-1])
+        corners = np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
+    centre = shapely.Polygon(corners).centroid
+    pivot = body.get("pivot", body.get("centre", (centre.x, centre.y)))
+    return corners, np.asarray(pivot, float)
+
+
+@_styled
+def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
+    """Particles of one snapshot, coloured by a field; a long tank in strips, and the OWC enlarged.
+
+    A three-dimensional run is cut along the middle of its width.
+    """
+    if run.snapshot_count == 0:
+        return None
+    snapshot = run.snapshot(index)
+    picture = _Picture(_Tank.of(run), field, _limits(field, [snapshot]))
+    picture.show(snapshot)
+    return picture.figure
+
+
+class _Picture:
+    """A figure of particles whose snapshot can be exchanged, for stills and for animations."""
+
+    def __init__(self, tank: _Tank, field: Field, limits: tuple[float, float]) -> None:
+        self.tank, self.field = tank, field
+        ranges = tank.strips()
+        zoom = tank.zoom()
+        if zoom is not None:
+            ranges.append(zoom)
+        bottom = -max(1.5 * tank.dx, 0.03 * tank.top)
+        usable = WIDTH - 2.0  # beside labels and colour bar
+        heights = [usable * (tank.top - bottom) / (b - a) for a, b in ranges]
+        # a tank higher than long would give a tower: narrow it instead
+        shrink = min(1.0, 7.0 / max(heights))
+        heights = [h * shrink for h in heights]
+        size = (usable * shrink + 2.0, sum(heights) + 0.35 * len(heights) + 0.75)
+        self.figure = Figure(figsize=size, layout="constrained")
+        self.figure.get_layout_engine().set(w_pad=0.1, h_pad=0.06)
+        # some text at once, for the layout to leave room
+        self.title = self.figure.suptitle(tank.name, x=0.02, ha="left", fontsize=13)
+        grid = self.figure.add_gridspec(len(ranges), 1, height_ratios=heights)
+        self.axes = [self.figure.add_subplot(grid[i]) for i in range(len(ranges))]
+        self.dots, self.paddles, self.bodies = [], [], []
+        for ax, (a, b) in zip(self.axes, ranges, strict=True):
+            self._prepare(ax, (a, b), (bottom, tank.top))
+            self.dots.append(self._scatter(ax, limits))
+        if zoom is not None:
+            self.axes[-1].set_title("the OWC, enlarged")
+        self.axes[-1].set_xlabel("x (m)")
+        bar = self.figure.colorbar(
+            self.dots[0],
+            ax=self.axes,
+            aspect=25,
+            pad=0.01,
+            shrink=0.8,
+            label=field.label,
+            extend="max" if field is SPEED else "both",
+        )
+        bar.outline.set_visible(False)
+        self._size_dots()
+
+    def _prepare(self, ax: Axes, x: tuple[float, float], z: tuple[float, float]) -> None:
+        ax.set(xlim=x, ylim=z, aspect="equal", ylabel="z (m)")
+        ax.grid(False)
+        ax.spines[["left", "bottom"]].set_visible(False)
+        self._draw_walls(ax, z)
+
+    def _draw_walls(self, ax: Axes, z: tuple[float, float]) -> None:
+        tank, solid = self.tank, {"facecolor": WALL, "edgecolor": "none", "zorder": 3}
+        thick = -z[0]
+        ax.add_patch(Rectangle((tank.x0 - 1.0, z[0]), tank.x1 - tank.x0 + 2.0, thick, **solid))
+        ax.add_patch(Rectangle((tank.x1, z[0]), tank.x1, z[1] - z[0], **solid))
+        paddle = Rectangle((-1e3, z[0]), 1e3, z[1] - z[0], **solid)
+        ax.add_patch(paddle)
+        self.paddles.append(paddle)
+        if tank.body is not None:
+            self.bodies.append(ax.add_patch(Polygon(tank.body[0], **solid)))
+        if tank.plate is not None:
+            x0, x1, tip = tank.plate
+            ax.add_patch(Rectangle((x0, tip), x1 - x0, z[1] - tip, **solid))
+        if tank.platform is not None:
+            start, height = tank.platform
+            ax.add_patch(Rectangle((start, z[0]), tank.x1 - start, height - z[0], **solid))
+        if tank.depth is not None:
+            ax.axhline(tank.depth, color="0.5", lw=0.8, ls=(0, (6, 4)), zorder=1)
+
+    def _scatter(self, ax: Axes, limits: tuple[float, float]) -> PathCollection:
+        low, high = limits
+        return ax.scatter([], [], c=[], cmap=self.field.colours, vmin=low, vmax=high, lw=0, zorder=2)
+
+    def _size_dots(self) -> None:
+        """Gives the dots the particles' size, which is known once the axes have theirs."""
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")  # the frames of an animation must not move
+        for ax, dots in zip(self.axes, self.dots, strict=True):
+            a, b = ax.transData.transform([(0.0, 0.0), (self.tank.dx, 0.0)])
+            points = (b[0] - a[0]) * 72.0 / self.figure.dpi
+            # The diagonal of the spacing, so that no gaps shine through where the water is full.
+            dots.set_sizes([max(1.45 * points, 0.6) ** 2])
+
+    def show(self, snapshot: dict[str, Any]) -> list[PathCollection]:
+        """Puts a snapshot into the figure."""
+        x, values = _cut(snapshot["x"], self.tank.dx), self.field.values(snapshot)
+        for ax, dots, paddle in zip(self.axes, self.dots, self.paddles, strict=True):
+            a, b = ax.get_xlim()
+            near = x.seen & (x.at[:, 0] > a - self.tank.dx) & (x.at[:, 0] < b + self.tank.dx)
+            dots.set_offsets(x.at[near])
+            dots.set_array(values[near])
+            paddle.set_x(float(snapshot.get("paddle", 0.0)) - 1e3)
+        for body in self.bodies:
+            body.set_xy(_posed(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
+        self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
+        return self.dots
+
+
+def _posed(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """The outline moved by surge, heave and pitch (from z towards x)."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return (corners - pivot) @ np.array([[c, -s], [s, c]]) + pivot + pose[:2]
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """Particles in the plane of the picture."""
+
+    at: np.ndarray
+    seen: np.ndarray
+
+
+def _cut(x: np.ndarray, dx: float) -> _Cut:
+    seen = np.ones(len(x), bool)
+    if x.shape[1] == 3:
+        middle = 0.5 * (x[:, 1].min() + x[:, 1].max())
+        seen = np.abs(x[:, 1] - middle) < 0.75 * dx
+    return _Cut(x[:, [0, -1]], seen)
+
+
+def _limits(field: Field, snapshots: Sequence[dict[str, Any]]) -> tuple[float, float]:
+    """Range of colours: all but the outermost values, from zero."""
+    values = np.concatenate([field.values(s) for s in snapshots])
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return 0.0, 1.0
+    high = float(np.percentile(values, 99.5))
+    return 0.0, high if high > 0.0 else 1.0
+
+
+@_styled
+def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Path]:
+    """Animates the snapshots at their own speed: STEM.gif, and STEM.mp4 where ffmpeg is found.
+
+    **Returns** the files written; none for a run with fewer than two snapshots.
+    """
+    frames = _frames(run, MOST_FRAMES)
+    if len(frames) < 2:
+        return []
+    stem = Path(stem)
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    some = [run.snapshot(i) for i in frames[:: max(1, len(frames) // 8)]]
+    picture = _Picture(_Tank.of(run), field, _limits(field, some))
+    movie = FuncAnimation(
+        picture.figure, lambda i: picture.show(run.snapshot(i)), frames=frames, init_func=lambda: []
+    )
+    times = run.snapshot_times()[frames]
+    rate = float(np.clip((len(frames) - 1) / max(times[-1] - times[0], 1e-9), 2.0, 25.0))
+    written = [stem.with_suffix(".gif")]
+    movie.save(written[0], writer=PillowWriter(fps=rate), dpi=75)
+    if shutil.which("ffmpeg"):
+        written.append(stem.with_suffix(".mp4"))
+        # even sides, which the usual encoder demands
+        even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
+        movie.save(written[1], writer=FFMpegWriter(fps=rate, extra_args=even), dpi=110)
+    return written
+
+
+def _frames(run: RunFile, most: int) -> list[int]:
+    """Indices of at most `most` snapshots, evenly over the run."""
+    count = run.snapshot_count
+    return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))

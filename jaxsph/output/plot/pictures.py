@@ -1,0 +1,66 @@
+"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
+
+Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
+record what it shows. `plot_run` writes all of them as PNG files, and an animation;
+`plot_sweep` draws what a sweep or a search found.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jaxsph.output.plot.particles import (
+    PRESSURE,
+    SPEED,
+    animate,
+    particles,
+)
+from jaxsph.output.plot.series import (
+    body,
+    chamber,
+    energy,
+    gauges,
+    pressures,
+)
+from jaxsph.output.plot.style import (
+    STYLE,
+    Overlay,
+)
+from jaxsph.output.run_file import RunFile
+from jaxsph.waves.linear_owc import LinearOWC
+
+
+def plot_run(
+    run: RunFile | str | Path,
+    folder: str | Path | None = None,
+    animation: bool = True,
+    overlay: Overlay | None = None,
+    linear: LinearOWC | None = None,
+) -> list[Path]:
+    """Writes every picture that the run has data for, and the animation of its snapshots.
+
+    **Arguments**: `folder`: by default the run's path without suffix and with "_plots"; `overlay`:
+    theory to draw over the gauges; `linear`: what linear theory expects of the chamber.
+    **Returns** the files written: PNG, GIF, and MP4 where ffmpeg is found.
+    **Raises** FileError where the run cannot be read.
+    """
+    run = run if isinstance(run, RunFile) else RunFile.open(run)
+    folder = Path(folder) if folder is not None else run.path.with_name(run.path.stem + "_plots")
+    figures = {
+        "gauges": gauges(run, overlay),
+        "chamber": chamber(run, linear),
+        "body": body(run),
+        "pressure_sensors": pressures(run),
+        "energy": energy(run),
+        "particles_pressure": particles(run, PRESSURE),
+        "particles_speed": particles(run, SPEED),
+    }
+    written = []
+    for name, figure in figures.items():
+        if figure is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            written.append(folder / f"{name}.png")
+            figure.savefig(written[-1], dpi=STYLE["savefig.dpi"])
+    if animation:
+        written += animate(run, folder / "animation")
+    return written

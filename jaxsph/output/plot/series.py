@@ -1,0 +1,231 @@
+"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
+
+Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
+record what it shows. `plot_run` writes all of them as PNG files, and an animation;
+`plot_sweep` draws what a sweep or a search found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxsph import analysis
+from jaxsph.output.plot.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
+    STORED,
+    Overlay,
+    _has,
+    _name,
+    _share_limits,
+    _stack,
+    _styled,
+)
+from jaxsph.output.run_file import RunFile
+from jaxsph.waves.linear_owc import LinearOWC
+
+
+@_styled
+def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
+    """Elevation at each gauge, one axis for each, on one scale."""
+    series = run.series()
+    if not _has(series, "eta"):
+        return None
+    positions = run.coordinates().get("gauge_x")
+    x = positions[1] if positions is not None else [None] * series["eta"].shape[1]
+    t, figure, axes = series["time"], *_stack(len(x), 1.5)
+    for ax, at, eta in zip(axes, x, series["eta"].T, strict=True):
+        ax.plot(t, eta, color=BLUE, label="simulation")
+        ax.set_title(_name(ax, "gauge") if at is None else f"gauge at x = {at:.4g} m")
+        if overlay is not None and at is not None:
+            ax.plot(t, overlay(t, float(at)), "--", color=RED, lw=1.2, label="theory")
+    if overlay is not None:
+        # above the axes, where no line can run through it
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
+    _share_limits(axes)
+    figure.supylabel("elevation over still water (m)", fontsize=11)
+    return figure
+
+
+@_styled
+def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
+    """Level, flow, pressure and power of the chamber, on one time axis.
+
+    With `linear` also the extremes that linear theory expects of the first three and the mean of the
+    power, dashed, over the periods that the efficiency was averaged over (the last one, if none was).
+    """
+    panels = [
+        ("chamber_level", "level (m)", "mean level over still water, positive when risen", BLUE),
+        ("flow", "flow (m$^2$/s)", "air flow per metre width, positive out of the chamber", GREEN),
+        ("P_a", "pressure (Pa)", "air pressure over the atmosphere, positive when compressed", RED),
+        ("power_pto", "power (W/m)", "power taken by the PTO per metre width", PURPLE),
+    ]
+    series = run.series()
+    panels = [panel for panel in panels if _has(series, panel[0])]
+    if not panels or "body_force" in series:
+        return None
+    t, figure, axes = series["time"], *_stack(len(panels), 2.0)
+    for ax, (name, label, title, colour) in zip(axes, panels, strict=True):
+        ax.plot(t, series[name], color=colour)
+        ax.axhline(0.0, color="0.5", lw=0.8, zorder=1)
+        ax.set_ylabel(label)
+        ax.set_title(title)
+        if name == "power_pto":
+            _fill(ax, t, series[name], colour)
+        if linear is not None:
+            settled = t[-1] - run.results().get("periods", 1.0) * linear.T
+            _expect(ax, (max(settled, t[0]), t[-1]), name, linear)
+    if linear is not None:
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    figure.align_ylabels(axes)
+    return figure
+
+
+@_styled
+def body(run: RunFile) -> Figure | None:
+    """Motions of the rigid body, the water's force on it and the power of its PTO, on one time axis."""
+    series = run.series()
+    if not _has(series, "body_force"):
+        return None
+    force = series["body_force"]
+    panels = [
+        (series["surge"], "surge (m)", "displacement along the tank", BLUE),
+        (series["heave"], "heave (m)", "displacement upwards", BLUE),
+        (np.degrees(series["pitch"]), "pitch (deg)", "angle, positive landward", BLUE),
+        (force[:, 0], "F$_x$", "the water's force along the tank (N; N/m in two dimensions)", RED),
+        (force[:, 1], "F$_z$", "the water's force upwards", RED),
+        (force[:, 2], "M", "the water's moment about the pivot (N m; N in two dimensions)", RED),
+        (series["power_pto"], "power", "power taken by the PTO (W; W/m in two dimensions)", PURPLE),
+    ]
+    panels = [panel for panel in panels if np.ptp(panel[0]) > 0.0]
+    if not panels:
+        return None
+    t, figure, axes = series["time"], *_stack(len(panels), 1.7)
+    for ax, (values, label, title, colour) in zip(axes, panels, strict=True):
+        ax.plot(t, values, color=colour)
+        ax.axhline(0.0, color="0.5", lw=0.8, zorder=1)
+        ax.set_ylabel(label)
+        ax.set_title(title)
+    figure.align_ylabels(axes)
+    return figure
+
+
+def _expect(ax: Axes, span: tuple[float, float], name: str, linear: LinearOWC) -> None:
+    """Dashed lines of linear theory over a span of time."""
+    if name == "power_pto":
+        values = [linear.P_owc]
+    else:
+        # Of the pressure the peaks of the quadratic law: its fundamental would lie 15 % below them.
+        peaks = {"chamber_level": abs(linear.level), "flow": abs(linear.q), "P_a": linear.P_a_peak}
+        values = [-peaks[name], peaks[name]]
+    for value in values:
+        (line,) = ax.plot(span, [value, value], "--", color="black", lw=1.2)
+    line.set_label("linear theory")
+
+
+def _fill(ax: Axes, t: np.ndarray, power: np.ndarray, colour: str) -> None:
+    ax.fill_between(t, power, color=colour, alpha=0.2, lw=0)
+    ax.set_ylim(bottom=min(0.0, float(np.min(power))))
+
+
+@_styled
+def pressures(run: RunFile) -> Figure | None:
+    """Gauge pressure at each sensor."""
+    series = run.series()
+    if not _has(series, "pressure"):
+        return None
+    where = [v for k, v in run.coordinates().items() if k.startswith("sensor_")]
+    t, figure, axes = series["time"], *_stack(series["pressure"].shape[1], 1.9)
+    for i, ax in enumerate(axes):
+        ax.plot(t, series["pressure"][:, i], color=BLUE)
+        point = ", ".join(f"{values[i]:.4g}" for _, values, _, _ in where)
+        ax.set_title(f"sensor at ({point}) m" if point else f"sensor {i + 1}")
+    figure.supylabel("gauge pressure (Pa)", fontsize=11)
+    return figure
+
+
+@_styled
+def energy(run: RunFile) -> Figure | None:
+    """Where the paddle's work went: stacked areas under it, and what is missing."""
+    series = run.series()
+    if not all(_has(series, name) for name in ("kinetic", "potential", "compression")):
+        return None
+    terms = _energy_terms(series)
+    work = _summed(series, "power_paddle")
+    t, figure, axes = series["time"], *_stack(1, 5.2)
+    ax = axes[0]
+    # Areas lie on one another only where each is a gain; else (a prescribed pressure does work on
+    # the water) lines tell the truth.
+    largest = max(float(np.max(np.abs(values))) for _, values, _ in terms)
+    losses = [values for _, values, _ in terms[:-1]]
+    if all(float(np.min(values)) >= -0.01 * largest for values in losses):
+        _areas(ax, t, terms)
+    else:
+        for label, values, colour in terms:
+            ax.plot(t, values, color=colour, label=label)
+    if np.any(work):
+        ax.plot(t, work, color="black", lw=1.6, label="work of the paddle")
+    ax.axhline(0.0, color="0.5", lw=0.8)
+    units = run.variables()["kinetic"].units
+    ax.set_ylabel("energy since the start " + ("(J)" if units == "J" else "(J/m)"))
+    ax.set_title(_budget_title(series))
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(handles[::-1], labels[::-1], loc="upper left")  # in the order of the areas
+    return figure
+
+
+def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, str]]:
+    """(label, energy since the start, colour), the lasting ones first, the stored one on top."""
+    stored = series["kinetic"] + series["potential"] + series["compression"]
+    terms = [
+        ("taken by the PTO", _summed(series, "power_pto"), GREEN),
+        ("taken by the sponge", _summed(series, "power_sponge"), PURPLE),
+        ("viscous loss", _integrated(series, "loss_viscous"), ORANGE),
+        ("density diffusion", _integrated(series, "loss_diffusive"), RED),
+        ("met a solid", _summed(series, "power_contact"), BLUE),
+        ("lost in the projection", _summed(series, "power_projection"), RED),
+    ]
+    shown = [term for term in terms if np.any(term[1])]
+    return [*shown, (STORED, stored - stored[0], SKY)]
+
+
+def _areas(ax: Axes, t: np.ndarray, terms: list[tuple[str, np.ndarray, str]]) -> None:
+    base = np.zeros_like(t)
+    for label, values, colour in terms:
+        # The stored energy swings below the losses as the paddle draws back: it lies behind them.
+        z = 1.5 if label == STORED else 2.0
+        ax.fill_between(t, base, base + values, color=colour, lw=0, label=label, zorder=z)
+        base = base + values
+
+
+def _budget_title(series: dict[str, np.ndarray]) -> str:
+    budget = analysis.energy_budget(series)
+    paddle = abs(budget["paddle"])
+    if paddle > 0.0 and paddle >= float(np.max(np.abs(series["kinetic"]))):
+        share, whole = budget["residual"] / paddle, "the paddle's work"
+    else:
+        share, whole = budget["residual_share"], "the largest kinetic energy"
+    return f"energy budget: {100 * share:+.2f} % of {whole} is not accounted for"
+
+
+def _summed(series: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """Energy of a power that is the mean since the last sample (see `analysis.energy_budget`)."""
+    if name not in series:
+        return np.zeros_like(series["time"])
+    work = np.cumsum(series[name][1:] * np.diff(series["time"]))
+    return np.concatenate([[0.0], work])
+
+
+def _integrated(series: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """Energy of a power known at the samples, by the trapezoidal rule."""
+    if name not in series:
+        return np.zeros_like(series["time"])
+    power = series[name]
+    work = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(series["time"]))
+    return np.concatenate([[0.0], work])

@@ -1,0 +1,79 @@
+"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
+
+Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
+record what it shows. `plot_run` writes all of them as PNG files, and an animation;
+`plot_sweep` draws what a sweep or a search found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+Overlay = Callable[[np.ndarray, float], np.ndarray]
+"""Elevation (m) expected at times t (s) and position x (m)."""
+
+
+# Okabe and Ito's colours, which the colour-blind tell apart.
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9",
+)  # fmt: skip
+
+
+WALL = "0.3"
+
+
+STORED = "stored in the water"
+
+
+STYLE = {
+    "font.size": 11,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+}
+
+
+_styled = matplotlib.rc_context(STYLE)
+
+
+WIDTH = 11.0
+"""Of every figure, inches."""
+
+
+def _has(series: dict[str, np.ndarray], name: str) -> bool:
+    return name in series and series[name].size > 0 and len(series["time"]) > 1
+
+
+def _name(ax: Axes, kind: str) -> str:
+    return f"{kind} {ax.get_subplotspec().rowspan.start + 1}"
+
+
+def _stack(count: int, height: float) -> tuple[Figure, np.ndarray]:
+    """A column of axes over one time axis; each `height` inches high."""
+    figure = Figure(figsize=(WIDTH, 0.8 + height * count), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    axes[-1].set_xlabel("time (s)")
+    for ax in axes:
+        ax.margins(x=0.0)
+    return figure, axes
+
+
+def _share_limits(axes: Sequence[Axes]) -> None:
+    low, high = zip(*(ax.get_ylim() for ax in axes), strict=True)
+    for ax in axes:
+        ax.set_ylim(min(low), max(high))

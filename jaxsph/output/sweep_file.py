@@ -1,0 +1,195 @@
+"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
+
+Layout of a run's file (`SCHEMA`):
+
+    attributes             schema, jaxsph_version, case (the whole case as TOML text)
+    settings               attributes: what fixed the arrays' shapes
+    series, energy         samples over the dimension `time`, readable by netCDF tools; each
+                           variable with `units` and `long_name`; positions of gauges, sensors
+    snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
+    checkpoint             all that evolves, bit for bit, at the end of the series
+    progress, results      attributes: numbers of the run so far, and of the finished run
+
+Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
+file or the new one, whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from jaxsph.errors import FileError
+from jaxsph.output.hdf5 import (
+    SCHEMA,
+    Variable,
+    _check_signature,
+    _dimension,
+    _reading,
+    _replacing,
+    _scale,
+    _version,
+    _writing,
+)
+
+
+class StoredSweep(NamedTuple):
+    """What a sweep's file holds; see `SweepFile.write`."""
+
+    case_toml: str
+    axes: dict[str, np.ndarray]
+    shape: tuple[int, ...]
+    members: dict[int, dict[str, Any]]
+    variables: dict[str, Variable]
+
+
+class SweepFile:
+    """One HDF5 file of a sweep: scalar results and series of its members over the swept parameters.
+
+    Every parameter is a dimension with its values (of a list of members that is no grid: a variable over
+    the dimension `member`), so that netCDF tools open the file itself for the scalar results and the
+    group `series` for the series, padded with NaN where a member's is shorter or missing.
+    """
+
+    path: Path
+
+    def __init__(self, path: str | Path) -> None:
+        """A sweep's file, there or not."""
+        self.path = Path(path)
+
+    def is_one(self) -> bool:
+        """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
+        _check_signature(self.path)
+        with _reading(self.path) as file:
+            return file.attrs.get("kind") == "sweep"
+
+    def write(
+        self,
+        case_toml: str,
+        axes: Mapping[str, np.ndarray],
+        shape: tuple[int, ...],
+        members: Mapping[int, Mapping[str, Any]],
+        variables: Mapping[str, Variable],
+    ) -> None:
+        """Puts a whole sweep in the file's place.
+
+        **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (of a
+        list: all of them over one dimension); `members`: by flat index, "results" (scalars), "series"
+        (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
+        well); `variables`: what each series is. **Raises** FileError where it cannot be written.
+        """
+        with _writing(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        with _replacing(self.path, "w") as file:
+            file.attrs.update(schema=SCHEMA, jaxsph_version=_version(), case=case_toml, kind="sweep")
+            dims = _write_axes(file, axes, shape)
+            for name, values in gathered(members, shape).items():
+                _over(file, name, values, dims)
+            failure = np.full(shape, "waiting", h5py.string_dtype())
+            for index, member in members.items():
+                failure.flat[index] = member["failure"]
+            _over(file, "failure", failure, dims)
+            group = file.create_group("series")
+            dims = _write_axes(group, axes, shape)
+            with_series = {i: m["series"] for i, m in members.items() if "time" in m["series"]}
+            if with_series:
+                _write_padded(group, with_series, variables, dims, shape)
+
+    def read(self) -> StoredSweep:
+        """What was written, without the padding.
+
+        **Raises** FileError where the file is missing, damaged or not a sweep's.
+        """
+        _check_signature(self.path)
+        with _reading(self.path) as file:
+            if file.attrs.get("kind") != "sweep":
+                raise FileError(f"{self.path}: is not the file of a sweep; give another name")
+            case = str(file.attrs["case"])
+            order = [str(name) for name in file.attrs["parameters"]]
+            axes = {name: file[name][()] for name in order}
+            failure = file["failure"].asstr()[()]
+            shape = failure.shape
+            known = {*axes, "failure", "member"}
+            scalars = {name: data[()] for name, data in file.items() if name not in known | {"series"}}
+            stored = {n: d for n, d in file["series"].items() if "long_name" in d.attrs}
+            series = {n: d[()] for n, d in stored.items()}
+            variables = {
+                n: Variable(d.attrs["units"], d.attrs["long_name"], _last_dimension(d, len(shape) + 1))
+                for n, d in stored.items()
+            }
+            time = file["series/time"][()] if "time" in file["series"] else np.zeros(0)
+        members = {}
+        for index, text in enumerate(failure.flat):
+            if text == "waiting":
+                continue
+            at = np.unravel_index(index, shape)
+            results = {n: float(v[at]) for n, v in scalars.items() if np.isfinite(v[at])}
+            own = {n: v[at] for n, v in series.items()}
+            there = np.zeros(len(time), bool)
+            for values in own.values():
+                there |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
+            own = {n: v[there] for n, v in own.items()} | {"time": time[there]} if there.any() else {}
+            members[index] = {"results": results, "series": own, "failure": text}
+        return StoredSweep(case, axes, shape, members, variables)
+
+
+def gathered(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Every scalar result over the members of a sweep; NaN where a member has none."""
+    found = {}
+    for name in sorted({n for m in members.values() for n in m["results"]}):
+        found[name] = np.full(shape, np.nan)
+        for index, member in members.items():
+            found[name].flat[index] = member["results"].get(name, np.nan)
+    return found
+
+
+def _last_dimension(data: h5py.Dataset, axis: int) -> str | None:
+    return _dimension(data, axis) if data.ndim > axis else None
+
+
+def _write_axes(group: h5py.Group, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> list[str]:
+    """Coordinates of a sweep; returns the names of its dimensions."""
+    group.attrs["parameters"] = list(axes)
+    grid = tuple(len(values) for values in axes.values()) == shape
+    for name, values in axes.items():
+        data = group.create_dataset(name, data=np.asarray(values))
+        if grid:
+            data.make_scale(name)
+        else:
+            data.dims[0].attach_scale(_scale(group, "member", len(values)))
+    return list(axes) if grid else ["member"]
+
+
+def _over(group: h5py.Group, name: str, values: np.ndarray, dims: list[str]) -> h5py.Dataset:
+    data = group.create_dataset(name, data=values)
+    for axis, dim in enumerate(dims):
+        data.dims[axis].attach_scale(group[dim])
+    return data
+
+
+def _write_padded(
+    group: h5py.Group,
+    members: Mapping[int, Mapping[str, np.ndarray]],
+    variables: Mapping[str, Variable],
+    dims: list[str],
+    shape: tuple[int, ...],
+) -> None:
+    longest = max((series["time"] for series in members.values()), key=len)
+    group.create_dataset("time", data=longest).make_scale("time")
+    group["time"].attrs["units"] = "s"
+    first = next(iter(members.values()))
+    for name in sorted(set(first) - {"time"}):
+        row = first[name].shape[1:]
+        values = np.full((int(np.prod(shape)), len(longest), *row), np.nan, np.float32)
+        for index, series in members.items():
+            values[index, : len(series[name])] = series[name]
+        values = values.reshape(*shape, len(longest), *row)
+        along = [f"{variables[name].dim or name + '_component'}"] if row else []
+        for dim in along:
+            _scale(group, dim, row[0])
+        data = _over(group, name, values, [*dims, "time", *along])
+        data.attrs["units"], data.attrs["long_name"] = variables[name].units, variables[name].long_name

@@ -1,0 +1,128 @@
+"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
+
+Layout of a run's file (`SCHEMA`):
+
+    attributes             schema, jaxsph_version, case (the whole case as TOML text)
+    settings               attributes: what fixed the arrays' shapes
+    series, energy         samples over the dimension `time`, readable by netCDF tools; each
+                           variable with `units` and `long_name`; positions of gauges, sensors
+    snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
+    checkpoint             all that evolves, bit for bit, at the end of the series
+    progress, results      attributes: numbers of the run so far, and of the finished run
+
+Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
+file or the new one, whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from jaxsph.errors import FileError
+from jaxsph.output.hdf5 import (
+    _replacing,
+    _writing,
+)
+from jaxsph.output.run_file import (
+    RunFile,
+)
+
+
+def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
+    """Writes all snapshots as one VTKHDF file over time, which ParaView opens.
+
+    PolyData of one vertex for each particle, with point data `pressure` (Pa), `velocity` (m/s,
+    three components) and `id`; point k is the same particle at all times. Two-dimensional runs lie
+    in the x-y plane, z up becoming y, which is how ParaView looks at a new scene.
+
+    **Raises** FileError where the run has no snapshots, or `path` is a file of another kind.
+    """
+    path = Path(path)
+    count = run.snapshot_count
+    if count == 0:
+        raise FileError(f"{run.path}: holds no snapshots yet; let the run go on, then export again")
+    _check_replaceable(path)
+    with _writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with _replacing(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 2], np.int64)
+        # VTK wants a fixed-length string here, and h5py writes variable ones.
+        root.attrs.create("Type", np.bytes_("PolyData"))
+        sizes = []
+        for i in range(count):
+            snapshot = run.snapshot(i)
+            order = np.argsort(snapshot["id"], kind="stable")
+            sizes.append(len(order))
+            _append_rows(root, "Points", _three(snapshot["x"][order]))
+            _append_rows(root, "PointData/pressure", snapshot["p"][order])
+            _append_rows(root, "PointData/velocity", _three(snapshot["u"][order]))
+            _append_rows(root, "PointData/id", snapshot["id"][order])
+        _write_vertices(root, np.asarray(sizes))
+        _write_steps(root, run.snapshot_times(), np.asarray(sizes))
+    return path
+
+
+def _check_replaceable(path: Path) -> None:
+    """An export may replace an earlier one, but no other file."""
+    if not path.exists():
+        return
+    with contextlib.suppress(OSError), h5py.File(path, "r") as file:
+        if "VTKHDF" in file:
+            return
+    raise FileError(f"{path}: exists and is not an earlier export; give another name")
+
+
+def _three(a: np.ndarray) -> np.ndarray:
+    """`[N, 2]` or `[N, 3]` as `[N, 3]`."""
+    return np.pad(a, ((0, 0), (0, 3 - a.shape[1])))
+
+
+def _append_rows(root: h5py.Group, name: str, rows: np.ndarray) -> None:
+    if name not in root:
+        root.create_dataset(
+            name,
+            (0, *rows.shape[1:]),
+            rows.dtype,
+            maxshape=(None, *rows.shape[1:]),
+            chunks=(max(1, min(len(rows), 65536)), *rows.shape[1:]),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
+        )
+    data = root[name]
+    old = len(data)
+    data.resize(old + len(rows), axis=0)
+    data[old:] = rows
+
+
+def _write_vertices(root: h5py.Group, sizes: np.ndarray) -> None:
+    """One list of vertices serves every step: a step reads as many as it has points."""
+    root["NumberOfPoints"] = sizes
+    most = int(sizes.max())
+    for kind in ("Vertices", "Lines", "Polygons", "Strips"):
+        cells = most if kind == "Vertices" else 0
+        group = root.create_group(kind)
+        group["NumberOfCells"] = sizes if cells else np.zeros_like(sizes)
+        group["NumberOfConnectivityIds"] = group["NumberOfCells"][()]
+        group["Connectivity"] = np.arange(cells)
+        group["Offsets"] = np.arange(cells + 1)
+
+
+def _write_steps(root: h5py.Group, times: np.ndarray, sizes: np.ndarray) -> None:
+    count = len(times)
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = count
+    steps["Values"] = times
+    steps["PartOffsets"] = np.arange(count)
+    steps["NumberOfParts"] = np.ones(count, np.int64)
+    steps["PointOffsets"] = starts
+    steps["CellOffsets"] = np.zeros((count, 4), np.int64)
+    steps["ConnectivityIdOffsets"] = np.zeros((count, 4), np.int64)
+    for name in root["PointData"]:
+        steps[f"PointDataOffsets/{name}"] = starts

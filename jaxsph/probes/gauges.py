@@ -1,0 +1,117 @@
+"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Float, Scalar, columns
+from jaxsph.core.pairs import nearest_image, pair_sum, with_empty
+from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.parts.paddle import column_depth
+
+
+class WaveGauge(AbstractProbe):
+    """Surface elevation over the still level at any x, averaged across the tank: the volume of a column of
+    water."""
+
+    x: Float[Array, " k"]
+    still: Float[Array, " k"]
+    """Depth read in the initial state, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        x, V = columns(state.particles.x), model.scheme.volume(state.particles) / model.walls.width
+        period = model.scheme.smoothing.period
+
+        def column(at):
+            away = nearest_image((x[0] - at, *x[1:]), period)
+            return column_depth(away, V, jnp.zeros_like(at), 3.0 * model.dx)
+
+        depth = jax.vmap(column)(self.x)
+        return {"eta": depth - self.still}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"eta": ("m", "surface elevation over the still water level")}
+
+
+class InterpolatedGauge(AbstractProbe):
+    """Elevation of the surface at points: the highest level of a line of interpolation points up to which the
+    density is more than half the water's (Yeylaghi et al. 2016, section 4.3.2, where half is not said)."""
+
+    x: Float[Array, "k H"]
+    """Horizontal coordinates, m."""
+    levels: Float[Array, " L"]
+    """Heights of the interpolation points, m, upwards."""
+    still: Scalar
+    """Depth at rest, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        p, V = state.particles, model.scheme.volume(state.particles)
+        smoothing, dim = model.scheme.smoothing, state.particles.x.shape[1]
+
+        def at(point):
+            across2 = jnp.sum((p.x[:, :-1] - point) ** 2, axis=1)
+
+            def density(z):
+                r2 = across2 + (p.x[:, -1] - z) ** 2
+                W = smoothing.kernel.value(r2, smoothing.h, dim)
+                return jnp.sum(jnp.where(r2 < smoothing.radius**2, V * W, 0.0))
+
+            share = jax.lax.map(density, self.levels)
+            wet = share > 0.5
+            top = self.levels.shape[0] - 1 - jnp.argmax(wet[::-1])
+            above = jnp.minimum(top + 1, self.levels.shape[0] - 1)
+            on = (share[top] - 0.5) / jnp.maximum(share[top] - share[above], 1e-6)
+            z = self.levels[top] + on * (self.levels[above] - self.levels[top])
+            return jnp.where(jnp.any(wet), z, 0.0)
+
+        return {"eta_interpolated": jax.lax.map(at, self.x) - self.still}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"eta_interpolated": ("m", "surface elevation at the point, by interpolated density")}
+
+
+class ParticleGauge(AbstractProbe):
+    """Elevation of the surface at points: the mean height of the surface's particles (Yeylaghi et al. 2016,
+    Eq. 23-24) within a spacing of the point (their section 4.3.2)."""
+
+    x: Float[Array, "k H"]
+    """Horizontal coordinates, m."""
+    still: Scalar
+    """Height of the surface's particles at rest, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        scheme, p = model.scheme, state.particles
+        ghosts, V = scheme.placed(model, state, tables), scheme.volume(state.particles)
+        sources = {
+            "x": columns(jnp.concatenate([p.x, ghosts.x])),
+            "V": jnp.concatenate([V, ghosts.V]),
+        }
+        around = pair_sum(
+            lambda pair, i, j: j["V"] * pair.W,
+            scheme.smoothing,
+            {"x": columns(p.x)},
+            with_empty(sources),
+            tables.fluid,
+        )
+        own = scheme.smoothing.kernel.value(jnp.zeros_like(V), scheme.smoothing.h, p.x.shape[1])
+        surface = around + V * own <= 0.9
+        z = p.x[:, -1]
+
+        def at(point):
+            near = surface & (jnp.sum((p.x[:, :-1] - point) ** 2, axis=1) < model.dx**2)
+            # spray that falls back is above, a bubble below: what is within a spacing of the highest counts
+            highest = jnp.max(jnp.where(near, z, 0.0))
+            near = near & (z > highest - model.dx)
+            return jnp.sum(jnp.where(near, z, 0.0)) / jnp.maximum(jnp.sum(near), 1)
+
+        return {"eta_particles": jax.lax.map(at, self.x) - self.still}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"eta_particles": ("m", "surface elevation at the point, by the surface's particles")}

@@ -1,0 +1,86 @@
+"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Float, columns, stacked
+from jaxsph.core.pairs import nearest_image
+from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.state import State
+
+
+class PressureProbe(AbstractProbe):
+    """Gauge pressure at fixed points: the water's, interpolated; zero where no water is near."""
+
+    x: Float[Array, "k D"]
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        pressure = model.scheme.pressure(state.particles)
+
+        def carried(r):
+            # each particle's pressure is first carried to the sensor's height
+            return pressure[:, None] + model.scheme.rho0 * (r @ model.g)[:, None]
+
+        return {"pressure": _interpolated(self.x, model, state, carried)[:, 0]}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"pressure": ("Pa", "gauge pressure at the sensor")}
+
+
+class BodyPressureProbe(AbstractProbe):
+    """Gauge pressure at points that move with the body: the water's, as `PressureProbe`."""
+
+    x: Float[Array, "k D"]
+    """At rest, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        moved = PressureProbe(model.body.moved(self.x, state.body))
+        return {"body_pressure": moved.measure(model, state, tables)["pressure"]}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"body_pressure": ("Pa", "gauge pressure at the body's sensor")}
+
+
+class VelocityProbe(AbstractProbe):
+    """Velocity at fixed points: the water's, interpolated; zero where no water is near."""
+
+    x: Float[Array, "k D"]
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        found = _interpolated(self.x, model, state, lambda r: state.particles.u)
+        return {f"velocity_{axis}": found[:, k] for k, axis in enumerate(self._axes)}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {
+            f"velocity_{a}": ("m s-1", f"velocity of the water at the point along {a}") for a in self._axes
+        }
+
+    @property
+    def _axes(self) -> str:
+        return "xz" if self.x.shape[1] == 2 else "xyz"
+
+
+def _interpolated(points: Float[Array, "k D"], model: Model, state: State, field) -> Float[Array, "k F"]:
+    """Kernel averages of `field(r)` `[N, F]` at points; r from the particles to the point, m."""
+    p, V = state.particles, model.scheme.volume(state.particles)
+    smoothing = model.scheme.smoothing
+
+    def at(point):
+        r = stacked(nearest_image(columns(point - p.x), smoothing.period))
+        r2 = jnp.sum(r * r, axis=1)
+        w = jnp.where(
+            r2 < smoothing.radius**2, V * smoothing.kernel.value(r2, smoothing.h, p.x.shape[1]), 0.0
+        )
+        near = jnp.sum(w)
+        return jnp.where(near > 0.2, (w @ field(r)) / jnp.maximum(near, 0.2), 0.0)
+
+    # one point after the other: side by side they would take an array of points times particles
+    return jax.lax.map(at, points)

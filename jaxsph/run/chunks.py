@@ -1,0 +1,125 @@
+"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
+
+The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
+one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
+what cannot be mended stops the run with the last good checkpoint in the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from jaxsph.case.case import Case
+from jaxsph.errors import SimulationError
+from jaxsph.model.interfaces import Model
+from jaxsph.model.state import Failure, State
+
+REPLAYS = 6
+"""Times that one chunk is replayed with larger tables before the run gives up."""
+
+
+def search_settings(model: Model) -> dict[str, int]:
+    """What `build` needs to make the model's tables again."""
+    s = model.search
+    names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
+    return {name: int(getattr(s, name)) for name in names}
+
+
+def steps_per_chunk(case: Case, sample_every: int) -> int:
+    """Steps between two snapshots, a whole number of samples."""
+    return max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
+
+
+def _exact_times(step: int, like: np.ndarray, every: float) -> np.ndarray:
+    """Sample times in float64: the loop's own are float32."""
+    first = np.round(float(like[0]) / every) * every
+    return first + np.arange(len(like)) * every
+
+
+def replayed(
+    name: str,
+    model: Model,
+    advance: Callable[[Model], tuple[State, Any]],
+    sample_every: int,
+    say: Callable[[str], None],
+) -> tuple[Model, State, Any]:
+    """One chunk, `advance(model)` giving the new state and whatever else, with tables regrown and the chunk
+    replayed for as often as it takes. Returns the model that it took, too. **Raises** SimulationError."""
+    model, new, found = _replayed(model, advance, sample_every, say)
+    if int(new.status.bits):
+        raise _explained(name, model, new)
+    return model, new, found
+
+
+def _replayed(model, advance, sample_every, say):
+    """As `replayed`, for one state or a batch of them, and with what could not be mended in the status."""
+    for _ in range(REPLAYS):
+        new, found = advance(model)
+        failed = Failure(int(np.bitwise_or.reduce(np.ravel(new.status.bits))))
+        changed = _mended(model, failed, sample_every)
+        if changed is None:
+            break
+        what = ", ".join(f"{k} = {v}" for k, v in changed.items())
+        say(f"tables regrown, chunk replayed: {what}")
+        model = _with_settings(model, changed)
+    return model, new, found
+
+
+def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
+    """Settings that would let the chunk pass, or None where no setting would."""
+    s = search_settings(model)
+    mend = {}
+    if failed & Failure.NEIGHBOUR_OVERFLOW:
+        mend |= {"capacity": int(s["capacity"] * 1.25) + 4}
+        mend |= {"node_capacity": int(s["node_capacity"] * 1.25) + 4}
+    if failed & Failure.CHAMBER_OVERFLOW:
+        mend |= {"chamber_capacity": int(s["chamber_capacity"] * 1.5) + 16}
+    # what follows from lost neighbours is not the case's fault: mend the tables first
+    if not mend and failed & Failure.STALE_TABLE and s["rebuild_every"] > 1:
+        smaller = [n for n in range(1, s["rebuild_every"]) if sample_every % n == 0]
+        mend |= {"rebuild_every": smaller[-1]}
+    return mend or None
+
+
+def _with_settings(model: Model, settings: dict[str, int]) -> Model:
+    search = model.search
+    values = {name: getattr(search, name) for name in ("grid", "skin")} | search_settings(model) | settings
+    return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
+
+
+def _explained(name: str, model: Model, state: State) -> SimulationError:
+    """The first failure in words: what, where, when, and what to change."""
+    section = model.scheme.section
+    failed = Failure(int(state.status.bits))
+    step = int(state.status.step)
+    t = step * float(model.dt)
+    where = tuple(float(a) for a in state.status.where)
+    place = ", ".join(f"{a:.3f}" for a in where)
+    if failed & Failure.THROUGH_WALL:
+        what = "a particle has left the tank"
+        remedy = f"raise tank.height if it went over the top; else try a smaller {section}.cfl or dx"
+    elif failed & Failure.TOO_FAST and section == "isph":
+        what = "a particle goes farther than half a smoothing length in a step"
+        remedy = "raise isph.speed, or reduce isph.cfl"
+    elif failed & Failure.TOO_FAST:
+        what = "a particle is faster than a third of the speed of sound"
+        remedy = "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which"
+    elif failed & Failure.NON_FINITE:
+        what = "a value is no longer finite"
+        remedy = f"reduce {section}.cfl, or raise " + (
+            "scheme.alpha (0.01 to 0.05)" if section == "scheme" else "isph.speed"
+        )
+    else:
+        what = f"the neighbour tables cannot be kept ({failed.name})"
+        remedy = f"reduce {section}.cfl or dx"
+    return SimulationError(
+        f"case {name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
+        f"What to change: {remedy}.",
+        step=step,
+        time=t,
+        where=where,
+    )

@@ -1,0 +1,76 @@
+"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
+
+The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
+one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
+what cannot be mended stops the run with the last good checkpoint in the file.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.loop import blocks
+from jaxsph.core.transforms import in_any_lane
+from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.state import State, Work
+
+
+def simulate(
+    model: Model,
+    state: State,
+    *,
+    n_steps: int,
+    probes: Sequence[AbstractProbe] = (),
+    sample_every: int | None = None,
+) -> tuple[State, dict[str, jax.Array]]:
+    """Advances a state by n_steps. Pure: may be jitted, vmapped and differentiated.
+
+    **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
+    (the default); n_steps is a multiple of it.
+    **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
+    with "time" (s). Failures are bits in `state.status`, never exceptions: look at them.
+    **Raises** ValueError for lengths that do not divide.
+    """
+    every = model.search.rebuild_every
+    sample_every = every if sample_every is None else sample_every
+    if n_steps % sample_every or sample_every % every:
+        raise ValueError(
+            f"n_steps = {n_steps} must be a multiple of sample_every = {sample_every}, and that of the "
+            f"model's rebuild_every = {every}"
+        )
+
+    def read(s, tables):
+        readings = {"time": model.time(s)}
+        for probe in probes:
+            readings |= probe.measure(model, s, tables)
+        return readings
+
+    def measure(s, tables):
+        due = s.step % sample_every == 0
+        blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
+        readings = jax.lax.cond(in_any_lane(due), read, lambda s, tables: blank, s, tables)
+        zero = Work.zero(model.dt.dtype)
+        work = jax.tree.map(lambda a, b: jnp.where(due, a, b), zero, s.work)
+        return eqx.tree_at(lambda a: a.work, s, work), readings
+
+    state, readings = blocks(
+        functools.partial(model.scheme.prepare, model),
+        measure,
+        model.step,
+        state,
+        n_steps // every,
+        every,
+    )
+    # the state's step decides which blocks are samples: one in every sample_every // every
+    stride = sample_every // every
+    return state, jax.tree.map(lambda a: a[::stride], readings)
+
+
+@functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
+def _chunk(model, state, probes, n_steps, sample_every):
+    return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)

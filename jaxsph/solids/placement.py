@@ -1,0 +1,249 @@
+"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
+
+A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
+velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
+from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
+into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
+set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from jaxsph.solids.box import Box, Platform, WallPlate
+from jaxsph.solids.divisions import (
+    PLAIN,
+    AbstractThinWall,
+    Regions,
+)
+
+
+def lattice(
+    low: tuple[float, ...],
+    high: tuple[float, ...],
+    dx: float,
+    plate: WallPlate | None = None,
+    platform: Platform | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around a plate and over a
+    platform.
+
+    The box is a whole number of spacings, and so are the level of the plate's tip and the platform's lengths.
+    The plate's faces need not be: beside it the columns of either side are stretched to fill that side, below
+    it they are not.
+    """
+    axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
+
+    def filled(columns: np.ndarray, rows: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+        x = np.stack(np.meshgrid(columns, *axes[1:-1], rows, indexing="ij"), -1).reshape(-1, len(low))
+        return x, np.full(len(x), width * dx ** (len(low) - 1))
+
+    parts = [filled(axes[0], axes[-1], dx)]
+    if plate is not None:
+        above = axes[-1] > plate.tip
+        parts = [filled(axes[0], axes[-1][~above], dx)]
+        for start, end in ((low[0], plate.x0), (plate.x1, high[0])):
+            count = max(1, int(np.floor((end - start) / dx + 0.5 + 1e-9)))
+            width = (end - start) / count
+            parts.append(filled(start + (np.arange(count) + 0.5) * width, axes[-1][above], width))
+    x, volume = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if platform is not None:
+        wet = (x[:, 0] < platform.start) | (x[:, -1] > platform.height)
+        x, volume = x[wet], volume[wet]
+    if plate is None:
+        return x, volume
+    order = np.lexsort((x[:, -1], x[:, 0]))
+    return x[order], volume[order]
+
+
+class _Lattice(NamedTuple):
+    x: np.ndarray
+    node: np.ndarray
+    mirror: np.ndarray
+    kind: np.ndarray
+    node_sees: np.ndarray
+    moves: np.ndarray
+    volume: np.ndarray
+
+
+def _sliding(
+    x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]] | None
+) -> np.ndarray | None:
+    """Velocity of the wall that each ghost is behind, m/s."""
+    if not sliding:
+        return None
+    u = np.zeros_like(x)
+    for (axis, end), velocity in sliding.items():
+        if not box.walls[axis, end]:
+            raise ValueError(f"sliding: there is no wall at end {end} of axis {axis} ({box.sides[axis]})")
+        if velocity[axis]:
+            raise ValueError(f"sliding: wall {end} of axis {axis} may only move along itself, not {velocity}")
+        behind = x[:, axis] > box.high[axis] if end else x[:, axis] < box.low[axis]
+        u[behind] += np.asarray(velocity, float)
+    return u
+
+
+def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
+    """Ghosts on the lattice outside the box; a corner's are mirrored in every wall they are behind."""
+    dim = len(box.low)
+    low, high = np.array(box.low), np.array(box.high)
+    behind = int(np.ceil(box.stroke / dx)) if box.paddle else 0
+    axes = []
+    for axis in range(dim):
+        count = int(round((high[axis] - low[axis]) / dx))
+        floor, lid = box.walls[axis]
+        first = -layers - (behind if axis == 0 else 0) if floor else 0
+        last = count + (layers if lid else 0)
+        axes.append(low[axis] + (np.arange(first, last) + 0.5) * dx)
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
+    under, over = x < low, x > high
+    outside = (under | over).any(axis=1)
+    # the paddle carries its own corner; the bed goes on behind it for as far as it may withdraw
+    x, under, over = x[outside], under[outside], over[outside]
+    node = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))
+    normal = under | over
+    mirror = np.where(normal, -1.0, 1.0)
+    moves = np.zeros(len(x), bool)
+    keep = np.ones(len(x), bool)
+    extra: list[_Lattice] = []
+    if box.paddle:
+        at_paddle = under[:, 0]
+        others = normal[:, 1:].any(axis=1)
+        near = x[:, 0] > low[0] - layers * dx
+        moves = at_paddle & near
+        keep = ~at_paddle | near
+        # bed (and side walls) under the withdrawn paddle: mirrored in the bed alone
+        bed = at_paddle & others
+        if behind:
+            sub = x[bed]
+            node_bed = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))[bed]
+            node_bed[:, 0] = sub[:, 0]
+            mirror_bed = mirror[bed].copy()
+            mirror_bed[:, 0] = 1.0
+            n = len(sub)
+            plain = np.full(n, PLAIN, np.int32)
+            volume = np.full(n, dx**dim)
+            extra.append(
+                _Lattice(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool), volume)
+            )
+    plain = np.full(len(x), PLAIN, np.int32)
+    whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves, np.full(len(x), dx**dim))
+    whole = _Lattice(*(a[keep] for a in whole))
+    return _Lattice(*(np.concatenate(parts) for parts in zip(whole, *extra, strict=True)))
+
+
+def _above_platform(
+    ghosts: _Lattice, box: Box, platform: Platform, regions: Regions, dx: float, layers: int
+) -> _Lattice:
+    """The box's ghosts where a platform fills its end: those in the two inner corners of the platform are
+    mirrored in its faces too and seen from one side, and what else is behind it is left out."""
+    x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
+    kind, node_sees = ghosts.kind.copy(), ghosts.node_sees.copy()
+    behind = (x[:, 0] > platform.start) & (x[:, -1] < platform.height)
+    keep = ~behind
+    at_end, at_bed = behind & (x[:, 0] > box.high[0]), behind & (x[:, -1] < box.low[-1])
+    for rows, near, axis, face, name in (
+        (at_end, x[:, -1] > platform.height - layers * dx, -1, platform.height, "top"),
+        (at_bed & ~at_end, x[:, 0] < platform.start + layers * dx, 0, platform.start, "front"),
+    ):
+        rows = rows & near
+        which = regions.sets.index(name)
+        node[rows, axis] = 2 * face - x[rows, axis]
+        # in the end's corner the bed was the other mirror, and is no longer there
+        mirror[rows, axis] = -1.0
+        kind[rows], node_sees[rows] = regions.set_kind(which), regions.node_sees(which)
+        keep |= rows
+    changed = _Lattice(x, node, mirror, kind, node_sees, ghosts.moves, ghosts.volume)
+    return _Lattice(*(a[keep] for a in changed))
+
+
+def _platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> _Lattice:
+    """Behind each face its own full depth of ghosts, which the other face's water does not see."""
+    depth = layers * dx
+    faces = {
+        "top": ((platform.start, box.high[0]), (platform.height - depth, platform.height)),
+        "front": ((platform.start, platform.start + depth), (box.low[-1], platform.height)),
+    }
+    parts = []
+    for name, ((x0, x1), (z0, z1)) in faces.items():
+        x, volume = lattice((x0, z0), (x1, z1), dx)
+        axis, face = (-1, platform.height) if name == "top" else (0, platform.start)
+        node, mirror, which, n = x.copy(), np.ones_like(x), regions.sets.index(name), len(x)
+        node[:, axis] = 2 * face - x[:, axis]
+        mirror[:, axis] = -1.0
+        kind, sees = np.full(n, regions.set_kind(which), np.int32), np.full(n, regions.node_sees(which))
+        parts.append(_Lattice(x, node, mirror, kind, sees, np.zeros(n, bool), volume))
+    return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+
+
+def _plate_ghosts(
+    box: Box,
+    plate: WallPlate,
+    wall: AbstractThinWall,
+    regions: Regions,
+    dx: float,
+    layers: int,
+) -> _Lattice:
+    wall.check(plate, dx, layers)
+    top = box.high[-1]
+    depth = wall.body(plate, dx, layers)
+    rows = plate.tip + (np.arange(int(round((top - plate.tip) / dx))) + 0.5) * dx
+    parts = []
+    for which, (across, up) in enumerate(depth):
+        # the columns fill the extent, which inside a plate need not be a whole number of spacings
+        n_across = max(1, round(across / dx))
+        width = across / n_across
+        inward = (np.arange(n_across) + 0.5) * width
+        xs = plate.x1 - inward if which == 1 else plate.x0 + inward
+        zs = rows[rows < plate.tip + up]
+        middle = [np.arange(lo + dx / 2, hi, dx) for lo, hi in _inner_axes(box)]
+        x = np.stack(np.meshgrid(xs, *middle, zs, indexing="ij"), -1).reshape(-1, len(box.low))
+        node = x.copy()
+        tangential = 1.0 if which < 2 else wall.tip_tangential(plate, dx, layers)
+        mirror = np.full(x.shape, tangential)
+        axis = -1 if which == 2 else 0
+        face = (plate.x0, plate.x1, plate.tip)[which]
+        node[:, axis] = 2 * face - x[:, axis]
+        mirror[:, axis] = -1.0
+        n = len(x)
+        parts.append(
+            _Lattice(
+                x,
+                node,
+                mirror,
+                np.full(n, regions.set_kind(which), np.int32),
+                np.full(n, regions.node_sees(which)),
+                np.zeros(n, bool),
+                np.full(n, width * dx ** (len(box.low) - 1)),
+            )
+        )
+    return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+
+
+def _solid_ghosts(x: np.ndarray, dx: float) -> _Lattice:
+    """Dummies of a solid: they carry its own velocity, and nothing for a viscous force to hold on to."""
+    n = len(x)
+    plain = np.full(n, PLAIN, np.int32)
+    volume = np.full(n, dx ** x.shape[1])
+    return _Lattice(x, x, np.zeros_like(x), plain, np.full(n, -1), np.zeros(n, bool), volume)
+
+
+def _inner_axes(box: Box) -> list[tuple[float, float]]:
+    return [(box.low[k], box.high[k]) for k in range(1, len(box.low) - 1)]
+
+
+def _fill(points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float) -> np.ndarray:
+    """sum V W at points for a tank full of water to the brim (Gaussian weights are near enough)."""
+    dim = points.shape[1]
+    tree = cKDTree(water)
+    norm = 1.0 / (np.pi ** (dim / 2) * h**dim)
+    total = np.empty(len(points))
+    for i, near in enumerate(tree.query_ball_point(points, reach * h)):
+        r2 = ((water[near] - points[i]) ** 2).sum(axis=1)
+        total[i] = norm * (volume[near] * np.exp(-r2 / h**2)).sum()
+    return total

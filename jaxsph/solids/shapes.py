@@ -1,0 +1,145 @@
+"""Shapes of solids: how far water is from them, and where their dummy particles stand."""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import shapely
+
+from jaxsph.core.arrays import Array, Float
+
+
+class AbstractShape(eqx.Module):
+    """A solid in its place at rest."""
+
+    @abc.abstractmethod
+    def distance(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Distance from the surface, m; negative inside."""
+
+    @abc.abstractmethod
+    def moments(self) -> tuple[float, tuple[float, float], float]:
+        """Volume (m3; area, m2, in 2-D), (x, z) of its centre (m), and the second moment about it (m5; m4),
+        of turning in the x-z plane."""
+
+    @abc.abstractmethod
+    def dummies(self, dx: float, layers: int) -> np.ndarray:
+        """Places `[B, D]` (m) of particles in layers a spacing apart behind the surface."""
+
+
+class Block(AbstractShape):
+    """A box with faces across the axes, in two or three dimensions."""
+
+    low: tuple[float, ...] = eqx.field(static=True)
+    high: tuple[float, ...] = eqx.field(static=True)
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        low, high = jnp.asarray(self.low, x.dtype), jnp.asarray(self.high, x.dtype)
+        beyond = jnp.maximum(low - x, x - high)
+        # the guard is for the derivative on an edge
+        outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
+        return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
+
+    def moments(self):
+        """See `AbstractShape`."""
+        low, high = np.asarray(self.low), np.asarray(self.high)
+        volume, middle = float(np.prod(high - low)), 0.5 * (low + high)
+        square = (high - low)[0] ** 2 + (high - low)[-1] ** 2
+        return volume, (float(middle[0]), float(middle[-1])), volume * float(square) / 12
+
+    def dummies(self, dx, layers):
+        """See `AbstractShape`."""
+        axes = []
+        for a, b in zip(self.low, self.high, strict=True):
+            count = max(1, round((b - a) / dx))
+            axes.append(a + (np.arange(count) + 0.5) * (b - a) / count)
+        x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+        depth = np.min(np.minimum(x - self.low, np.asarray(self.high) - x), axis=1)
+        return x[depth < layers * dx]
+
+
+class Polygon(AbstractShape):
+    """A polygon in the x-z plane."""
+
+    vertices: tuple[tuple[float, float], ...] = eqx.field(static=True)
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        a = jnp.asarray(self.vertices, x.dtype)
+        b = jnp.roll(a, -1, axis=0)
+        edge, there = b - a, x[:, None, :] - a
+        along = jnp.clip(jnp.sum(there * edge, -1) / jnp.sum(edge**2, -1), 0.0, 1.0)
+        nearest = jnp.min(jnp.sum((there - along[..., None] * edge) ** 2, -1), axis=1)
+        above = a[:, 1] > x[:, None, 1]
+        across = above != (b[:, 1] > x[:, None, 1])
+        rise = jnp.where(edge[:, 1] == 0, 1.0, edge[:, 1])
+        crossing = a[:, 0] + (x[:, None, 1] - a[:, 1]) / rise * edge[:, 0]
+        inside = jnp.sum(across & (x[:, None, 0] < crossing), axis=1) % 2 == 1
+        return jnp.where(inside, -1.0, 1.0) * jnp.sqrt(nearest + 1e-20)
+
+    def moments(self):
+        """See `AbstractShape`: sums over the triangles from the centre to every side."""
+        whole = shapely.Polygon(self.vertices)
+        centre = np.array([whole.centroid.x, whole.centroid.y])
+        a = np.asarray(self.vertices) - centre
+        b = np.roll(a, -1, axis=0)
+        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        second = np.sum(cross * np.sum(a * a + a * b + b * b, axis=1)) / 12
+        return whole.area, (float(centre[0]), float(centre[1])), abs(float(second))
+
+    def dummies(self, dx, layers):
+        """See `AbstractShape`."""
+        whole = shapely.Polygon(self.vertices)
+        found = []
+        for layer in range(layers):
+            inset = whole.buffer(-(layer + 0.5) * dx, join_style="mitre", mitre_limit=20.0)
+            for part in getattr(inset, "geoms", [inset]):
+                if not part.is_empty:
+                    found.append(_along(part.exterior, dx))
+        x = np.concatenate(found)
+        # where insets come close to each other the later ones give way
+        keep = np.ones(len(x), bool)
+        for i in range(1, len(x)):
+            near = np.sum((x[:i][keep[:i]] - x[i]) ** 2, axis=1)
+            keep[i] = not near.size or near.min() > (0.6 * dx) ** 2
+        return x[keep]
+
+
+class Disc(AbstractShape):
+    """A circular cylinder across the x-z plane."""
+
+    centre: tuple[float, float] = eqx.field(static=True)
+    radius: float = eqx.field(static=True)
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        away = x - jnp.asarray(self.centre, x.dtype)
+        return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - self.radius
+
+    def moments(self):
+        """See `AbstractShape`."""
+        area = float(np.pi * self.radius**2)
+        return area, self.centre, 0.5 * area * self.radius**2
+
+    def dummies(self, dx, layers):
+        """See `AbstractShape`."""
+        found = []
+        for layer in range(layers):
+            r = self.radius - (layer + 0.5) * dx
+            if r > 0:
+                angle = np.linspace(0.0, 2 * np.pi, max(1, round(2 * np.pi * r / dx)), endpoint=False)
+                found.append(np.asarray(self.centre) + r * np.stack([np.cos(angle), np.sin(angle)], -1))
+        return np.concatenate(found)
+
+
+def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:
+    """Points about dx apart along every side, corners included."""
+    corners = np.asarray(line.coords)
+    found = []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        count = max(1, round(float(np.hypot(*(b - a))) / dx))
+        found.append(a + (np.arange(count) / count)[:, None] * (b - a))
+    return np.concatenate(found)

@@ -1,0 +1,329 @@
+"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
+
+A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
+velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
+from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
+into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
+set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stacked
+from jaxsph.core.pairs import (
+    Pair,
+    Period,
+    Smoothing,
+    pair_sum,
+    pair_weights,
+)
+from jaxsph.model import laws
+from jaxsph.solids.box import SIDES, Box, FreeSlip, NoSlip, Platform, WallPlate
+from jaxsph.solids.contact import _off_edge, spring
+from jaxsph.solids.divisions import (
+    AbstractThinWall,
+    Regions,
+)
+from jaxsph.solids.filling import (
+    AbstractFilling,
+    DummyParticles,
+    MirrorNodes,
+    NodeFit,
+    _interpolation_weight,
+)
+from jaxsph.solids.placement import (
+    _above_platform,
+    _box_ghosts,
+    _fill,
+    _Lattice,
+    _plate_ghosts,
+    _platform_ghosts,
+    _sliding,
+    _solid_ghosts,
+    lattice,
+)
+from jaxsph.solids.shapes import AbstractShape
+
+
+class Ghosts(eqx.Module):
+    """Ghost particles of all walls, their nodes, and how to fill them.
+
+    Leaves are static in the sense of never evolving: positions at rest, masks, mirror factors. A moving
+    paddle shifts its ghosts and nodes by its displacement (`moved`).
+    """
+
+    x: Float[Array, "G D"]
+    node: Float[Array, "G D"]
+    mirror: Float[Array, "G D"]
+    """-1 for components normal to the wall, 1 for tangential ones (0 at a thin wall's tip)."""
+    shear: Float[Array, "G D"]
+    """The same with the slip factor for tangential components: what the viscous force sees."""
+    moves: Float[Array, " G"]
+    """1 for the paddle's ghosts."""
+    full: Float[Array, " G"]
+    """sum V W at the node were the tank full."""
+    volume: Float[Array, " G"]
+    """m^D."""
+    kind: Int[Array, " G"]
+    node_sees: Int[Array, " G"]
+    regions: Regions
+    paddle: tuple[int, ...] = eqx.field(static=True)
+    """First and last index of the paddle's ghosts (they are stored together); () without one."""
+    low: tuple[float, ...] = eqx.field(static=True)
+    high: tuple[float, ...] = eqx.field(static=True)
+    sides: tuple[str, ...] = eqx.field(static=True)
+    """What bounds each axis, as in `Box`."""
+    sliding: Float[Array, "G D"] | None = None
+    """Velocity of walls that move along themselves, m/s."""
+    filling: AbstractFilling = MirrorNodes()
+    solid: tuple[int, ...] = eqx.field(static=True, default=())
+    """First index of a solid's dummies and the one after its last; () without one."""
+
+    @classmethod
+    def build(
+        cls,
+        box: Box,
+        dx: float,
+        smoothing: Smoothing,
+        slip: FreeSlip | NoSlip,
+        plate: WallPlate | None = None,
+        thin_wall: AbstractThinWall | None = None,
+        dtype: np.dtype | type = np.float32,
+        sliding: Mapping[tuple[int, int], Sequence[float]] | None = None,
+        platform: Platform | None = None,
+        filling: AbstractFilling | None = None,
+        solid: AbstractShape | None = None,
+    ) -> Ghosts:
+        """Places the ghosts of a tank and of a plate in it, on the host; none where it has no walls.
+
+        **Arguments**: `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for the
+        low or 1 for the high end); only walls without slip drag the fluid with them. `platform`: a raised
+        bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings. `filling`: by
+        default `MirrorNodes`. `solid`: a solid in the tank, which needs
+        `DummyParticles`.
+        **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
+        """
+        reach, h = smoothing.kernel.reach, float(smoothing.h)
+        layers = int(np.ceil(reach * h / dx - 0.5))
+        regions = Regions(plate, thin_wall.division if plate is not None else None, platform)
+        parts = [_box_ghosts(box, dx, layers)]
+        if platform is not None:
+            if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
+                raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
+            parts = [
+                _above_platform(parts[0], box, platform, regions, dx, layers),
+                _platform_ghosts(box, platform, regions, dx, layers),
+            ]
+        if plate is not None:
+            parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers))
+        filling = MirrorNodes() if filling is None else filling
+        if solid is not None:
+            if not isinstance(filling, DummyParticles):
+                raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
+            parts.append(_solid_ghosts(solid.dummies(dx, layers), dx))
+        count_solid = 0 if solid is None else len(parts[-1].x)
+        ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+        ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
+        in_solid = np.arange(len(ghosts.x)) >= len(ghosts.x) - count_solid
+        # the solid's last, the paddle's first, then by column: a gather from neighbours in memory is cheaper
+        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, in_solid))
+        ghosts = _Lattice(*(a[order] for a in ghosts))
+        own = np.asarray(regions.index(jnp.asarray(ghosts.node, jnp.float32)))
+        water_bits = (1 << regions.count) - 1
+        plain = np.asarray(regions.sees(jnp.asarray(own))) & water_bits
+        node_sees = np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
+
+        # full to the brim and a little over it, as over every end without a wall
+        beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
+        under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
+        brim, brim_volume = lattice(under, over, dx, plate, platform)
+        if solid is not None:
+            outside = np.asarray(solid.distance(jnp.asarray(brim, jnp.float32))) > 0
+            brim, brim_volume = brim[outside], brim_volume[outside]
+        full = np.zeros(len(ghosts.x))
+        brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
+        for mask in np.unique(node_sees):
+            of = node_sees == mask
+            seen = (brim_kind & mask) != 0
+            full[of] = _fill(ghosts.node[of], brim[seen], brim_volume[seen], h, reach)
+        count = int(ghosts.moves.sum())
+        return cls(
+            x=jnp.asarray(ghosts.x, dtype),
+            node=jnp.asarray(ghosts.node, dtype),
+            mirror=jnp.asarray(ghosts.mirror, dtype),
+            # The paddle is free-slip whatever the tank's walls are (section 2.4).
+            shear=jnp.asarray(
+                np.where(
+                    (ghosts.mirror == -1.0) | ghosts.moves[:, None],
+                    ghosts.mirror,
+                    np.where(in_solid[order, None], 1.0, np.minimum(ghosts.mirror, slip.tangential)),
+                ),
+                dtype,
+            ),
+            moves=jnp.asarray(ghosts.moves, dtype),
+            full=jnp.asarray(np.maximum(full, filling.least), dtype),
+            volume=jnp.asarray(ghosts.volume, dtype),
+            kind=jnp.asarray(ghosts.kind, jnp.int32),
+            node_sees=jnp.asarray(node_sees, jnp.int32),
+            regions=regions,
+            paddle=(0, count) if count else (),
+            low=box.low,
+            high=box.high,
+            sides=box.sides,
+            sliding=None if sliding is None else jnp.asarray(_sliding(ghosts.x, box, sliding), dtype),
+            filling=filling,
+            solid=(len(ghosts.x) - count_solid, len(ghosts.x)) if count_solid else (),
+        )
+
+    @property
+    def period(self) -> Period:
+        """As `Box.period`."""
+        return Box(self.low, self.high, sides=self.sides).period
+
+    @property
+    def width(self) -> float:
+        """Of the tank across x and z, m; 1 in two dimensions, where everything is per metre."""
+        return float(np.prod([b - a for a, b in zip(self.low[1:-1], self.high[1:-1], strict=True)]))
+
+    @property
+    def count(self) -> int:
+        """Number of ghosts."""
+        return self.x.shape[0]
+
+    def moved(self, displacement: Scalar) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
+        """Positions of ghosts and nodes with the paddle displaced by so much (m)."""
+        shift = jnp.zeros_like(self.x).at[:, 0].set(self.moves * displacement)
+        return self.x + shift, self.node + shift
+
+    def push(
+        self, x: Float[Array, "N D"], displacement: Scalar, dx: Scalar, c0: Scalar
+    ) -> Float[Array, "N D"]:
+        """Acceleration (m/s2) of a spring that keeps particles from touching a wall.
+
+        Mirrored pressures do not: a particle that comes near its own image feels less and less of it, and
+        in a vortex at the tip some entered the plate, and stayed. The spring starts at 0.4 spacings from
+        the face, is conservative, and stops a normal speed of a tenth of c0 (stable at Courant 3).
+        """
+
+        def away(gap):
+            return spring(gap, dx, c0)
+
+        low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
+        high = jnp.asarray(self.high, x.dtype)
+        # where there is no wall the box only says how far the fluid may go
+        floor, lid = (jnp.asarray([SIDES[side][end] for side in self.sides], x.dtype) for end in (0, 1))
+        push = floor * away(x - low) - lid * away(high - x)
+        plate, platform = self.regions.plate, self.regions.platform
+        if plate is not None:
+            beside = jnp.abs(x[:, 0] - plate.middle) - 0.5 * plate.thickness
+            side = jnp.where(x[:, 0] < plate.middle, -1.0, 1.0)
+            along, up = _off_edge(beside, plate.tip - x[:, -1], away)
+            push = push.at[:, 0].add(side * along).at[:, -1].add(-up)
+        if platform is not None:
+            along, up = _off_edge(platform.start - x[:, 0], x[:, -1] - platform.height, away)
+            push = push.at[:, 0].add(-along).at[:, -1].add(up)
+        return push
+
+    def entered(self, x: Float[Array, "N D"], displacement: Scalar, dx: Scalar) -> Array:
+        """True for particles that are in a wall, and not by a rounding: on their way out."""
+        low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
+        high = jnp.asarray(self.high, x.dtype)
+        out = jnp.any((x < low - 0.5 * dx) | (x > high + 0.5 * dx), axis=1)
+        plate, platform = self.regions.plate, self.regions.platform
+        if plate is not None:
+            depth = jnp.minimum(x[:, 0] - plate.x0, plate.x1 - x[:, 0])
+            out |= (depth > 0.4 * plate.thickness) & (x[:, -1] > plate.tip + 0.5 * dx)
+        if platform is not None:
+            out |= jnp.minimum(x[:, 0] - platform.start, platform.height - x[:, -1]) > 0.5 * dx
+        return out
+
+    def behind_paddle(self, x: Float[Array, "G D"], displacement: Scalar, dx: Scalar) -> Array:
+        """1 for ghosts in front of the paddle's face or part of it, 0 for the bed behind it."""
+        if not self.paddle:
+            return jnp.ones(self.count, x.dtype)
+        front = jnp.clip((x[:, 0] - self.low[0] - displacement) / dx + 0.5, 0.0, 1.0)
+        return jnp.maximum(self.moves, front)
+
+    def fit(
+        self,
+        nodes: Float[Array, "G D"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ) -> NodeFit:
+        """Interpolation weights at the nodes."""
+        return self.filling.fit(nodes, self.full, water, smoothing, table)
+
+    def at_nodes(
+        self,
+        law,
+        fit: NodeFit,
+        nodes: Float[Array, "G D"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ):
+        """Interpolated values of `law(j)` (a pytree of fields of the water) at the nodes."""
+
+        def weighted(pair: Pair, i, j):
+            w = _interpolation_weight(pair, i, j, smoothing.h)
+            return jax.tree.map(lambda f: w * f, law(j))
+
+        targets = {"x": columns(nodes), "a": fit.a, "b": fit.b}
+        return pair_sum(weighted, smoothing, targets, water, table)
+
+    def node_weights(
+        self,
+        fit: NodeFit,
+        nodes: Float[Array, "G D"],
+        water: dict,
+        smoothing: Smoothing,
+        table: Int[Array, "K G"],
+    ) -> Float[Array, "K G"]:
+        """The weights of `at_nodes`, zero at dry nodes, for `pairs.weighted_sum`."""
+
+        def law(pair: Pair, i, j):
+            return (), i["wet"] * _interpolation_weight(pair, i, j, smoothing.h)
+
+        wet = jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
+        targets = {"x": columns(nodes), "a": fit.a, "b": fit.b, "wet": wet}
+        return pair_weights(law, smoothing, targets, water, table)[1]
+
+    def pressure(
+        self,
+        fit: NodeFit,
+        at_node: Float[Array, " G"],
+        x: Float[Array, "G D"],
+        nodes: Float[Array, "G D"],
+        body_force: Float[Array, "G D"],
+    ) -> Float[Array, " G"]:
+        """Eq. 19-20: the node's pressure plus the slope that balances the body force, Pa.
+
+        `body_force` is rho0 (f - a_wall), N/m3.
+        """
+        reach = tuple(g - n - o for g, n, o in zip(columns(x), columns(nodes), fit.offset, strict=True))
+        return at_node + dot(columns(body_force), reach)
+
+    def velocity(
+        self, at_node: Components, wall: Components, mirror: Float[Array, "G D"]
+    ) -> Float[Array, "G D"]:
+        """u_ghost = mirror u_node + (1 - mirror) u_wall, component by component (section 2.4)."""
+        return stacked(
+            [m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)]
+        )
+
+
+def wall_normals(
+    ghosts: Float[Array, "G D"], water: dict, smoothing: Smoothing, table: Int[Array, "K G"]
+) -> Float[Array, "G D"]:
+    """Eq. 21: unit normals from the kernel's gradient over the water, pointing into it."""
+    raw = pair_sum(laws.surface_vector, smoothing, {"x": columns(ghosts)}, water, table)
+    length = jnp.sqrt(dot(raw, raw) + 1e-20)
+    return stacked([c / length for c in raw])

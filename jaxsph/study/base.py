@@ -1,0 +1,99 @@
+"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+
+from __future__ import annotations
+
+import abc
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import numpy as np
+
+from jaxsph import analysis
+from jaxsph.case.case import Case
+from jaxsph.errors import CaseError
+from jaxsph.run.results import settled_periods
+from jaxsph.waves import theory
+
+SMOOTH = (
+    "pto.K_dm",
+    "pto.P_a",
+    "waves.H",
+    "fluid.nu",
+    "fluid.rho0",
+    "scheme.alpha",
+    "scheme.delta",
+    "sponge.strength",
+    "body.pto.damping",
+    "body.pto.coulomb",
+    "body.pto.spring",
+)
+"""Numbers on which a model depends smoothly, for methods through the loop. Lengths are not among them: they
+move the lattice."""
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """A result, its slope over a number of the case, and how far the slope can be trusted."""
+
+    parameter: str
+    of: str
+    value: float
+    slope: float
+    """d(of)/d(parameter)."""
+    error: float | None
+    """Standard error of the slope, or a filter's bias; None where the method has none to give."""
+    reach: float
+    """Change of the parameter for which the slope speaks, in the parameter's unit: an ensemble's spread, or
+    what moves neighbouring particles a tenth of a spacing against each other."""
+    method: AbstractMethod
+    series: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    """Readings of the chamber, `[T]`, "time" among them; empty for an ensemble."""
+    slopes: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    """Their slopes, and "grain": how far the particles' slopes of place differ from their neighbours', m per
+    unit of the parameter."""
+    members: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    """An ensemble's values of the parameter and of the result; empty otherwise."""
+
+
+class AbstractMethod(eqx.Module):
+    """A way to a derivative."""
+
+    @abc.abstractmethod
+    def derivative(self, case: Case, parameter: str, of: str, progress: bool) -> Derivative:
+        """See `derivative`."""
+
+
+def _number(case: Case, parameter: str) -> float:
+    value = functools.reduce(lambda part, name: getattr(part, name, None), parameter.split("."), case)
+    if value is None:
+        case.replace({parameter: 1.0})  # says what else is meant, where there is no such number
+        raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")
+    if not isinstance(value, float):
+        raise CaseError(f"{parameter} = {value!r}: must be a number that can vary a little, such as pto.K_dm")
+    return value
+
+
+def _result(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
+    """The result as a functional of (t, power of the PTO); linear in the power."""
+    column = case.pto is not None and case.pto.K_dm is not None
+    if not column and (case.body is None or case.body.pto is None):
+        raise CaseError(f"of = {of!r} needs a device with a damping: pto.K_dm, or a body with body.pto")
+    if of == "energy_pto":
+        # a reading is the mean since the one before it: none for the first
+        return lambda t, power: float(np.sum(power) * case.output.sample_dt)
+    if of not in ("xi", "P_owc"):
+        raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
+    periods = settled_periods(case, case.t1 - case.output.sample_dt) if case.waves is not None else 0
+    if periods < 1:
+        raise CaseError(
+            f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
+        )
+    P = 1.0 if of == "P_owc" else incident_power(case)
+    return lambda t, power: analysis.efficiency(t, power, case.waves.T, P, periods).xi
+
+
+def incident_power(case: Case) -> float:
+    """Mean power of the case's waves, W/m: what xi is relative to."""
+    return float(theory.incident_power(case.waves.H, case.waves.T, case.tank.depth, case.fluid.rho0, case.g))

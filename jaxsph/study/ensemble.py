@@ -1,0 +1,98 @@
+"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+
+from jaxsph.errors import CaseError, DerivativeError
+from jaxsph.study.base import (
+    AbstractMethod,
+    Derivative,
+    _number,
+    _result,
+)
+from jaxsph.study.sweep import sweep
+
+
+class Ensemble(AbstractMethod):
+    """The slope of a parabola through the results of several runs around the case's value.
+
+    Each member is a whole run with its own chaotic particles, so the scatter about the parabola is the error
+    to reckon with, and a wide enough spread the remedy. `out` keeps the members in a file that resumes.
+    """
+
+    spread: float = eqx.field(static=True, default=0.3)
+    """Members lie evenly within this share of the value, on both sides."""
+    members: int = eqx.field(static=True, default=9)
+    out: str | Path | None = eqx.field(static=True, default=None)
+    workers: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self) -> None:
+        """Refuses what gives no slope, or one without an error."""
+        if not 0.0 < self.spread < 1.0 or self.members < 4:
+            raise CaseError(
+                f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} be four "
+                "or more"
+            )
+
+    def derivative(self, case, parameter, of, progress):
+        """See `derivative`."""
+        value = _number(case, parameter)
+        if value == 0.0:
+            raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
+        offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
+        values = [float(v) for v in value * (1.0 + offsets)]
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
+            done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
+        if of == "energy_pto":
+            # the sweep's own result of that name is of the last whole periods only
+            energy = _result(case, of)
+            series = [done.members.get((i,), {}) for i in range(len(values))]
+            found = np.array(
+                [energy(s["time"], s["power_pto"]) if "power_pto" in s else np.nan for s in series]
+            )
+            found[[place[0] for place in done.failures]] = np.nan
+        else:
+            found = done[of]
+        known = np.isfinite(found)
+        if known.sum() < 4:
+            first = next(iter(done.failures.values()), "the members have no such result")
+            raise DerivativeError(f"only {known.sum()} of {self.members} members gave {of}: {first}")
+        fit = parabola(offsets[known], found[known])
+        members = {parameter: np.asarray(values), of: found}
+        scale = 1.0 / value
+        return Derivative(
+            parameter,
+            of,
+            fit.value,
+            fit.slope * scale,
+            fit.error * abs(scale),
+            self.spread * abs(value),
+            self,
+            members=members,
+        )
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """y = value + slope x + curvature x^2/2 through points, and the standard error of its slope."""
+
+    value: float
+    slope: float
+    error: float
+    curvature: float
+
+
+def parabola(x: np.ndarray, y: np.ndarray) -> Parabola:
+    """Least squares of points of equal, unknown error; with four points or more that is known too."""
+    A = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
+    found, *_ = np.linalg.lstsq(A, y, rcond=None)
+    variance = np.sum((y - A @ found) ** 2) / (len(x) - 3)
+    covariance = variance * np.linalg.inv(A.T @ A)
+    return Parabola(float(found[0]), float(found[1]), float(np.sqrt(covariance[1, 1])), float(found[2]))

@@ -1,0 +1,138 @@
+"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from jaxsph.case.case import Case
+from jaxsph.errors import CaseError, FileError
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.study.base import (
+    AbstractMethod,
+    _number,
+)
+from jaxsph.study.derivative import derivative
+from jaxsph.study.ensemble import Ensemble
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """The best case that was seen, and the way to it."""
+
+    case: Case
+    """The case with the best values."""
+    of: str
+    value: float
+    reason: str
+    """Why the search ended."""
+    history: list[dict[str, float]]
+    """Every evaluation: the parameters, the result, and "slope KEY" and "error KEY" of each parameter."""
+
+
+def maximise(
+    case: Case,
+    over: Mapping[str, tuple[float, float]],
+    out: str | Path,
+    of: str = "xi",
+    method: AbstractMethod | None = None,
+    optimiser: optax.GradientTransformation | None = None,
+    evaluations: int = 10,
+    progress: bool = True,
+) -> Maximum:
+    """Climbs along slopes to the largest result, from the case's own values.
+
+    **Arguments**: `over`: (lowest, highest) of every parameter, lengths of the device too, above zero: the
+    search is in their logarithms. `out`: the file of the evaluations; called again, the search goes on from
+    them, and an ensemble's unfinished members from beside it, in `<out>.evaluations`. `method`: as in
+    `derivative`; `optimiser`: any of optax (by default Adam, whose first steps are a factor of 1.8, the last
+    ones of 1.1).
+    **Returns** the best evaluation. The search ends where every slope is within its error, or points out of
+    the bounds.
+    **Raises** as `derivative`; FileError where `out` is of another search.
+    """
+    names = [*over]
+    for name, (low, high) in over.items():
+        value = _number(case, name)
+        if not 0.0 < low < high or not low <= value <= high:
+            raise CaseError(
+                f"{name} from {low:g} to {high:g}: must be positive and in order, and hold the case's own "
+                f"value, {value:g}"
+            )
+    file = SweepFile(out)
+    known = _known_evaluations(file, case, names)
+    folder = file.path.with_name(f"{file.path.name}.evaluations")
+    method = Ensemble() if method is None else method
+    if optimiser is None:
+        optimiser = optax.adam(optax.exponential_decay(0.6, 1, 0.82), b1=0.5)
+    bounds = np.log([over[name] for name in names])
+    z = np.log([_number(case, name) for name in names])
+    memory = optimiser.init(jnp.asarray(z))
+    history: list[dict[str, float]] = []
+    reason = f"{evaluations} evaluations"
+    for k in range(evaluations):
+        here = {name: float(np.exp(a)) for name, a in zip(names, z, strict=True)}
+        if k < len(known) and all(np.isclose(known[k][name], here[name], rtol=1e-6) for name in names):
+            found = known[k]
+        else:
+            known = known[:k]
+            found = _evaluated(case.replace(here), here, of, method, folder / f"{k:02d}", progress)
+        history.append(found)
+        if k >= len(known):
+            _write_evaluations(file, case, names, history)
+        slopes = np.array([found[f"slope {name}"] * here[name] for name in names])
+        errors = np.array([found[f"error {name}"] * here[name] for name in names])
+        outward = np.where(slopes > 0, z >= bounds[:, 1] - 1e-9, z <= bounds[:, 0] + 1e-9)
+        if np.all(outward | (np.abs(slopes) <= errors)):
+            reason = "at the bounds" if outward.all() else "every slope is within its error"
+            break
+        # a slope out of the bounds asks for nothing
+        step, memory = optimiser.update(jnp.asarray(np.where(outward, 0.0, -slopes)), memory, jnp.asarray(z))
+        z = np.clip(z + np.asarray(step), bounds[:, 0], bounds[:, 1])
+    best = max(history, key=lambda found: found[of])
+    shutil.rmtree(folder, ignore_errors=True)
+    return Maximum(case.replace({name: best[name] for name in names}), of, best[of], reason, history)
+
+
+def _evaluated(
+    case: Case, here: dict[str, float], of: str, method: AbstractMethod, stem: Path, progress: bool
+) -> dict[str, float]:
+    found = dict(here)
+    for name in here:
+        kept = method
+        if isinstance(method, Ensemble) and method.out is None:
+            kept = dataclasses.replace(method, out=stem.with_name(f"{stem.name}_{name}.h5"))
+        one = derivative(case, name, of, kept, progress)
+        found |= {of: one.value, f"slope {name}": one.slope, f"error {name}": one.error or 0.0}
+    return found
+
+
+def _known_evaluations(file: SweepFile, case: Case, names: Sequence[str]) -> list[dict[str, float]]:
+    if not file.path.exists():
+        return []
+    stored = file.read()
+    if stored.case_toml != case.to_toml() or [*stored.axes] != [*names]:
+        raise FileError(
+            f"{file.path}: holds a search from another case or over other parameters, and nothing was "
+            "changed; give another name, or remove it"
+        )
+    return [
+        {name: float(values[i]) for name, values in stored.axes.items()} | member["results"]
+        for i, member in sorted(stored.members.items())
+    ]
+
+
+def _write_evaluations(file: SweepFile, case: Case, names: Sequence[str], history: list[dict]) -> None:
+    axes = {name: np.array([found[name] for found in history]) for name in names}
+    members = {
+        i: {"results": {k: v for k, v in found.items() if k not in names}, "series": {}, "failure": ""}
+        for i, found in enumerate(history)
+    }
+    file.write(case.to_toml(), axes, (len(history),), members, {})

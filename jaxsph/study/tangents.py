@@ -1,0 +1,217 @@
+"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from jaxsph.case.build import build
+from jaxsph.case.case import Case
+from jaxsph.case.report import make_probes, steps_per_sample
+from jaxsph.errors import CaseError, DerivativeError
+from jaxsph.model.interfaces import Model
+from jaxsph.model.state import State
+from jaxsph.model.tangents import TangentFilter
+from jaxsph.probes.devices import BodyProbe, ChamberProbe
+from jaxsph.run.chunks import replayed, search_settings, steps_per_chunk
+from jaxsph.run.simulate import simulate
+from jaxsph.study.base import (
+    SMOOTH,
+    AbstractMethod,
+    Derivative,
+    _number,
+    _result,
+    incident_power,
+)
+
+
+class _ThroughLoop(AbstractMethod):
+    """Forward mode through every step."""
+
+    @abc.abstractmethod
+    def _prepared(self, model: Model) -> Model:
+        """The model to differentiate."""
+
+    @abc.abstractmethod
+    def _check(self, parameter: str, value: float, t: float, reach: float) -> None:
+        """Raises DerivativeError where at the time t the slopes are not worth going on."""
+
+    @abc.abstractmethod
+    def _error(self, parameter: str, case: Case, value: float, slope: float) -> float | None:
+        """What is known of the slope's error."""
+
+    def derivative(self, case, parameter, of, progress):
+        """See `derivative`."""
+        if parameter not in SMOOTH:
+            raise CaseError(
+                f"{parameter}: the loop does not depend smoothly on it (on {', '.join(SMOOTH)} it does); "
+                "take method=js.Ensemble(), which builds every member anew"
+            )
+        result = _result(case, of)
+        model, state = build(case)
+        d_model, d_state = _seed(case, parameter, model, state)
+        model = self._prepared(model)
+        probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe | BodyProbe))
+        sample_every = steps_per_sample(case, model)
+        last = int(round(case.t1 / case.output.sample_dt)) * sample_every
+        chunk = steps_per_chunk(case, sample_every)
+        readings, slopes, grains = [], [], []
+        bar = tqdm(total=last, unit="step", disable=not progress, dynamic_ncols=True)
+        with bar:
+            while int(state.step) < last:
+                n_steps = min(chunk, last - int(state.step))
+                advance = functools.partial(
+                    _pushed,
+                    state=state,
+                    d_model=d_model,
+                    d_state=d_state,
+                    probes=probes,
+                    n_steps=n_steps,
+                    sample_every=sample_every,
+                )
+                model, state, (d_state, read, slope) = replayed(
+                    case.name, model, advance, sample_every, bar.write
+                )
+                readings.append({k: np.asarray(v) for k, v in read.items()})
+                slopes.append({k: np.asarray(v) for k, v in slope.items()})
+                t = float(model.time(state))
+                unlike = grain(np.asarray(state.particles.x), np.asarray(d_state.particles.x), case.dx)
+                grains.append(np.full(len(slopes[-1]["time"]), unlike))
+                reach = 0.1 * case.dx / unlike if unlike > 0 else np.inf if unlike == 0 else 0.0
+                self._check(parameter, _number(case, parameter), t, reach)
+                bar.update(n_steps)
+        series = {k: np.concatenate([r[k] for r in readings]) for k in readings[0]}
+        series["time"] = np.arange(len(series["time"])) * case.output.sample_dt
+        slope = {k: np.concatenate([s[k] for s in slopes]) for k in slopes[0] if k != "time"}
+        slope["grain"] = np.concatenate(grains)
+        t, power = series["time"], series["power_pto"]
+        value = result(t, power)
+        total = result(t, slope["power_pto"])
+        if of == "xi":
+            ahead, behind, step = _beside(case, parameter)
+            P_inc = incident_power(case)
+            total -= value * (incident_power(ahead) - incident_power(behind)) / (2 * step) / P_inc
+        error = self._error(parameter, case, value, total)
+        return Derivative(parameter, of, value, total, error, reach, self, series, slope)
+
+
+class Exact(_ThroughLoop):
+    """The derivative of the program itself.
+
+    It is the flow's for as long as neighbouring particles agree on it. Then, within a fraction of a second,
+    it becomes that of the particles' own chaotic paths, and speaks of smaller and smaller changes: the run
+    stops when a change of the parameter by the share `least` would, by these slopes, move neighbours a tenth
+    of a spacing against each other.
+    """
+
+    least: float = eqx.field(static=True, default=0.01)
+
+    def _prepared(self, model):
+        return model
+
+    def _check(self, parameter, value, t, reach):
+        if not reach > self.least * abs(value):  # NaN too
+            raise DerivativeError(
+                f"the exact derivative over {parameter} is lost to the paths of single particles: at "
+                f"t = {t:.2f} s it speaks of changes below {reach:.1g} only.\n"
+                "What to change: an earlier t1, method=js.Filtered() or js.Ensemble()"
+            )
+
+    def _error(self, parameter, case, value, slope):
+        return None
+
+
+class Filtered(_ThroughLoop):
+    """The derivative with the particles' own paths averaged out of it as it goes (`TangentFilter`): one run
+    for some ten wave periods, and about half of the water's response lost.
+
+    A result changes with K_dm directly, by 2/K_dm of itself, and because the water moves otherwise; near the
+    best damping the two nearly cancel. The filter leaves the first alone and takes a share `lost` of the
+    second, and that share is the error that a slope over K_dm is given.
+    """
+
+    filter: TangentFilter = eqx.field(default_factory=TangentFilter)
+    lost: float = eqx.field(static=True, default=0.7)
+    """Measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python -m experiments.filter_study`)."""
+
+    def _prepared(self, model):
+        return dataclasses.replace(model, tangents=self.filter)
+
+    def _check(self, parameter, value, t, reach):
+        if not reach > 0.0:
+            raise DerivativeError(
+                f"the filtered derivative over {parameter} is no longer finite at t = {t:.2f} s.\n"
+                "What to change: a filter of lower order or shorter interval"
+            )
+
+    def _error(self, parameter, case, value, slope):
+        if parameter != "pto.K_dm":
+            return None
+        return self.lost * abs(slope - 2.0 * value / case.pto.K_dm)
+
+
+@functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
+def _pushed(model, state, d_model, d_state, probes, n_steps, sample_every):
+    """`simulate` and its derivative along (d_model, d_state): (state, (d_state, readings, d_readings))."""
+    varying, fixed = eqx.partition((model, state), eqx.is_inexact_array)
+    # the structure of a model tells its tables' sizes, which may have grown since the seed
+    seeds = jax.tree.unflatten(jax.tree.structure(varying), jax.tree.leaves((d_model, d_state)))
+
+    def advance(varying):
+        new, readings = simulate(
+            *eqx.combine(varying, fixed), n_steps=n_steps, probes=probes, sample_every=sample_every
+        )
+        floats, others = eqx.partition(new, eqx.is_inexact_array)
+        return (floats, readings), others
+
+    (floats, readings), (d_state, d_readings), others = jax.jvp(advance, (varying,), (seeds,), has_aux=True)
+    return eqx.combine(floats, others), (d_state, readings, d_readings)
+
+
+def _beside(case: Case, parameter: str) -> tuple[Case, Case, float]:
+    """The case with a little more and a little less of the parameter, and by how much."""
+    value = _number(case, parameter)
+    # what builds make of a number is smooth: the square of the share is lost, or a rounding over it
+    share = 1e-4 if case.precision == "float64" else 1e-2
+    step = share * value if value else share
+    return case.replace({parameter: value + step}), case.replace({parameter: value - step}), step
+
+
+def _seed(case: Case, parameter: str, model: Model, state: State) -> tuple[Any, Any]:
+    """Slopes of the floats of model and initial state over the parameter, by differences of two builds.
+
+    The time step counts as constant: it only ever jumps, to divide the sampling interval.
+    """
+    ahead, behind, step = _beside(case, parameter)
+    settings = search_settings(model)
+    floats = eqx.filter((model, state), eqx.is_inexact_array)
+    leaves, structure = jax.tree.flatten(floats)
+    beside = [
+        jax.tree.leaves(eqx.filter(build(near, settings), eqx.is_inexact_array)) for near in (ahead, behind)
+    ]
+    shapes = [[leaf.shape for leaf in one] for one in (leaves, *beside)]
+    if not shapes[0] == shapes[1] == shapes[2]:
+        raise CaseError(f"{parameter} changes the number of ghosts here: compare runs with js.sweep")
+    slopes = [(a - b) / (2 * step) for a, b in zip(*beside, strict=True)]
+    d_model, d_state = jax.tree.unflatten(structure, slopes)
+    return eqx.tree_at(lambda m: m.dt, d_model, 0.0 * d_model.dt), d_state
+
+
+def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:
+    """Root mean square of what a field `[N, D]` at x differs from straight lines through it, in cells of
+    four spacings (m): zero for a flow's field, the field's own size where neighbours have nothing in common.
+    """
+    cells = np.unique(np.floor(x / (4 * spacing)).astype(int), axis=0, return_inverse=True)[1].ravel()
+    rest = 0.0
+    for cell in range(cells.max() + 1):
+        here = cells == cell
+        A = np.hstack([np.ones((here.sum(), 1)), x[here]])
+        rest += np.sum((dx[here] - A @ np.linalg.lstsq(A, dx[here], rcond=None)[0]) ** 2)
+    return float(np.sqrt(rest / len(x)))

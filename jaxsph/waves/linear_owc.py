@@ -1,0 +1,452 @@
+"""Linear theory of the onshore oscillating water column: what the simulation tends to for small waves.
+
+A chamber of length b on depth h, closed by a vertical back wall at x = 0 and by a front wall of draught a
+at x = b; waves come from x = +inf. Incompressible air of uniform gauge pressure p acts on the chamber's
+surface. Host numpy in double precision; nothing here is traced.
+
+Time goes as exp(-i omega t), z = 0 is the still water level and K = omega^2 / g. The potential is
+phi_S + (i omega p / (rho g)) phi_R, where phi_S scatters the incident wave in the open chamber and phi_R has
+phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of the chamber per unit width, the rate
+at which the column rises times b:
+
+    q = q_S - Z p,    Z = B - iA = -(i omega / (rho g)) q_R
+
+mu = Re q_R / b and nu = Im q_R / b are the dimensionless added mass and damping. Two identities: the open
+chamber sends everything back, |R| = 1, and Im q_R = |q_S|^2 / (4 K k h) where q_S belongs to the incident
+wave exp(-ikx) psi_0(z), of unit coefficient and (1/h) int psi_0^2 dz = 1. Here q_S is given for a unit
+amplitude of the elevation instead: the wave's coefficient is then -i g / (omega psi_0(0)), and the identity
+Im q_R = |q_S|^2 / (4 omega c_g), c_g being the group velocity.
+
+Sources: D. V. Evans and R. Porter, Hydrodynamic characteristics of an oscillating water column device,
+Applied Ocean Research 17 (1995) 155-164, for the thin wall; the thick one is matched in the same way under
+the wall, with the weaker singularity of a right-angled edge. How the horizontal velocity u(z) in the gap
+is found (Galerkin):
+
+- On both sides of the gap the potential is a sum over the vertical modes psi_n = cos k_n(z + h) / sqrt(N_n)
+  of the whole depth, (1/h) int psi_n^2 dz = 1, with k_0 = -ik for the wave. Its continuity is an equation
+  for u, whose kernel is singular as a logarithm.
+- u is a series of v_m = (1 - s^2)^(L - 1/2) C_2m^(L)(s), s = (z + h) / (h - a), which has the edge's own
+  singularity: L = 0 (Chebyshev, u ~ r^-1/2) for a thin wall, L = 1/6 (Gegenbauer, u ~ r^-1/3) for a right
+  angle. Its cosine transform is a Bessel function, J_{2m+L}(kappa) / kappa^L but for a factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+from scipy.special import gamma, ive, jv, zeta
+
+from jaxsph.waves import theory
+
+Matrix = NDArray[np.float64]
+
+
+_FUNCTIONS = 16
+"""Edge functions v_m on each edge of the gap."""
+
+
+_FAR = 4000.0
+"""Argument kappa from where the Bessel functions in a sum over modes are replaced by their asymptotes."""
+
+
+@dataclass(frozen=True)
+class ChamberGeometry:
+    """The section of an onshore OWC; all lengths in m. **Raises** ValueError for what is no chamber."""
+
+    depth: float
+    """Still water depth h, over a flat bed."""
+    length: float
+    """Inner length b, from the back wall to the front wall's inner face."""
+    draught: float
+    """Depth a of the front wall's tip."""
+    thickness: float = 0.0
+    """Of the front wall; 0 is a thin wall."""
+
+    def __post_init__(self) -> None:
+        if not (self.depth > 0.0 and self.length > 0.0 and self.thickness >= 0.0):
+            raise ValueError(f"{self}: depth and length must be positive, thickness not negative")
+        if not 0.0 < self.draught < self.depth:
+            raise ValueError(f"draught = {self.draught:g} m: must be between 0 and {self.depth:g} m")
+
+    @property
+    def gap(self) -> float:
+        """Height of the opening under the front wall, m."""
+        return self.depth - self.draught
+
+
+@dataclass(frozen=True)
+class RadiationAndScattering:
+    """What the water does at one frequency, whatever the turbine and the wave height.
+
+    Phases are those of an incident wave whose crest, undisturbed, is at the back wall at t = 0.
+    """
+
+    geometry: ChamberGeometry
+    omega: float
+    """Angular frequency, rad/s."""
+    g: float
+    """Acceleration of gravity, m/s2."""
+    k: float
+    """Wavenumber, rad/m."""
+    q_R: complex
+    """Flow of phi_R, m."""
+    q_S: complex
+    """Flow out of the open chamber per metre of incident amplitude, m/s."""
+    R: complex
+    """Reflection coefficient of the open chamber, at the back wall (-); its modulus is 1."""
+
+    @property
+    def group_velocity(self) -> float:
+        """c_g, m/s."""
+        kd = self.k * self.geometry.depth
+        return float(0.5 * self.omega / self.k * (1.0 - 4.0 * kd * np.exp(-2.0 * kd) / np.expm1(-4.0 * kd)))
+
+    @property
+    def Kh(self) -> float:
+        """omega^2 h / g (-)."""
+        return self.omega**2 * self.geometry.depth / self.g
+
+    @property
+    def mu(self) -> float:
+        """Added mass, rho g A / (omega b) (-)."""
+        return self.q_R.real / self.geometry.length
+
+    @property
+    def nu(self) -> float:
+        """Radiation damping, rho g B / (omega b) (-)."""
+        return self.q_R.imag / self.geometry.length
+
+    @property
+    def eta_max(self) -> float:
+        """Largest efficiency of any linear turbine (-): 2 / (1 + sqrt(1 + (mu/nu)^2))."""
+        nu = max(self.nu, 0.0)  # which rounding can miss where no wave reaches the chamber
+        return float(2.0 * nu / (nu + np.hypot(self.mu, nu)))
+
+    @property
+    def open_level(self) -> float:
+        """Amplitude of the mean chamber elevation with open top over the incident amplitude (-)."""
+        return abs(self.q_S) / (self.omega * self.geometry.length)
+
+    def Z(self, rho0: float = 1000.0) -> complex:
+        """Flow that an air pressure drives out of the column's way, B - iA, m2/(s Pa)."""
+        return -1j * self.omega / (rho0 * self.g) * self.q_R
+
+
+@dataclass(frozen=True)
+class LinearOWC:
+    """Linear answer of the chamber to regular waves, with a turbine that takes P_a = K_dm^2 |q| q.
+
+    Amplitudes a are complex, standing for Re(a exp(-i omega t)); see `RadiationAndScattering` for the
+    phase. Where `linear_response` was given arrays of H and K_dm, the results have their common shape.
+    """
+
+    water: RadiationAndScattering
+    H: NDArray
+    """Incident wave height, m; the amplitude is half of it."""
+    K_dm: NDArray
+    """Damping coefficient of the quadratic law, kg^0.5 m^-2.5."""
+    Lambda: NDArray
+    """Linear turbine q = Lambda p that takes the same mean power, m2/(s Pa); inf for an open chamber."""
+    q: NDArray
+    """Flow of air out of the chamber per unit width, complex, m2/s."""
+    P_a: NDArray
+    """Gauge pressure of the air at the waves' frequency, complex, Pa."""
+    level: NDArray
+    """Mean elevation of the chamber's surface, complex, m."""
+    P_owc: NDArray
+    """Mean absorbed power, W/m."""
+    P_inc: NDArray
+    """Mean incident power, W/m."""
+    R: NDArray
+    """Reflection coefficient of the device, complex, at the back wall (-): xi = 1 - |R|^2."""
+    K_dm_best: NDArray
+    """Damping coefficient of the largest efficiency, `eta_max`, in waves of this height."""
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency, rad/s."""
+        return self.water.omega
+
+    @property
+    def T(self) -> float:
+        """Period, s."""
+        return 2.0 * np.pi / self.omega
+
+    @property
+    def Kh(self) -> float:
+        """omega^2 h / g (-)."""
+        return self.water.Kh
+
+    @property
+    def mu(self) -> float:
+        """Added mass (-)."""
+        return self.water.mu
+
+    @property
+    def nu(self) -> float:
+        """Radiation damping (-)."""
+        return self.water.nu
+
+    @property
+    def eta_max(self) -> float:
+        """Largest efficiency that any damping reaches at this period (-)."""
+        return self.water.eta_max
+
+    @property
+    def xi(self) -> NDArray:
+        """Hydrodynamic efficiency (-), 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
+        return self.P_owc / self.P_inc
+
+    @property
+    def P_a_peak(self) -> NDArray:
+        """Largest pressure (Pa) that the quadratic law makes of the sinusoidal flow: 3 pi/8 |P_a|."""
+        return self.K_dm**2 * np.abs(self.q) ** 2
+
+
+def linear_response(
+    water: RadiationAndScattering, H: ArrayLike, K_dm: ArrayLike, rho0: float = 1000.0
+) -> LinearOWC:
+    """The chamber with a quadratic turbine, by the linear one that takes the same mean power.
+
+    With q sinusoidal that is 1 / Lambda = (8 / (3 pi)) K_dm^2 |q|, which is solved together with
+    q = q_S A Lambda / (Lambda + Z), A = H / 2. There is one solution: |q| falls as the damping grows.
+    K_dm may be 0 (an open chamber) or as large as a closed one's.
+
+    **Arguments**: `H` (m, > 0) and `K_dm` (kg^0.5 m^-2.5, >= 0) broadcast; `rho0` density, kg/m3.
+    **Raises** ValueError for values out of range.
+    """
+    H, K_dm = np.broadcast_arrays(np.asarray(H, float), np.asarray(K_dm, float))
+    if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and rho0 > 0.0):
+        raise ValueError("H and rho0 must be positive, and K_dm must not be negative")
+    Z = water.Z(rho0)
+    q_open = water.q_S * 0.5 * H
+    quadratic = 8.0 / (3.0 * np.pi) * K_dm**2
+    resistance = _resistance(quadratic * np.abs(q_open), Z)
+    q = q_open / (1.0 + Z * resistance)
+    P_a = resistance * q
+    # Lambda = |Z| is best; there |q| = |q_S| A / |1 + Z/|Z||.
+    best_q = np.abs(q_open) / abs(1.0 + Z / abs(Z))
+    with np.errstate(divide="ignore"):  # an open chamber has no resistance: Lambda is inf
+        Lambda = 1.0 / resistance
+        K_dm_best = np.sqrt(3.0 * np.pi / 8.0 / (best_q * abs(Z)))
+    weight = rho0 * water.g * water.group_velocity
+    return LinearOWC(
+        water=water,
+        H=H[()],
+        K_dm=K_dm[()],
+        Lambda=Lambda[()],
+        q=q[()],
+        P_a=P_a[()],
+        level=(1j * q / (water.omega * water.geometry.length))[()],  # d(level)/dt = q / b
+        P_owc=(0.5 * resistance * np.abs(q) ** 2)[()],
+        P_inc=(0.125 * weight * H**2)[()],
+        # The air's pressure radiates a wave of amplitude P_a q_S / (2 rho g c_g), by Haskind's relation.
+        R=(water.R + P_a * water.q_S / (weight * H))[()],
+        K_dm_best=K_dm_best[()],
+    )
+
+
+def _resistance(drive: NDArray, Z: complex) -> NDArray:
+    """r = 1 / Lambda >= 0 (Pa s/m2) with r |1 + Z r| = `drive`; Re Z >= 0 makes it unique.
+
+    In x = r |Z| the left side lies between x max(1, x) and x (1 + x), which brackets the root within a
+    factor of 1.3; its logarithm has a slope between 1 and 2 in log x, so that Newton cannot fail.
+    """
+    size = abs(Z)
+    cosine = Z.real / size
+    target = np.where(drive > 0.0, drive * size, 1.0)
+    x = np.minimum(target, np.sqrt(target))
+    for _ in range(8):
+        square = 1.0 + x * (2.0 * cosine + x)
+        error = np.log(x * np.sqrt(square) / target)
+        x = x * np.exp(-error / (1.0 + x * (cosine + x) / square))
+    return np.where(drive > 0.0, x / size, 0.0)
+
+
+@lru_cache(maxsize=256)
+def radiation_and_scattering(
+    geometry: ChamberGeometry, omega: float, g: float = theory.GRAVITY
+) -> RadiationAndScattering:
+    """Solves the radiation and the scattering problem at angular frequency `omega` (rad/s, > 0).
+
+    Some milliseconds, and some tens for the first frequency of a geometry; answers are remembered.
+    The error is below 1e-6 of |q_R| up to Kh = 3 for a thin wall, and for a thickness of 1/50 of the gap
+    under the wall or more; it grows to 3e-5 at 1/300, and to 4e-4 where the thickness ceases to matter.
+    **Raises** ValueError for omega or g (m/s2) that is not positive.
+    """
+    if not (omega > 0.0 and g > 0.0):
+        raise ValueError(f"omega = {omega} and g = {g} must be positive")
+    return _solve(geometry, float(omega), float(g), _FUNCTIONS)
+
+
+def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) -> RadiationAndScattering:
+    """See `radiation_and_scattering`; `functions` on each edge.
+
+    Without the propagating mode the equations are real: A a = rhs. `_thin` and `_thick` give S = V^T A^-1 V
+    for V = (e, f1, f2): e integrates the velocity at the chamber's edge, f1 and f2 take its propagating
+    part (h U_0) there and at the outer edge. That mode then comes back as a correction of rank two,
+    A + alpha1 f1 f1^T + alpha2 f2 f2^T with alpha1 = -cot(kb) / (kh) and alpha2 = i / (kh).
+    """
+    h, b, t = geometry.depth, geometry.length, geometry.thickness
+    K = omega**2 / g
+    kh = _propagating(K * h)
+    k, kb = kh / h, kh * b / h
+    # N_0 without its factor exp(2kh), which overflows in deep water; the mode's value at the surface.
+    norm = 0.5 * (np.exp(-2.0 * kh) - np.expm1(-4.0 * kh) / (4.0 * kh))
+    surface = 0.5 * (1.0 + np.exp(-2.0 * kh)) / np.sqrt(norm)
+    S = (_thick if t > 0.0 else _thin)(geometry, K * h, kh, norm, functions)
+
+    # h U_0 = (sin(kb) y1, y2): with the sine taken out, a standing wave that fits the chamber does no harm.
+    matrix = np.array(
+        [
+            [np.sin(kb) - S[1, 1] * np.cos(kb) / kh, 1j * S[1, 2] / kh],
+            [-S[1, 2] * np.cos(kb) / kh, 1.0 + 1j * S[2, 2] / kh],
+        ]
+    )
+    facing = np.exp(-1j * k * (b + t))
+    # Radiation: pressure 1/K on the inner edge. Scattering: the incident wave and its mirror image.
+    rhs = np.stack([S[:, 0] / K, 2.0 * facing * S[:, 2]], axis=-1)
+    y = np.linalg.solve(matrix, rhs[1:])
+    back = np.stack([-np.cos(kb) * y[0], 1j * y[1]]) / kh
+    q_R, q_S = -(rhs[0] - S[0, 1:] @ back)
+    return RadiationAndScattering(
+        geometry,
+        omega,
+        g,
+        k,
+        q_R=complex(q_R),
+        q_S=complex(q_S * -1j * g / (omega * surface)),
+        R=complex(facing * (facing - back[1, 1])),
+    )
+
+
+def _thin(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functions: int) -> Matrix:
+    """S of `_solve` for a wall without thickness, where both edges are one."""
+    ratio = geometry.gap / geometry.depth
+    inner, outer = _modes(ratio, Kh, geometry.length / geometry.depth, 0.0, functions)
+    e = _mean(0.0, functions)
+    f = _wave(ratio, kh, norm, 0.0, functions)
+    V = np.stack([e, f, f], axis=-1)
+    return V.T @ np.linalg.solve(inner + outer, V)
+
+
+def _thick(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functions: int) -> Matrix:
+    """S of `_solve` for a wall with thickness: modes cos(j pi (z+h) / (h-a)) under it, matched at its edges.
+
+    The last unknown is the depth-averaged potential under the wall at its inner edge; its equation is
+    that as much water leaves under the wall as enters.
+    """
+    ratio, order = geometry.gap / geometry.depth, 1.0 / 6.0
+    inner, outer = _modes(ratio, Kh, geometry.length / geometry.depth, order, functions)
+    e = _mean(order, functions)
+    f = _wave(ratio, kh, norm, order, functions)
+    slender = geometry.thickness / geometry.gap
+    same, across = _under(slender, order, functions)
+    zero = np.zeros_like(e)
+    A = np.block(
+        [
+            [inner + same, -across, -e[:, None]],
+            [-across, outer + same + slender * np.outer(e, e), e[:, None]],
+            [-e[None], e[None], np.zeros((1, 1))],
+        ]
+    )
+    V = np.stack([np.r_[e, zero, 0.0], np.r_[f, zero, 0.0], np.r_[zero, f, 0.0]], axis=-1)
+    return V.T @ np.linalg.solve(A, V)
+
+
+@lru_cache(maxsize=64)
+def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
+    """Modes under the wall, which know no frequency: sums of coth(x) and of 1 / sinh(x), x = j pi slender,
+    over j pi / 2 times the transforms' products at kappa = j pi; `slender` is t / (h - a).
+    """
+    whole, W = _static(1.0, order, functions)
+    # coth - 1 and 1 / sinh are below rounding from x = 37 on. Under a wall so thin that x does not get there
+    # the edge functions do not see the last modes.
+    count = min(int(37.0 / (np.pi * slender)) + 1, 5000)
+    j = np.arange(1, count + 1)
+    W = W[:count] if count <= len(W) else _transform(j * np.pi, order, functions)
+    decay = np.exp(-j * np.pi * slender)
+    share = 4.0 / (j * np.pi) * decay / -np.expm1(-2.0 * j * np.pi * slender)
+    return whole + W.T @ ((share * decay)[:, None] * W), W.T @ (share[:, None] * W)
+
+
+def _propagating(Kh: float) -> float:
+    """kh with kh tanh kh = Kh."""
+    return float(brentq(lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=1e-15))
+
+
+def _evanescent(Kh: float, count: int) -> NDArray[np.float64]:
+    """k_n h, n = 1 .. count, with k_n h tan k_n h = -Kh."""
+    n = np.arange(1, count + 1)
+    x = n * np.pi - np.arctan(Kh / (n * np.pi))
+    for _ in range(8):  # Newton; the slope of the bracket lies between 1 - 1/pi and 1
+        x = x - (x - n * np.pi + np.arctan(Kh / x)) / (1.0 - Kh / (Kh**2 + x**2))
+    return x
+
+
+def _transform(kappa: NDArray[np.float64], order: float, functions: int) -> Matrix:
+    """Cosine transforms of the edge functions, J_{2m+L}(kappa) / kappa^L, [kappa, m]."""
+    return jv(2.0 * np.arange(functions) + order, kappa[:, None]) / kappa[:, None] ** order
+
+
+def _mean(order: float, functions: int) -> NDArray[np.float64]:
+    """The transform at kappa = 0: only the first function carries water."""
+    e = np.zeros(functions)
+    e[0] = 0.5**order / gamma(1.0 + order)
+    return e
+
+
+def _wave(ratio: float, kh: float, norm: float, order: float, functions: int) -> NDArray[np.float64]:
+    """int v_m psi_0 dz: the transform at kappa = ikc, where J becomes I; c = ratio h is the gap."""
+    m, kc = np.arange(functions), ratio * kh
+    return (-1.0) ** m * ive(2.0 * m + order, kc) * np.exp(kc - kh) / (kc**order * np.sqrt(norm))
+
+
+def _modes(ratio: float, Kh: float, length: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
+    """Evanescent modes of the chamber and of the sea: sum of [coth k_n b or 1] / (k_n h) times
+    int v_m psi_n dz int v_m' psi_n dz; `length` is b / h.
+
+    The modes differ from those of K = 0 by a term that falls by two orders faster, so that a few make up
+    the difference to the sum over all of those, which does not depend on the frequency.
+    """
+    whole, F0 = _static(ratio, order, functions)
+    F0 = F0[: int(150 + 20.0 * Kh + 6.0 / length)]
+    n = np.arange(1, len(F0) + 1)
+    x = _evanescent(Kh, len(F0))
+    norm = 0.5 * (1.0 + np.sin(2.0 * x) / (2.0 * x))
+    F = _transform(x * ratio, order, functions)
+    weight = 1.0 / (x * norm)
+    outer = whole - F0.T @ ((2.0 / (n * np.pi))[:, None] * F0)
+    inner = outer + F.T @ ((weight / np.tanh(x * length))[:, None] * F)
+    return inner, outer + F.T @ (weight[:, None] * F)
+
+
+@lru_cache(maxsize=64)
+def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
+    """sum_{n >= 1} 2 / (n pi) of the transforms' products at kappa = n pi ratio, and the transforms [n, m].
+
+    From kappa = `_FAR` on the product is (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)):
+    the first part sums to Hurwitz's zeta function, and so does the second under the wall, where
+    2 kappa is a multiple of 2 pi; elsewhere it is summed by parts.
+    """
+    step = np.pi * ratio
+    count = int(_FAR / step) + 1
+    n = np.arange(1, count + 1)
+    F = _transform(n * step, order, functions)
+    near = F.T @ ((2.0 / (n * np.pi))[:, None] * F)
+    power = 2.0 + 2.0 * order
+    turn = np.exp(2j * step)
+    # Summed by parts the rest is of order 1 / |1 - turn|, which is no use where the turns do not cancel.
+    steady = float(zeta(power, count + 1))
+    if abs(1.0 - turn) * count > 1.0:
+        swinging = (count + 1.0) ** -power * turn ** (count + 1) / (1.0 - turn)
+    else:
+        swinging = steady
+    phase = np.exp(-1j * np.pi * (order + 0.5))
+    far = 2.0 / np.pi / (np.pi * step ** (1.0 + 2.0 * order)) * (steady + np.real(phase * swinging))
+    sign = (-1.0) ** np.arange(functions)
+    return near + far * np.outer(sign, sign), F

@@ -1,0 +1,151 @@
+"""Water waves on constant depth: theory, the piston that makes them, and their absorption.
+
+Linear and second-order Stokes waves, the transfer function of a piston wavemaker with
+its second-order correction, active absorption at the paddle and a sponge layer at the
+far end. Equation numbers are those of Zhu et al. (2020) unless another source is named.
+
+Conventions: SI units; x from the paddle's rest position, positive into the tank; z from
+the BED, so that z = d is the still water level; a crest passes x = 0 at t = 0. The
+paddle's displacement X is positive into the tank, and a paddle velocity
+U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxsph.waves.theory import (
+    GRAVITY,
+    Scalar,
+    _scalar,
+    _sech2,
+    _stokes2_amplitude,
+    biesel,
+    stokes2_elevation,
+    wavenumber,
+)
+
+
+def second_order_piston(H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
+    """Amplitude e2 (m) of the second harmonic of a piston's displacement, Madsen (1971).
+
+    With X = (S0 / 2) sin(omega t) + e2 sin(2 omega t) the paddle radiates (nearly) no
+    free second harmonic. e2 = (H^2 / 32 d) (3 cosh kd / sinh^3 kd - 2 / Phi). Valid for
+    an Ursell number H lambda^2 / d^3 below 8 pi^2 / 3, best in shallow water.
+    """
+    H, kd = jnp.asarray(H, float), jnp.asarray(k, float) * d
+    sigma = jnp.tanh(kd)
+    return H**2 / (32.0 * d) * (3.0 * _sech2(kd) / sigma**3 - 2.0 / biesel(k, d))
+
+
+class SecondOrderPiston(eqx.Module):
+    """Second-order wave generation: Madsen's (1971) motion and the bound harmonic.
+
+    Held by `RegularWaves.correction`; `None` there is first-order generation.
+    """
+
+    def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
+        """Correction of the paddle's displacement (m), without ramp."""
+        e2 = second_order_piston(waves.H, waves.k, waves.d)
+        return e2 * jnp.sin(2.0 * waves.omega * jnp.asarray(t, float))
+
+    def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
+        """Bound second harmonic of the elevation at x = 0 (m), without ramp."""
+        eta2 = _stokes2_amplitude(waves.H, waves.k, waves.d)
+        return eta2 * jnp.cos(2.0 * waves.omega * jnp.asarray(t, float))
+
+
+class RegularWaves(eqx.Module):
+    """Regular waves made by a piston, with a smooth start.
+
+    Every number is a float leaf: k, omega and Phi are derived from them at each use, so
+    that derivatives with respect to T and d are whole.
+    """
+
+    H: Scalar = eqx.field(converter=_scalar)
+    """Wave height, crest to trough, m."""
+    T: Scalar = eqx.field(converter=_scalar)
+    """Period, s."""
+    d: Scalar = eqx.field(converter=_scalar)
+    """Still water depth, m."""
+    g: Scalar = eqx.field(converter=_scalar, default=GRAVITY)
+    """Acceleration of gravity, m/s2."""
+    ramp: Scalar = eqx.field(converter=_scalar, default=0.0)
+    """Length of the start-up, s; 0 starts at once."""
+    correction: SecondOrderPiston | None = None
+    """Second-order generation, or None for first order."""
+
+    @property
+    def omega(self) -> Scalar:
+        """Angular frequency, rad/s."""
+        return 2.0 * jnp.pi / self.T
+
+    @property
+    def k(self) -> Scalar:
+        """Wavenumber, rad/m."""
+        return wavenumber(self.omega, self.d, self.g)
+
+    @property
+    def Phi(self) -> Scalar:
+        """Transfer function H / S0 of the piston, Eq. 22."""
+        return biesel(self.k, self.d)
+
+    def ramp_factor(self, t: ArrayLike) -> Float[Array, "..."]:
+        """Start-up factor in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp.
+
+        Its first two derivatives vanish at both ends: no jump of the acceleration.
+        """
+        t = jnp.asarray(t, float)
+        # A ramp of 0 has s = 1 at once; the inner value keeps its derivative finite.
+        length = jnp.where(self.ramp > 0.0, self.ramp, 1.0)
+        s = jnp.where(self.ramp > 0.0, jnp.clip(t / length, 0.0, 1.0), 1.0)
+        return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+    def first_order_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
+        """First-order part of the paddle's displacement (m), ramped."""
+        t = jnp.asarray(t, float)
+        return self.ramp_factor(t) * 0.5 * self.H / self.Phi * jnp.sin(self.omega * t)
+
+    def paddle_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
+        """Paddle displacement X(t) (m), zero and at rest at t = 0 with a ramp; t in s.
+
+        (S0 / 2) sin(omega t), S0 = H / Phi, plus the correction, both times the ramp.
+        """
+        X = self.first_order_displacement(t)
+        if self.correction is None:
+            return X
+        return X + self.ramp_factor(t) * self.correction.displacement(self, t)
+
+    def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:
+        """Paddle velocity dX/dt (m/s), by differentiating the displacement."""
+        t = jnp.asarray(t, float)
+        return jax.jvp(self.paddle_displacement, (t,), (jnp.ones_like(t),))[1]
+
+    def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
+        """Target elevation (m) at x (m) from the paddle's rest position, second order.
+
+        Phase-locked to the paddle. It has no ramp: compare it with a simulation only
+        once the front, travelling at the group velocity, has passed x.
+        """
+        return stokes2_elevation(x, t, self.H, self.T, self.d, self.g)
+
+    def paddle_elevation(self, t: ArrayLike) -> Float[Array, "..."]:
+        """Linear target elevation at the paddle (m), ramped: the eta of Eq. 23."""
+        t = jnp.asarray(t, float)
+        return self.ramp_factor(t) * 0.5 * self.H * jnp.cos(self.omega * t)
+
+    def delayed_elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
+        """Target progressive elevation (m) at x (m) near the paddle, ramped.
+
+        The paddle's elevation one travel time k x / omega ago, with the bound second
+        harmonic where the waves have one. The ramp travels at the phase speed, which is
+        near enough within a fraction of a wavelength.
+        """
+        t = jnp.asarray(t, float) - self.k * x / self.omega
+        eta = self.paddle_elevation(t)
+        if self.correction is None:
+            return eta
+        return eta + self.ramp_factor(t) ** 2 * self.correction.elevation(self, t)
