@@ -117,7 +117,7 @@ def test_leaf_and_facade_import_no_room():
     [
         ("scan", {"core.loop", "core.pairs"}),  # over time, and over the slots of a table
         ("fori_loop", {"core.search.cells"}),  # over the candidates of a line of cells
-        ("while_loop", set()),
+        ("while_loop", {"schemes.poisson"}),  # over the Krylov iterations
         ("checkpoint", {"core.transforms", "core.pairs"}),  # of steps and blocks, and of slots
     ],
 )

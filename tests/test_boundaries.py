@@ -14,6 +14,7 @@ from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing, with_empty
 from jaxsph.core.search.cells import grid_over, search
 from jaxsph.errors import CaseError
+from jaxsph.parts.paddle import Paddle
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
 from jaxsph.solids.divisions import (
     PLAIN,
@@ -48,6 +49,25 @@ def _water(plate=None, jitter=0.2, platform=None):
     return x + jitter * DX * (np.random.default_rng(0).random(x.shape) - 0.5)
 
 
+def _plates(plate):
+    return () if plate is None else (plate,)
+
+
+def _paddle(walls, X=0.0):
+    """(paddle in front of these walls, its motion) displaced by X (m)."""
+    paddle = Paddle(motion=None, rows=walls.paddle)
+    return paddle, eqx.tree_at(lambda a: a.X, paddle.start(walls.x.dtype), jnp.asarray(X, walls.x.dtype))
+
+
+def _pushes(walls, x, X=None):
+    """Acceleration off all walls, with the paddle displaced by X (m) where there is one."""
+    total = sum(solid.push(None, x, jnp.asarray(DX), jnp.asarray(C0)) for solid in walls.solids())
+    if not walls.paddle:
+        return np.asarray(total)
+    paddle, own = _paddle(walls, X or 0.0)
+    return np.asarray(total + paddle.push(own, x, jnp.asarray(DX), jnp.asarray(C0)))
+
+
 class _Tank:
     """Ghosts of a tank, filled from fields given as functions of place; float64."""
 
@@ -55,7 +75,7 @@ class _Tank:
         self.smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
         box = Box((0.0, 0.0), (LENGTH, HEIGHT), paddle, stroke=2 * DX if paddle else 0.0)
         self.walls = Ghosts.build(
-            box, DX, self.smoothing, slip, plate, thin_wall, dtype=np.float64, platform=platform
+            box, DX, self.smoothing, slip, _plates(plate), thin_wall, dtype=np.float64, platform=platform
         )
         self.x = jnp.asarray(_water(plate, jitter, platform))
         self.region = self.walls.regions.index(self.x)
@@ -184,9 +204,9 @@ def test_a_platform_pushes_away_from_its_faces_and_its_edge():
         x = jnp.asarray(
             [[0.5 - near, 0.15], [0.8, 0.3 + near], [0.5 - near, 0.3 + near], [0.5 - 0.5 * DX, 0.15]]
         )
-        push = np.asarray(walls.push(x, jnp.asarray(0.0), jnp.asarray(DX), jnp.asarray(20.0)))
+        push = _pushes(walls, x)
         inside = jnp.asarray([[0.5 + 0.6 * DX, 0.1], [0.5 + 0.4 * DX, 0.1], [0.8, 0.31]])
-        entered = np.asarray(walls.entered(inside, jnp.asarray(0.0), jnp.asarray(DX)))
+        entered = np.any([solid.entered(None, inside, jnp.asarray(DX)) for solid in walls.solids()], axis=0)
     assert push[0, 0] < 0 == push[0, 1] and push[1, 1] > 0 == push[1, 0]
     assert push[2, 0] < 0 < push[2, 1] and push[2, 0] == pytest.approx(-push[2, 1])
     assert not push[3].any()
@@ -217,10 +237,11 @@ def test_velocities_are_mirrored(slip):
         fit, ux = tank.interpolate(u[:, 0])
         _, uz = tank.interpolate(u[:, 1])
         zero = jnp.zeros_like(ux)
-        found = np.asarray(tank.walls.velocity((ux, uz), (U * tank.walls.moves, zero), tank.walls.shear))
+        moves = np.arange(tank.walls.count) < tank.walls.paddle[1]
+        found = np.asarray(tank.walls.velocity((ux, uz), (U * moves, zero), tank.walls.shear))
         at_node = flow(tank.node)
         exact = (np.asarray(fit.wet) > 0) & ~np.any(np.stack(fit.offset), axis=0)
-        x, moves = tank.ghost, np.asarray(tank.walls.moves) > 0
+        x = tank.ghost
         inner = (x[:, 0] > 0) & (x[:, 0] < LENGTH)
         bed = exact & (x[:, 1] < 0) & inner
         wall = exact & (x[:, 0] > LENGTH) & (x[:, 1] > 0)
@@ -236,14 +257,15 @@ def test_velocities_are_mirrored(slip):
         np.testing.assert_allclose(found[paddle], mirrored[paddle], **close)
 
 
-def test_moved_shifts_the_paddle_alone():
+def test_a_paddle_carries_its_own_ghosts_and_nodes():
     walls = _Tank32().walls
-    x, node = walls.moved(jnp.float32(0.02))
-    shift = np.asarray(walls.moves)[:, None] * np.array([0.02, 0.0])
+    paddle, own = _paddle(walls, 0.02)
+    rows = slice(*paddle.rows)
+    x, node = paddle.place(own, walls.x[rows], walls.node[rows])
     # One addition of float32 at coordinates of order one.
-    np.testing.assert_allclose(x - walls.x, shift, atol=2e-7)
-    np.testing.assert_allclose(node - walls.node, shift, atol=2e-7)
-    assert 0 < walls.moves.sum() < walls.count
+    np.testing.assert_allclose(x - walls.x[rows], np.broadcast_to([0.02, 0.0], x.shape), atol=2e-7)
+    np.testing.assert_allclose(node - walls.node[rows], np.broadcast_to([0.02, 0.0], x.shape), atol=2e-7)
+    assert 0 < len(x) < walls.count
 
 
 class _Tank32:
@@ -251,7 +273,7 @@ class _Tank32:
         box = Box((0.0, 0.0), (LENGTH, HEIGHT), plate is None, stroke=2 * DX)
         smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
         thin_wall = RegionalGhosts() if plate is not None else None
-        self.walls = Ghosts.build(box, DX, smoothing, FreeSlip(), plate, thin_wall)
+        self.walls = Ghosts.build(box, DX, smoothing, FreeSlip(), _plates(plate), thin_wall)
 
 
 def test_normals_of_eq_21_point_into_the_water():
@@ -323,7 +345,7 @@ def _sides(x, plate):
 
 def test_no_pair_across_the_wall(tables):
     model, x, fluid, _ = tables
-    left, right = _sides(x, model.walls.regions.plate)
+    left, right = _sides(x, model.walls.regions.plates[0])
     n = len(x)
     slots, targets = np.nonzero(fluid < n)
     sources = fluid[slots, targets]
@@ -331,7 +353,7 @@ def test_no_pair_across_the_wall(tables):
     # ... though some of them would be near enough.
     r = np.linalg.norm(x[left][:, None] - x[right][None], axis=-1)
     near = np.count_nonzero(r < float(model.scheme.smoothing.radius))
-    thick = model.walls.regions.plate.thickness > 0.1
+    thick = model.walls.regions.plates[0].thickness > 0.1
     assert near > 0 or thick
     listed = np.zeros((n, n), bool)
     listed[targets, sources] = True
@@ -344,8 +366,8 @@ def test_each_ghost_set_is_seen_by_its_region_only(tables):
     n = len(x)
     slots, targets = np.nonzero((fluid >= n) & (fluid < n + model.walls.count))
     kind = np.asarray(model.walls.kind)[fluid[slots, targets] - n]
-    left, right = _sides(x, regions.plate)
-    below = x[:, 1] < regions.plate.tip - 4 * float(model.dx)
+    left, right = _sides(x, regions.plates[0])
+    below = x[:, 1] < regions.plates[0].tip - 4 * float(model.dx)
     for which, (own, other) in enumerate(((left, right), (right, left))):
         mine = kind == regions.set_kind(which)
         assert np.any(own[targets[mine]]) and not np.any(other[targets[mine]])
@@ -386,7 +408,7 @@ def _depth(x, plate, paddle):
 def test_push_points_out_of_the_walls():
     walls = _Tank32(PLATE).walls
     x = np.float32(np.random.default_rng(1).uniform((-0.05, -0.05), (1.05, 1.2), size=(4000, 2)))
-    push = np.asarray(walls.push(jnp.asarray(x), 0.0, DX, C0), np.float64)
+    push = np.float64(_pushes(walls, jnp.asarray(x)))
     inside = _depth(x, PLATE, 0.0) > 0
     unit = push / np.maximum(np.linalg.norm(push, axis=1, keepdims=True), 1e-30)
     after = _depth(x + 1e-5 * unit, PLATE, 0.0)
@@ -409,7 +431,7 @@ def test_push_is_conservative():
         x = rng.uniform(tip, tip + 0.25 * DX, size=(50, 2))  # about a corner of the tip
 
         def at(dx, dz):
-            return np.asarray(walls.push(jnp.asarray(x + [dx, dz]), 0.0, DX, C0))
+            return _pushes(walls, jnp.asarray(x + [dx, dz]))
 
         e = 1e-6
         across = (at(e, 0)[:, 1] - at(-e, 0)[:, 1]) / (2 * e)
@@ -421,7 +443,7 @@ def test_push_is_conservative():
 def test_push_moves_with_the_paddle():
     walls = _Tank32().walls
     x = jnp.asarray([[0.01, 0.3], [0.02 + 0.5 * DX, 0.3]])  # behind and in front of a paddle at 0.02 m
-    push = np.asarray(walls.push(x, 0.02, DX, C0))
+    push = _pushes(walls, x, 0.02)
     assert push[0, 0] > 0 and not push[1].any() and push[0, 1] == 0
 
 
@@ -440,7 +462,7 @@ def test_lattice_fills_the_box_around_a_plate(thickness, gap, rows, dim):
     dx = 0.1
     high = (2.0, *((0.3,) * (dim - 2)), 1.0)
     plate = WallPlate(2.0 - gap - thickness, 2.0 - gap, rows * dx)
-    x, volume = lattice((0.0,) * dim, high, dx, plate)
+    x, volume = lattice((0.0,) * dim, high, dx, [plate])
     width = 0.3 ** (dim - 2)
     water = (2.0 - thickness * (1.0 - plate.tip)) * width
     assert volume.sum() == pytest.approx(water, rel=1e-9)  # sums of doubles

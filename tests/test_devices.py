@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.core.arrays import columns
-from jaxsph.core.pairs import with_empty
-from jaxsph.parts.chamber import Chamber
+from jaxsph.model.state import Particles, Tables
+from jaxsph.parts.chamber import AbstractGrip, Chamber
 from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
+from jaxsph.schemes.base import at_rest
 
 FLOWS = st.floats(-2.0, 2.0)
 DAMPINGS = st.floats(0.0, 1.0e6)
@@ -100,7 +101,7 @@ def test_a_phased_damping_is_the_turbine_of_its_moment(t, q, phase):
 
 def test_a_phased_damping_comes_from_its_case():
     case = coarse("owc").replace({"pto.phase": [0.1, -0.2]})
-    pto = js.build(case)[0].chamber.pto
+    pto = js.build(case)[0].chambers[0].pto
     assert isinstance(pto, PhasedPTO) and float(pto.omega) == pytest.approx(2 * np.pi / case.waves.T)
     assert float(pto.damping(0.0)) == pytest.approx(case.pto.K_dm * np.exp(0.1))
     assert js.Case.from_dict(tomllib.loads(case.to_toml())) == case
@@ -121,6 +122,22 @@ def test_prescribed_pressure_ramps():
 # --- the kick
 
 
+class _Given(AbstractGrip):
+    """Forces that are given."""
+
+    forces: tuple
+
+    def force(self, chamber, x, V, sums, table):
+        return self.forces
+
+    def carried(self, weight):
+        return jnp.zeros_like(weight)
+
+
+class _NoPairs:
+    smoothing = None
+
+
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**31), K_dm=st.floats(1.0, 1e4), dt=st.floats(1e-5, 1e-2))
 def test_kick_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
@@ -130,29 +147,44 @@ def test_kick_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         u, m = jnp.asarray(rng.normal(size=(n, 2))), jnp.asarray(rng.uniform(0.1, 2.0, n))
         index = jnp.asarray(rng.permutation(n)[:c], jnp.int32).at[0].set(n)  # n: an empty place
         grip = jnp.asarray(rng.normal(size=(2, c)) * 0.01).at[:, 0].set(0.0)
-        chamber = Chamber(PneumaticPTO(jnp.asarray(K_dm)), *(jnp.asarray(a) for a in (0.0, 1.0, 0, 1, 1)))
-        own = m[jnp.minimum(index, n - 1)]
-        new, P_a, q_before, q_after = chamber.kick(u, tuple(grip), own, index, dt, 0.0)
+        chamber = Chamber(
+            pto=PneumaticPTO(jnp.asarray(K_dm)),
+            **dict(
+                zip(
+                    ("x0", "x1", "fade_low", "fade_high", "still"),
+                    map(jnp.asarray, (0.0, 1, 0, 1, 1)),
+                    strict=True,
+                )
+            ),
+            beyond=jnp.asarray(0.0),
+            grip=_Given(tuple(grip)),
+        )
+        zero = jnp.zeros(n)
+        water = Particles(jnp.zeros((n, 2)), jnp.zeros((n, 2)), u, zero, m, jnp.arange(n), zero)
+        tables = Tables(jnp.zeros((1, n), int), None, {}, {"chamber": index}, None)
+        sources = {"x": (zero, zero), "V": zero}
+        kick = chamber.kick(_NoPairs, water, sources, u, tables, 0.0, dt)
+        air, work = chamber.finish(chamber.start(float), kick, u, kick.u, dt)
+        new = kick.u
         taken = float(0.5 * jnp.sum(m * jnp.sum(u**2 - new**2, axis=1)))
         # An identity: round-off of the energies that are subtracted.
         energy = float(0.5 * jnp.sum(m * jnp.sum(u**2, axis=1)))
-        work = float(P_a * 0.5 * (q_before + q_after) * dt)
-        assert taken == pytest.approx(work, rel=1e-12, abs=1e-14 * energy)
+        assert taken == pytest.approx(float(work), rel=1e-12, abs=1e-14 * energy)
         # The flow is that of the new velocities, through the same grip.
         flow = -sum(float(jnp.sum(g * new[index, k])) for k, g in enumerate(grip))
-        assert flow == pytest.approx(float(q_after), rel=1e-10, abs=1e-13)
+        assert flow == pytest.approx(float(air.q), rel=1e-10, abs=1e-13)
 
 
 def test_flow_is_the_rise_times_the_chamber_s_length(vessel):
     _, model, state = vessel
     state, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     p, rise = state.particles, 0.3
-    ghosts = model.scheme.ghosts(model, state, tables, jnp.zeros_like(model.dt))
-    sources = with_empty(model.scheme.sources(ghosts, p, p.u, ghosts.u))
-    grip, _ = model.chamber.grip(p, sources, tables.fluid, tables.chamber, model.scheme.smoothing)
-    flow = -float(jnp.sum(grip[1]) * rise)
+    ghosts = model.scheme.ghosts(model, state, tables, at_rest(model, state))
+    sources, chamber = model.scheme.sources(ghosts, p, p.u, ghosts.u), model.chambers[0]
+    kick = chamber.kick(model.scheme, p, sources, p.u, tables, model.t0, model.dt)
+    flow = -float(jnp.sum(kick.force[1]) * rise)
     # Second-order sums over a lattice of 8 particles across with a fading zone of 4 spacings.
-    assert flow == pytest.approx(rise * float(model.chamber.length), rel=0.05)
+    assert flow == pytest.approx(rise * float(model.chambers[0].length), rel=0.05)
 
 
 def test_chamber_level_and_volume_of_water_at_rest(vessel):
@@ -160,9 +192,9 @@ def test_chamber_level_and_volume_of_water_at_rest(vessel):
     x = columns(state.particles.x)
     V = state.particles.m / (model.scheme.rho0 + state.particles.rho)
     # On the lattice the smoothed cut counts every row exactly; float32 sums of 40 volumes.
-    assert float(model.chamber.level(x, V, model.dx)) == pytest.approx(0.0, abs=1e-4)
+    assert float(model.chambers[0].level(x, V, model.dx)) == pytest.approx(0.0, abs=1e-4)
     raised = (x[0], x[1] + 0.01)
-    assert float(model.chamber.level(raised, V, model.dx)) == pytest.approx(0.01, abs=2e-3)
+    assert float(model.chambers[0].level(raised, V, model.dx)) == pytest.approx(0.01, abs=2e-3)
 
 
 # --- in the water

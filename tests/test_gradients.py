@@ -271,4 +271,4 @@ def test_what_the_lattice_takes_its_shape_from_is_no_derivative_s():
         assert np.isfinite(moved).all() and max(moved) > 0
     d_model, _ = _seed(case, "pto.K_dm", model, state)
     # float32: a rounding of 535 over 1 % of it
-    assert float(d_model.chamber.pto.K_dm) == pytest.approx(1.0, abs=1e-4)
+    assert float(d_model.chambers[0].pto.K_dm) == pytest.approx(1.0, abs=1e-4)

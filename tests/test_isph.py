@@ -14,9 +14,9 @@ from jaxsph import analysis
 from jaxsph.case.report import make_probes
 from jaxsph.model import laws
 from jaxsph.probes.devices import BodyProbe
-from jaxsph.schemes.base import touching
 from jaxsph.schemes.incompressible import RELAXATION
 from jaxsph.schemes.poisson import BiCGStab, Explicit
+from jaxsph.solids.contact import touch_force
 
 TANK = {
     "dx": 0.05,
@@ -73,8 +73,8 @@ def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
     model, _, state = advanced("floating", FLOATING, 20)
     weight = 500.0 * 0.3 * 0.3 * 9.81
     assert int(state.status.bits) == 0
-    np.testing.assert_allclose(state.body.force[1], weight, rtol=0.01)
-    assert abs(float(state.body.pose[1])) < 0.02 * 0.15
+    np.testing.assert_allclose(state.own["body"].force[1], weight, rtol=0.01)
+    assert abs(float(state.own["body"].pose[1])) < 0.02 * 0.15
 
 
 def test_a_box_floats_in_weakly_compressible_water_too(advanced):
@@ -102,9 +102,9 @@ def test_energy_of_a_swinging_flap_is_accounted_for():
 def test_water_that_touches_a_body_pushes_it(advanced):
     model, _, state = advanced("floating", FLOATING, 20)
     kick = jnp.ones_like(state.particles.u)
-    near = np.asarray(model.body.distance(state.particles.x, state.body)) < 0.4 * 0.025
+    near = np.asarray(model.bodies[0].distance(state.own["body"], state.particles.x)) < 0.4 * 0.025
     p = eqx.tree_at(lambda s: s.particles.x, state, state.particles.x.at[0].set(jnp.array([0.5, 0.345])))
-    force = touching(model, p, kick, model.dt)
+    force = touch_force(model, model.bodies[0], p.own["body"], p.particles, kick, model.dt)
     expected = -(float(p.particles.m[0]) + float(np.sum(np.asarray(state.particles.m)[near]))) / model.dt
     np.testing.assert_allclose(force[:2], expected, rtol=1e-5)
 
@@ -122,7 +122,7 @@ def test_gauges_read_the_surface_in_three_dimensions():
         }
     )
     model, state = js.build(case)
-    assert float(model.wavemaker.still) == pytest.approx(0.3, rel=1e-5)
+    assert float(model.moving[0].motion.still) == pytest.approx(0.3, rel=1e-5)
     gauges = [p for p in make_probes(case, model, state) if "Gauge" in type(p).__name__]
     state, tables = model.scheme.prepare(model, state)
     lifted = eqx.tree_at(lambda s: s.particles.x, state, state.particles.x + jnp.array([0.0, 0.0, 0.01]))
@@ -141,9 +141,12 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     scheme = model.scheme
     state, tables = scheme.prepare(model, state)
     ghosts = scheme.placed(model, state, tables)
-    rows = slice(*model.walls.solid)
+    body = model.bodies[0]
+    rows = slice(*body.rows)
     p_ghosts = jnp.zeros_like(ghosts.p).at[rows].set(1000.0)
-    on_body = scheme.body_grip(model, state, ghosts, tables).force(state.particles.p, p_ghosts[rows])
+    on_body = scheme._body_grip(body, state.own["body"], ghosts, tables).force(
+        state.particles.p, p_ghosts[rows]
+    )
     # the water's side, with every other ghost taken away
     alone = ghosts._replace(V=jnp.zeros_like(ghosts.V).at[rows].set(ghosts.V[rows]))
     u = state.particles.u

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsph.model.state import BodyState
+from jaxsph.model.state import Tally
 from jaxsph.output.plot.particles import _posed
-from jaxsph.parts.body import RigidBody, RotationalPTO
+from jaxsph.parts.body import BodyMotion, RigidBody
+from jaxsph.parts.pto import RotationalPTO
 from jaxsph.solids.shapes import Block, Disc, Polygon
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
@@ -53,7 +54,7 @@ def test_moments_are_those_of_points_inside(shape):
     np.testing.assert_allclose(np.sum((x - centre) ** 2) * (0.6 / 400) ** 2, second, rtol=2e-2)
 
 
-def _body(free=(True, True, True), pto=None, pivot=(0.3, 0.3)):
+def _body(free=(True, True, True), pto=FreeHinge(), pivot=(0.3, 0.3)):
     return RigidBody(
         free=free,
         shape=BLOCK,
@@ -62,6 +63,8 @@ def _body(free=(True, True, True), pto=None, pivot=(0.3, 0.3)):
         pivot=jnp.array(pivot),
         centre=jnp.array([0.3, 0.3]),
         pto=pto,
+        release=jnp.float32(0.0),
+        rows=(0, 0),
     )
 
 
@@ -74,16 +77,18 @@ def test_velocities_are_the_rate_of_positions(pose, velocity):
     """And distances are kept, and the way back is the inverse."""
     body, x = _body(), jnp.asarray(BLOCK.dummies(0.1, 1), jnp.float32)
     pose, velocity = jnp.asarray(pose, jnp.float32), jnp.asarray(velocity, jnp.float32)
-    state = BodyState(pose, velocity, *jnp.zeros((2, 3)))
+    none, no_impulse = jnp.zeros(3), Tally.zero(jnp.float32, (3,))
+    state = BodyMotion(pose, velocity, none, none, no_impulse)
 
     def at(t):
-        return body.moved(x, BodyState(pose + t * velocity, velocity, *jnp.zeros((2, 3))))
+        return body.carry(BodyMotion(pose + t * velocity, velocity, none, none, no_impulse), x)
 
     there, rate = jax.jvp(at, (0.0,), (1.0,))
-    np.testing.assert_allclose(body.velocity(there, state), rate, atol=2e-6)
-    np.testing.assert_allclose(body.at_rest(there, state), x, atol=2e-6)
+    np.testing.assert_allclose(body.velocity(state, there), rate, atol=2e-6)
+    # one distance per point of the surface and pose: the way back to rest, as `distance` goes it
+    np.testing.assert_allclose(body.distance(state, there), BLOCK.distance(x), atol=2e-6)
     second = jax.jvp(lambda t: jax.jvp(at, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
-    np.testing.assert_allclose(body.centripetal(there, state), second, atol=2e-5)
+    np.testing.assert_allclose(body.centripetal(state, there), second, atol=2e-5)
 
 
 def test_a_pivot_off_the_centre_allows_pitch_alone():
@@ -94,7 +99,7 @@ def test_a_pivot_off_the_centre_allows_pitch_alone():
 def test_weight_turns_a_leaning_flap_further():
     """The centre of mass above the hinge and landward of it: positive, landward, and M g times the arm."""
     body = _body((False, False, True), pivot=(0.3, 0.2))
-    leaning = BodyState.at_rest(jnp.float32, pose=(0.0, 0.0, 0.2))
+    leaning = BodyMotion.at_rest(jnp.float32, pose=(0.0, 0.0, 0.2))
     moment = body.external(leaning, jnp.array([0.0, -9.81]))[2]
     np.testing.assert_allclose(moment, 2.0 * 9.81 * 0.1 * np.sin(0.2), rtol=1e-6)
 
@@ -104,7 +109,7 @@ def test_weight_turns_a_leaning_flap_further():
 def test_a_rotational_pto_only_takes(omega, angle):
     pto = RotationalPTO.of(damping=3.0, coulomb=0.4, spring=5.0, stop=0.5, stop_stiffness=100.0)
     body = _body((False, False, True), pto)
-    old = BodyState.at_rest(jnp.float32, (0.0, 0.0, omega), (0.0, 0.0, angle))
+    old = BodyMotion.at_rest(jnp.float32, (0.0, 0.0, omega), (0.0, 0.0, angle))
     assert float(body.absorbed(old, old, jnp.float32(0.01))) >= 0.0
     assert float(pto.restoring(jnp.float32(angle))) * angle <= 0.0
 
@@ -112,8 +117,8 @@ def test_a_rotational_pto_only_takes(omega, angle):
 def test_pictures_draw_the_body_where_it_is():
     body, pose = _body(), np.array([0.1, -0.2, 0.4])
     corners = np.asarray(SQUARE)
-    state = BodyState.at_rest(jnp.float32, pose=pose)
-    moved = body.moved(jnp.asarray(corners, jnp.float32), state)
+    state = BodyMotion.at_rest(jnp.float32, pose=pose)
+    moved = body.carry(state, jnp.asarray(corners, jnp.float32))
     np.testing.assert_allclose(_posed(corners, np.asarray(body.pivot), pose), moved, atol=1e-6)
 
 

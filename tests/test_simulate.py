@@ -336,12 +336,12 @@ def test_derivative_of_a_run_with_respect_to_K_dm():
     with enable_x64():
         case = coarse("vessel", {"pto.K_dm": 300.0, "precision": "float64"})
         model, state = js.build(case)
-        right = state.particles.x[:, 0] > model.chamber.x0
+        right = state.particles.x[:, 0] > model.chambers[0].x0
         sinking = jnp.stack([jnp.zeros_like(right, float), jnp.where(right, -0.2, 0.0)], -1)
         state = with_velocity(state, sinking)
 
         def energy_left(K_dm):
-            changed = eqx.tree_at(lambda m: m.chamber.pto.K_dm, model, K_dm)
+            changed = eqx.tree_at(lambda m: m.chambers[0].pto.K_dm, model, K_dm)
             end, _ = driver.simulate(changed, state, n_steps=4 * model.search.rebuild_every)
             p = end.particles
             return 0.5 * jnp.sum(p.m * jnp.sum(p.u**2, axis=1)), end.status.bits

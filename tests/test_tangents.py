@@ -105,7 +105,7 @@ def energy(moving):
     n = 2 * model.search.rebuild_every
 
     def absorbed(K_dm, tangents):
-        changed = eqx.tree_at(lambda m: m.chamber.pto.K_dm, model, K_dm)
+        changed = eqx.tree_at(lambda m: m.chambers[0].pto.K_dm, model, K_dm)
         changed = dataclasses.replace(changed, tangents=tangents)
         paddle = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u.at[:, 1].add(0.1))
         return js.simulate(changed, paddle, n_steps=n, sample_every=n)[0].work.pto
@@ -121,7 +121,7 @@ def energy(moving):
         def at_the_case(tangents):
             with enable_x64():
                 compiled = jax.jit(function, static_argnums=1)
-                return tuple(map(float, compiled(model.chamber.pto.K_dm, tangents)))
+                return tuple(map(float, compiled(model.chambers[0].pto.K_dm, tangents)))
 
         return at_the_case
 

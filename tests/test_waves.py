@@ -42,7 +42,7 @@ REGULAR = RegularWaves(H=0.1, T=1.2, d=0.5, ramp=2.4)
 SECOND = RegularWaves(0.1, 1.2, 0.5, ramp=2.4, correction=SecondOrderPiston())
 paddle = jax.jit(lambda w, t: (w.paddle_displacement(t), w.paddle_velocity(t), w.paddle_elevation(t)))
 paddle_speed = jax.jit(lambda a, w, X, t, eta: a.velocity(w, X, t, eta))
-sponge_factor = jax.jit(lambda sponge, x, dt: sponge.factor(x, dt))
+sponge_factor = jax.jit(lambda sponge, x, dt: sponge.factor(x[:, None], dt))
 dk_domega = jax.jit(jax.grad(theory.wavenumber))
 
 
@@ -353,7 +353,9 @@ def test_sponge():
         sponge_factor(sponge, x, 1e-3), [1.0, 1.0, 1 - 0.0025, 1 - 0.01, 1.0], rtol=2 * EPS
     )
     assert float(sponge_factor(sponge, x, 1.0)[3]) == 0.0  # clipped, not reversed
-    assert np.all(np.isfinite(jax.jit(jax.grad(lambda s: jnp.sum(s.factor(x, 1e-3))))(sponge).strength))
+    assert np.all(
+        np.isfinite(jax.jit(jax.grad(lambda s: jnp.sum(s.factor(x[:, None], 1e-3))))(sponge).strength)
+    )
 
 
 # --- limits

@@ -15,11 +15,17 @@ import numpy as np
 
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.cells import Grid, grid_over, needed_capacity, search
-from jaxsph.model.interfaces import AbstractBody, AbstractForce, Model
-from jaxsph.model.state import BodyState, Particles, Search, State, Status, Work
-from jaxsph.parts.chamber import Chamber
-from jaxsph.parts.paddle import Wavemaker
-from jaxsph.parts.sponge import Sponge
+from jaxsph.model.interfaces import (
+    AbstractBody,
+    AbstractChamber,
+    AbstractDamper,
+    AbstractForce,
+    AbstractWall,
+    ExactTangents,
+    Model,
+    own_states,
+)
+from jaxsph.model.state import Particles, Search, State, Status, Tally
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.walls import Ghosts
 
@@ -39,12 +45,11 @@ def assemble(
     p: np.ndarray | None = None,
     volume: np.ndarray | float | None = None,
     g: Sequence[float] | None = None,
-    force: AbstractForce | None = None,
-    wavemaker: Wavemaker | None = None,
-    sponge: Sponge | None = None,
-    chamber: Chamber | None = None,
-    body: AbstractBody | None = None,
-    body_state: BodyState | None = None,
+    moving: Sequence[AbstractWall] = (),
+    bodies: Sequence[AbstractBody] = (),
+    chambers: Sequence[AbstractChamber] = (),
+    dampers: Sequence[AbstractDamper] = (),
+    forces: Sequence[AbstractForce] = (),
     speed: float | None = None,
     dt_most: float | None = None,
     skin: float = SKIN,
@@ -58,8 +63,9 @@ def assemble(
     `p` `[N]`, the gauge pressure (Pa), by default none. `volume` (m3; m2 in 2-D): each particle's, by
     default dx^D.
     `walls`: `Ghosts.build` of a `Box`, whose `period` the scheme's smoothing must have.
-    `g` `[D]` (m/s2), by default none; `force`: a field beside it. `body`: a rigid body whose dummies are the
-    walls' `solid`, in the state `body_state`, by default at rest.
+    `g` `[D]` (m/s2), by default none. Parts: `moving` walls, the first of them the `paddle` of the box where
+    it has one; `bodies`, in the order of the walls' `shapes`; `chambers`; `dampers`; `forces` beside g. (One
+    argument for each kind of part and each number: they are all keywords.)
     `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
     that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
@@ -100,36 +106,59 @@ def assemble(
         rho=jnp.zeros(n, dtype),
         m=leaf(m),
         id=jnp.arange(n, dtype=jnp.int32),
+        p=jnp.zeros(n, dtype),
     )
     particles = scheme.started(particles, leaf(np.zeros(n) if p is None else p))
-    state = State(
-        particles=particles,
-        paddle=jnp.zeros(4, dtype),
-        air=jnp.zeros(2, dtype),
-        work=Work.zero(dtype),
-        step=jnp.zeros((), jnp.int32),
-        status=Status.sound(dim, dtype),
-        body=BodyState.at_rest(dtype) if body is not None and body_state is None else body_state,
-    )
-    if (body is None) != (not walls.solid):
-        raise ValueError("a body and walls with its dummies (`solid`) go together: give both or neither")
     model = Model(
         scheme=scheme,
         walls=walls,
-        wavemaker=wavemaker,
-        sponge=sponge,
-        chamber=chamber,
+        solids=walls.solids(),
+        moving=tuple(moving),
+        bodies=tuple(bodies),
+        chambers=tuple(chambers),
+        dampers=tuple(dampers),
+        forces=tuple(forces),
+        tangents=ExactTangents(),
         g=leaf(g),
         dx=leaf(dx),
         dt=leaf(sample_dt / (blocks * block)),
         t0=leaf(0.0),
         depth=leaf(walls.high[-1] - walls.low[-1] if depth is None else depth),
         z0=leaf(x[:, -1]),
-        search=_search(walls, x, scheme.smoothing, skin, stroke, block, chamber, settings),
-        force=force,
-        body=body,
+        search=_search(walls, x, scheme.smoothing, skin, stroke, block, chambers, settings),
+    )
+    _check_parts(model)
+    state = State(
+        particles=particles,
+        own=own_states(model, dtype),
+        ledger={name: Tally.zero(dtype) for name in model.entries()},
+        limits={name: Tally.zero(dtype) for name in scheme.limiters()},
+        step=jnp.zeros((), jnp.int32),
+        status=Status.sound(dim, dtype),
     )
     return model, state
+
+
+def _check_parts(model: Model) -> None:
+    """Raises ValueError for parts that share a name, or do not go with the walls' ghosts."""
+    parts = (*model.moving, *model.bodies, *model.chambers)
+    names = [part.name for part in parts] + [damper.name for damper in model.dampers]
+    energies = [name for part in (*parts, *model.dampers, model.scheme) for name in part.entries()]
+    for given, what in ((names, "names"), (energies, "energies in the ledger")):
+        twice = sorted({name for name in given if given.count(name) > 1})
+        if twice:
+            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each a name of its own")
+    rows = tuple(body.rows for body in model.bodies)
+    if rows != model.walls.dummies:
+        raise ValueError(
+            f"bodies stand in the ghosts {rows}, and the walls have dummies in {model.walls.dummies}: give a "
+            "body for each of the walls' shapes, in their order"
+        )
+    first = tuple(wall.rows for wall in model.moving[:1])
+    if first != ((model.walls.paddle,) if model.walls.paddle else ()):
+        raise ValueError(
+            f"the first moving wall has the ghosts {first}, and the paddle of the box {model.walls.paddle}"
+        )
 
 
 def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
@@ -158,7 +187,7 @@ def _search(
     skin: float,
     stroke: float,
     block: int,
-    chamber: Chamber | None,
+    chambers: Sequence[AbstractChamber],
     settings: dict[str, int] | None,
 ) -> Search:
     radius = float(smoothing.radius) + skin
@@ -177,9 +206,9 @@ def _search(
         found["capacity"] = needed_capacity(fluid)
         found["node_capacity"] = needed_capacity(nodes)
         found["chamber_capacity"] = 1
-        if chamber is not None:
+        for chamber in chambers:
             _, count = chamber.candidates(jnp.asarray(x, walls.x.dtype), skin, 1)
-            found["chamber_capacity"] = int(1.5 * int(count)) + 32
+            found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
         found["rebuild_every"] = block
     return Search(
         grid=grid,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,12 +21,19 @@ from jaxsph.errors import CaseError
 from jaxsph.model.background import Background
 from jaxsph.model.interfaces import AbstractPTO, Model
 from jaxsph.model.shifting import Shifting
-from jaxsph.model.state import BodyState, State
+from jaxsph.model.state import State
 from jaxsph.model.viscosity import ArtificialViscosity, PhysicalViscosity
-from jaxsph.parts.body import RigidBody, RotationalPTO
-from jaxsph.parts.chamber import Chamber
-from jaxsph.parts.paddle import Wavemaker, column_depth
-from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
+from jaxsph.parts.body import RigidBody
+from jaxsph.parts.chamber import BodyForceGrip, Chamber, SurfaceGrip
+from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
+from jaxsph.parts.pto import (
+    AbstractRotationalPTO,
+    FreeHinge,
+    PhasedPTO,
+    PneumaticPTO,
+    PrescribedPressure,
+    RotationalPTO,
+)
 from jaxsph.parts.sponge import Sponge
 from jaxsph.schemes import incompressible, weakly_compressible
 from jaxsph.schemes.base import AbstractParticleScheme
@@ -110,10 +116,11 @@ def _scheme(case: Case, geometry: Geometry, dim: int, leaf: Any) -> tuple[Abstra
     )
 
 
-def _body(case: Case, geometry: Geometry, leaf: Any) -> tuple[RigidBody | None, BodyState | None]:
+def _bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
+    """The case's rigid body, if it has one."""
     section, solid = case.body, geometry.solid
     if section is None:
-        return None, None
+        return ()
     area, centroid, second = solid.moments()
     mass = section.mass if section.density is None else section.density * area
     centre = np.asarray(centroid if section.centre is None else section.centre)
@@ -121,7 +128,7 @@ def _body(case: Case, geometry: Geometry, leaf: Any) -> tuple[RigidBody | None, 
     inertia = section.inertia
     if section.density is not None:
         inertia = section.density * second + mass * float(np.sum((centre - pivot) ** 2))
-    pto = None
+    pto: AbstractRotationalPTO = FreeHinge()
     if section.pto is not None:
         pto = RotationalPTO.of(**section.pto.model_dump(), dtype=np.dtype(case.precision))
     try:
@@ -134,11 +141,13 @@ def _body(case: Case, geometry: Geometry, leaf: Any) -> tuple[RigidBody | None, 
             centre=leaf(centre),
             release=leaf(section.release),
             pto=pto,
+            rows=walls.dummies[0],
+            initial_velocity=tuple(section.velocity),
+            initial_pitch=section.angle,
         )
     except ValueError as error:
         raise CaseError(f"body.{error}") from None
-    start = BodyState.at_rest(np.dtype(case.precision), section.velocity, (0.0, 0.0, section.angle))
-    return body, start
+    return (body,)
 
 
 def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
@@ -177,26 +186,27 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         dx,
         scheme.smoothing,
         slip,
-        geometry.plate,
+        () if geometry.plate is None else (geometry.plate,),
         thin_wall,
         dtype=dtype,
         platform=geometry.platform,
         filling=DummyParticles() if dummies else MirrorNodes(),
-        solid=geometry.solid,
+        shapes=() if geometry.solid is None else (geometry.solid,),
     )
-    body, body_state = _body(case, geometry, leaf)
+    bodies = _bodies(case, geometry, walls, leaf)
     x, volume = _water(geometry, dx)
-    if body is not None:
-        outside = _outside(np.asarray(body.distance(jnp.asarray(x, dtype), body_state)) / dx)
+    for body in bodies:
+        outside = _outside(np.asarray(body.distance(body.start(dtype), jnp.asarray(x, dtype))) / dx)
         x, volume = x[outside], volume[outside]
     g = np.zeros(dim)
     g[-1] = -case.g
-    wavemaker = _wavemaker(case, geometry, leaf, _smoothing_length(case))
-    sponge = None
+    end = geometry.length
+    sponges = ()
     if case.sponge is not None:
-        end = geometry.length
-        sponge = Sponge(leaf(end - case.sponge.length), leaf(end + dx), leaf(case.sponge.strength))
-    model, state = assemble(
+        sponges = (Sponge(leaf(end - case.sponge.length), leaf(end + dx), leaf(case.sponge.strength)),)
+    V = volume / walls.width
+    paddles = () if case.waves is None else (_paddle(case, geometry, walls, (x, V), leaf),)
+    return assemble(
         x,
         _initial_velocity(case, geometry, x),
         scheme=scheme,
@@ -206,11 +216,10 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         p=case.fluid.rho0 * case.g * _initial_head(geometry, x),
         volume=volume,
         g=g,
-        wavemaker=wavemaker,
-        sponge=sponge,
-        chamber=_chamber(case, geometry, leaf),
-        body=body,
-        body_state=body_state,
+        moving=paddles,
+        bodies=bodies,
+        chambers=_chambers(case, geometry, leaf),
+        dampers=sponges,
         speed=_speed_scale(case),
         dt_most=dt_limit,
         skin=SKIN if case.isph is None else LONG_STEP_SKIN,
@@ -218,17 +227,12 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         stroke=stroke,
         settings=settings,
     )
-    particles = state.particles
-    if wavemaker is not None:
-        V = scheme.volume(particles) / walls.width
-        still = column_depth((particles.x[:, 0], particles.x[:, -1]), V, wavemaker.gauge, 3.0 * model.dx)
-        model = eqx.tree_at(lambda a: a.wavemaker.still, model, still)
-    return model, state
 
 
-def _chamber(case: Case, geometry: Geometry, leaf: Any) -> Chamber | None:
+def _chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, ...]:
+    """The case's chamber, if it has one."""
     if case.device is None or case.pto is None:
-        return None
+        return ()
     pto: AbstractPTO
     if case.pto.K_dm is None:
         pto = PrescribedPressure(leaf(case.pto.P_a), leaf(case.pto.ramp))
@@ -239,20 +243,26 @@ def _chamber(case: Case, geometry: Geometry, leaf: Any) -> Chamber | None:
         pto = PhasedPTO(leaf(case.pto.K_dm), leaf(case.pto.phase), leaf(omega))
     plate = geometry.plate
     draught = geometry.depth - plate.tip
-    return Chamber(
-        pto,
-        leaf(plate.x1),
-        leaf(geometry.length),
-        leaf(plate.tip),
-        leaf(plate.tip + 0.5 * draught),
-        leaf(geometry.depth),
+    grip = SurfaceGrip() if case.isph is None else BodyForceGrip()
+    return (
+        Chamber(
+            pto=pto,
+            x0=leaf(plate.x1),
+            x1=leaf(geometry.length),
+            fade_low=leaf(plate.tip),
+            fade_high=leaf(plate.tip + 0.5 * draught),
+            still=leaf(geometry.depth),
+            beyond=leaf(0.5 * case.dx),  # a particle deeper in the end wall ends the run
+            grip=grip,
+        ),
     )
 
 
-def _background(case: Case, geometry: Geometry, leaf: Any) -> Background | None:
+def _background(case: Case, geometry: Geometry, leaf: Any) -> tuple[Background, ...]:
+    """Background pressure of the case's thin wall, if it has one."""
     plate = geometry.plate
     if plate is None or not plate.is_thin(case.dx, _layers(case)):
-        return None
+        return ()
     draught = geometry.depth - plate.tip
     # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
     fall = case.waves.H if case.waves is not None else 0.0
@@ -261,7 +271,7 @@ def _background(case: Case, geometry: Geometry, leaf: Any) -> Background | None:
     # Measured at rest and in waves. R must end below the surface, where it would be a false pressure. With
     # much more head left in the sum the tip grows unquiet, with none nothing keeps the particles in order; a
     # narrower zone's own gradients disturb them, and over the whole tank the waves lost 40 % of their height.
-    return Background(
+    background = Background(
         x=leaf(plate.middle),
         inner=leaf(0.2 * draught),
         outer=leaf(2.0 * draught),
@@ -270,12 +280,15 @@ def _background(case: Case, geometry: Geometry, leaf: Any) -> Background | None:
         weight=leaf(case.fluid.rho0 * case.g),
         still=leaf(geometry.depth - min(max(0.3 * draught, fall), 0.5 * draught)),
     )
+    return (background,)
 
 
-def _wavemaker(case: Case, geometry: Geometry, leaf: Any, h: float) -> Wavemaker | None:
+def _paddle(
+    case: Case, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
+) -> Paddle:
+    """Piston wavemaker of the case's waves; `water`: places (m) of the particles and their volumes per metre
+    of the tank's width (m2), which its gauge reads at rest."""
     section = case.waves
-    if section is None:
-        return None
     regular = RegularWaves(
         leaf(section.H),
         leaf(section.T),
@@ -284,12 +297,15 @@ def _wavemaker(case: Case, geometry: Geometry, leaf: Any, h: float) -> Wavemaker
         leaf(section.ramp_periods * section.T),
         SecondOrderPiston() if section.second_order else None,
     )
-    distance = 4.0 * h
-    absorption = None
-    if section.absorption:
-        # Slow against the waves, quick against the drift: with 0.01 omega the paddle crept 0.04 m back
-        # in ten periods, on the half millimetre by which the gauge's mean is off.
-        rate = 0.04 * float(regular.omega)
-        absorption = ActiveAbsorption.at_gauge(regular, distance, drift_rate=rate)
-        absorption = jax.tree.map(leaf, absorption)
-    return Wavemaker(regular, absorption, leaf(distance), leaf(0.0))
+    if not section.absorption:
+        return Paddle(motion=WaveMotion(regular), rows=walls.paddle)
+    distance, width = 4.0 * _smoothing_length(case), 3.0 * case.dx
+    # Slow against the waves, quick against the drift: with 0.01 omega the paddle crept 0.04 m back
+    # in ten periods, on the half millimetre by which the gauge's mean is off.
+    rate = 0.04 * float(regular.omega)
+    absorption = ActiveAbsorption.at_gauge(regular, distance, drift_rate=rate)
+    absorption = jax.tree.map(leaf, absorption)
+    x, V = (leaf(a) for a in water)
+    still = column_depth((x[:, 0], x[:, -1]), V, leaf(distance), leaf(width))
+    motion = AbsorbingMotion(regular, absorption, leaf(distance), leaf(width), still)
+    return Paddle(motion=motion, rows=walls.paddle)

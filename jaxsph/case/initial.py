@@ -50,7 +50,11 @@ def _water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
     across = () if geometry.width is None else (geometry.width,)
     low = (0.0,) * (2 + len(across))
     x, volume = lattice(
-        low, (geometry.column, *across, geometry.depth), dx, geometry.plate, geometry.platform
+        low,
+        (geometry.column, *across, geometry.depth),
+        dx,
+        () if geometry.plate is None else (geometry.plate,),
+        geometry.platform,
     )
     if not geometry.layer:
         return x, volume

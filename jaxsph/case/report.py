@@ -17,7 +17,7 @@ from jaxsph.case.build import (
 from jaxsph.case.case import Case
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
-from jaxsph.probes.devices import BodyProbe, ChamberProbe
+from jaxsph.probes.devices import BodyProbe, ChamberProbe, PaddleProbe
 from jaxsph.probes.energy import EnergyProbe
 from jaxsph.probes.gauges import InterpolatedGauge, ParticleGauge, WaveGauge
 from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProbe
@@ -44,12 +44,13 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
         found.append(PressureProbe(jnp.asarray(case.probes.pressure, dtype)))
     if case.probes.velocity:
         found.append(VelocityProbe(jnp.asarray(case.probes.velocity, dtype)))
-    if model.chamber is not None:
-        found.append(ChamberProbe(sample_dt))
-    if model.body is not None:
-        found.append(BodyProbe(sample_dt, state.particles.x.shape[1]))
-        if case.body.sensors:
-            found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
+    found += [PaddleProbe(which) for which in range(len(model.moving))]
+    for which, chamber in enumerate(model.chambers):
+        found.append(ChamberProbe(sample_dt, which, chamber.name.removeprefix("chamber")))
+    for which, body in enumerate(model.bodies):
+        found.append(BodyProbe(sample_dt, which, body.name.removeprefix("body"), len(model.g)))
+    if model.bodies and case.body.sensors:
+        found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
     return tuple(found)
 
 

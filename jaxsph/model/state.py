@@ -1,4 +1,4 @@
-"""Types: what evolves (`State`), what stays (`Model`), what comes out (`Solution`), and the interfaces.
+"""State of a run: what evolves from step to step, and the neighbour tables of one block of steps.
 
 SI units. x runs along the tank from the wavemaker's rest position; the last axis points up and z = 0 is
 the bed. In two dimensions everything is per metre of width.
@@ -16,6 +16,8 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.search.cells import Grid
 
+__all__ = ["Failure", "Particles", "Search", "State", "Status", "Tables", "Tally", "settle"]
+
 
 class Particles(eqx.Module):
     """The fluid's particles at time t, in the order of the last sort by cell."""
@@ -23,7 +25,7 @@ class Particles(eqx.Module):
     x: Float[Array, "N D"]
     """Positions, m."""
     x_carry: Float[Array, "N D"]
-    """What rounding x to its type has lost so far, m (compensated summation)."""
+    """Rounding error of x, m: what its type could not hold (compensated summation)."""
     u: Float[Array, "N D"]
     """Velocities, m/s."""
     rho: Float[Array, " N"]
@@ -32,33 +34,55 @@ class Particles(eqx.Module):
     """Masses, kg (kg/m in two dimensions)."""
     id: Int[Array, " N"]
     """Place in the initial lattice: follows a particle through the sorts."""
-    p: Float[Array, " N"] | None = None
-    """Gauge pressure, Pa, of a scheme that solves for it; None where it follows from the density."""
+    p: Float[Array, " N"]
+    """Gauge pressure, Pa, of a scheme that solves for it; zero where it follows from the density."""
 
 
-class Work(eqx.Module):
-    """What was exchanged since the last sample, summed over every step: energies, J (J/m in 2-D), air and
-    momentum."""
+class Tally(eqx.Module):
+    """Running sum of an amount: since the last sample, and since the start of the run.
 
-    paddle: Scalar
-    """Done on the water by the paddle, and by a body where it is not free."""
-    pto: Scalar
-    """Taken by the power take-off from the water."""
-    sponge: Scalar
-    """Taken by the sponge."""
-    flow: Scalar
-    """Volume of air driven out of the chamber, m3 (m2 in 2-D)."""
-    contact: Scalar
-    """Taken from the water that touches a solid: see `schemes.stopped`."""
-    projection: Scalar
-    """Taken by pressures from the water and given to no solid: what a projection leaves of the divergence."""
-    impulse: Float[Array, "3"]
-    """Of the water's force on the body, N s, N s, N m s (per metre in 2-D)."""
+    The sum over a sample is small, so that a step's amount is not lost in it; at a sample it is added to the
+    sum before with its rounding error kept (Knuth's two-sum), so that a long run loses nothing either.
+    """
+
+    recent: Float[Array, "..."]
+    """Amount since the last sample."""
+    settled: Float[Array, "..."]
+    """Amount from the start of the run to the last sample."""
+    carry: Float[Array, "..."]
+    """Rounding error of `settled`."""
 
     @classmethod
-    def zero(cls, dtype: Any) -> Work:
-        """Nothing exchanged yet."""
-        return cls(*(jnp.zeros((), dtype) for _ in range(6)), jnp.zeros(3, dtype))
+    def zero(cls, dtype: Any, shape: tuple[int, ...] = ()) -> Tally:
+        """Sum of nothing."""
+        return cls(*(jnp.zeros(shape, dtype) for _ in range(3)))
+
+    @property
+    def total(self) -> Float[Array, "..."]:
+        """Amount since the start of the run."""
+        return self.settled + (self.carry + self.recent)
+
+    def add(self, amount: Float[Array, "..."]) -> Tally:
+        """The sum with one step's amount."""
+        return Tally(self.recent + amount, self.settled, self.carry)
+
+    def settle(self) -> Tally:
+        """The same sum at a sample: nothing is recent any more."""
+        settled = self.settled + self.recent
+        kept = settled - self.settled
+        lost = (self.settled - (settled - kept)) + (self.recent - kept)
+        return Tally(jnp.zeros_like(self.recent), settled, self.carry + lost)
+
+
+def settle(tree: Any, due: jax.Array) -> Any:
+    """Settles every `Tally` of a pytree where a sample is `due`."""
+
+    def settled(leaf):
+        if not isinstance(leaf, Tally):
+            return leaf
+        return jax.tree.map(lambda a, b: jnp.where(due, a, b), leaf.settle(), leaf)
+
+    return jax.tree.map(settled, tree, is_leaf=lambda leaf: isinstance(leaf, Tally))
 
 
 class Failure(enum.IntFlag):
@@ -70,64 +94,58 @@ class Failure(enum.IntFlag):
     THROUGH_WALL = 8
     CHAMBER_OVERFLOW = 16
     TOO_FAST = 32
+    NOT_CONVERGED = 64
 
 
 class Status(eqx.Module):
-    """Failures so far, and where the first one was."""
+    """Failures so far, place and step of the first one, and what the tables and the solver needed."""
 
     bits: Int[Array, ""]
+    """`Failure` flags."""
     step: Int[Array, ""]
+    """Step of the first failure."""
     where: Float[Array, " D"]
+    """Place of the first failure, m."""
+    most: dict[str, Int[Array, ""]]
+    """Largest number of slots that a table needed since the start, by the name of its capacity."""
+    residual: Scalar
+    """Largest residual that a linear solution was left with, over its right-hand side."""
 
     @classmethod
     def sound(cls, dim: int, dtype: Any) -> Status:
-        """No failure."""
-        return cls(jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32), jnp.zeros(dim, dtype))
+        """Status without a failure."""
+        zero = jnp.zeros((), jnp.int32)
+        most = {name: zero for name in ("capacity", "node_capacity", "chamber_capacity")}
+        return cls(zero, zero, jnp.zeros(dim, dtype), most, jnp.zeros((), dtype))
 
     def flag(self, failure: Failure, failed: jax.Array, step: jax.Array, where: jax.Array) -> Status:
-        """Adds a failure; the step and place of the first one are kept."""
+        """The status with a failure added; step and place of the first one are kept."""
         first = failed & (self.bits == 0)
         return Status(
             self.bits | jnp.where(failed, int(failure), 0).astype(self.bits.dtype),
             jnp.where(first, step, self.step),
             jnp.where(first, where, self.where),
+            self.most,
+            self.residual,
         )
 
 
-class BodyState(eqx.Module):
-    """A rigid body's surge (m), heave (m) and pitch (rad) from its place at rest, and what goes with them."""
-
-    pose: Float[Array, "3"]
-    velocity: Float[Array, "3"]
-    force: Float[Array, "3"]
-    """Of the water's pressure, N, N, N m (per metre in 2-D), in the last step."""
-    contact: Float[Array, "3"]
-    """Of water that touched it in the last step, likewise; the body feels it in the next."""
-
-    @classmethod
-    def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyState:
-        """Not yet under any force of the water."""
-        none = jnp.zeros(3, dtype)
-        return cls(jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), none, none)
-
-
 class State(eqx.Module):
-    """All that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
+    """Everything that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
 
     particles: Particles
-    paddle: Float[Array, "4"]
-    """Displacement (m) and velocity (m/s) of the wavemaker, its filtered absorption error and the slow
-    mean of that (m)."""
-    air: Float[Array, "2"]
-    """Gauge pressure of the chamber's air (Pa) and flow out of it (m3/s, m2/s in 2-D)."""
-    work: Work
+    own: dict[str, Any]
+    """States of the parts by their names: a paddle's motion, a body's, a chamber's air."""
+    ledger: dict[str, Tally]
+    """Energies exchanged, by name, J (J/m in 2-D); `Model.entries` says what each is."""
+    limits: dict[str, Tally]
+    """Particle steps in which a limiter of the scheme acted, by its name."""
     step: Int[Array, ""]
     status: Status
-    body: BodyState | None = None
 
 
 class Search(eqx.Module):
-    """What fixes the neighbour tables' shapes and cadence; found in `build`, grown by `run`."""
+    """Shapes and cadence of the neighbour tables; found in `build`, grown by `run`."""
 
     grid: Grid
     capacity: int = eqx.field(static=True)
@@ -135,20 +153,20 @@ class Search(eqx.Module):
     node_capacity: int = eqx.field(static=True)
     """Slots per interpolation node."""
     chamber_capacity: int = eqx.field(static=True)
-    """Particles under the chamber's air pressure, at most."""
+    """Particles under a chamber's air pressure, at most."""
     rebuild_every: int = eqx.field(static=True)
     """Steps between searches."""
     skin: float = eqx.field(static=True)
-    """What the search radius adds to the support, m."""
+    """Distance (m) that the search radius adds to the support."""
 
 
 class Tables(eqx.Module):
-    """Neighbour tables of one rebuild block, and the positions they were made for."""
+    """Neighbour tables of one block of steps, and the positions for which they were made."""
 
     fluid: Int[Array, "K N"]
     nodes: Int[Array, "Kn G"]
-    paddle: Int[Array, "Kp P"] | None
-    """Fluid around each ghost of the paddle, for the force on it."""
-    chamber: Int[Array, " C"] | None
-    """Particles that may feel the chamber's air; N stands for none."""
+    around: dict[str, Int[Array, "Kp P"]]
+    """Fluid around the ghosts of every moving wall, by its name, for the force on it."""
+    chambers: dict[str, Int[Array, " C"]]
+    """Particles that may feel a chamber's air, by its name; N stands for none."""
     x: Float[Array, "N D"]

@@ -117,7 +117,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
     h, (n, dim) = smoothing.h, p.x.shape
-    ghosts, _ = model.walls_at(state)
+    ghosts, _ = model.walls_at(state.own)
     V = model.scheme.volume(p)
     own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(walls.volume)

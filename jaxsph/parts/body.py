@@ -1,5 +1,5 @@
-"""Rigid bodies in the water: their motion in the x-z plane, and a rotational power take-off
-(Yeylaghi et al. 2016, Eq. 18-21).
+"""Rigid bodies in the water: their motion in the x-z plane, and the springs and power take-offs on their
+pitch (Yeylaghi et al. 2016, Eq. 18-21).
 
 The generalised coordinates are surge (m), heave (m) and pitch (rad) of the pivot, positive along x, upwards
 and, for pitch, from z towards x: landward for a flap. Forces go with them: N, N, N m (per metre in 2-D).
@@ -7,49 +7,44 @@ and, for pitch, from z towards x: landward for a flap. Forces go with them: N, N
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractBody
-from jaxsph.model.state import BodyState
+from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
+from jaxsph.model.state import Tally
+from jaxsph.parts.pto import AbstractRotationalPTO
+from jaxsph.solids.contact import TOUCH, spring
 from jaxsph.solids.shapes import AbstractShape
 
+__all__ = ["BodyMotion", "RigidBody", "advance_body"]
 
-class RotationalPTO(eqx.Module):
-    """Moment against the pitch of a flap: linear and Coulomb damping, a spring, and end stops."""
 
-    damping: Scalar
-    """N m s/rad."""
-    coulomb: Scalar
-    """N m, reached smoothly within a hundredth of a rad/s."""
-    spring: Scalar
-    """N m/rad, about the upright."""
-    stop: Scalar
-    """Angle to either side at which the end stops begin, rad."""
-    stop_stiffness: Scalar
-    """N m/rad."""
+class BodyMotion(eqx.Module):
+    """Motion of a rigid body at time t, and the water's force on it: surge, heave and pitch."""
+
+    pose: Float[Array, "3"]
+    """Surge (m), heave (m) and pitch (rad) from its place at rest."""
+    velocity: Float[Array, "3"]
+    """m/s, m/s, rad/s."""
+    force: Float[Array, "3"]
+    """Force of the water's pressure in the last step, N, N, N m (per metre in 2-D)."""
+    contact: Float[Array, "3"]
+    """Force of the water that touched the body in the last step, likewise; the body feels it in the next."""
+    impulse: Tally
+    """Impulse `[3]` of the water's force, N s, N s, N m s (per metre in 2-D)."""
 
     @classmethod
-    def of(cls, damping=0.0, coulomb=0.0, spring=0.0, stop=np.pi, stop_stiffness=0.0, dtype=jnp.float32):
-        """From plain numbers."""
-        return cls(*(jnp.asarray(a, dtype) for a in (damping, coulomb, spring, stop, stop_stiffness)))
-
-    def friction(self, omega: Scalar) -> Scalar:
-        """Moment of the Coulomb damping, N m."""
-        return -self.coulomb * jnp.tanh(omega / 0.01)
-
-    def restoring(self, angle: Scalar) -> Scalar:
-        """Moment of the spring and the end stops, N m."""
-        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0) * jnp.sign(angle)
-        return -self.spring * angle - self.stop_stiffness * beyond
-
-    def stored(self, angle: Scalar) -> Scalar:
-        """Energy of the spring and the end stops, J."""
-        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0)
-        return 0.5 * (self.spring * angle**2 + self.stop_stiffness * beyond**2)
+    def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyMotion:
+        """Motion before any force of the water, with these velocities and this pose."""
+        none = jnp.zeros(3, dtype)
+        return cls(
+            jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), none, none, Tally.zero(dtype, (3,))
+        )
 
 
 class RigidBody(AbstractBody):
@@ -66,15 +61,42 @@ class RigidBody(AbstractBody):
     """Centre of mass at rest, m."""
     free: tuple[bool, bool, bool] = eqx.field(static=True)
     """Surge, heave, pitch."""
-    release: Scalar | float = 0.0
+    release: Scalar
     """Time from which it is free, s."""
-    pto: RotationalPTO | None = None
+    pto: AbstractRotationalPTO
+    """Power take-off, spring and stops on its pitch; `parts.pto.FreeHinge` for none."""
+    rows: tuple[int, int] = eqx.field(static=True)
+    initial_velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    """Velocities at t = 0, m/s, m/s, rad/s."""
+    initial_pitch: float = eqx.field(static=True, default=0.0)
+    """Pitch at t = 0, rad."""
+    name: str = eqx.field(static=True, default="body", kw_only=True)
 
     def __check_init__(self) -> None:
         """Refuses what the equations of motion do not hold for."""
         if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, jax.core.Tracer):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
                 raise ValueError("pivot: must be the centre of mass where pitch and another motion are free")
+
+    def start(self, dtype: Any) -> BodyMotion:
+        """See `AbstractMovingSolid`."""
+        return BodyMotion.at_rest(dtype, self.initial_velocity, (0.0, 0.0, self.initial_pitch))
+
+    def entries(self):
+        """See `AbstractMovingSolid`."""
+        own = self.pto.entries(self.name)
+        if all(self.free):
+            return own
+        return own | {f"{self.name}_drive": Entry(f"work of what moves the {self.name}", Exchange.GIVEN)}
+
+    def harvest(self):
+        """See `AbstractBody`."""
+        return tuple(self.pto.entries(self.name))
+
+    def exchanges(self, taken, driven):
+        """See `AbstractBody`."""
+        names = {Exchange.HARVESTED: taken, Exchange.GIVEN: driven}
+        return {name: names[entry.exchange] for name, entry in self.entries().items()}
 
     def movable(self, t):
         """See `AbstractBody`."""
@@ -84,21 +106,28 @@ class RigidBody(AbstractBody):
         """See `AbstractBody`."""
         return jnp.stack([self.mass, self.mass, self.inertia])
 
-    def moved(self, x, body):
-        """See `AbstractBody`."""
-        return self._turned(x - self._at(x), body.pose[2]) + self._at(x, body)
+    def carry(self, own: BodyMotion, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Places (m) in the body's pose of points x of the body at rest."""
+        return self._turned(x - self._spread(x, self.pivot), own.pose[2]) + self._at(x, own)
 
-    def at_rest(self, x: Float[Array, "N D"], body: BodyState) -> Float[Array, "N D"]:
-        """The inverse of `moved`."""
-        return self._turned(x - self._at(x, body), -body.pose[2]) + self._at(x)
+    def place(self, own, x, nodes):
+        """See `AbstractMovingSolid`: a body's ghosts are their own nodes."""
+        del nodes
+        there = self.carry(own, x)
+        return there, there
 
-    def velocity(self, x, body):
-        """See `AbstractBody`."""
-        return jnp.einsum("knd,k->nd", self.directions(x, body), body.velocity)
+    def halfway(self, old, new, dt):
+        """See `AbstractMovingSolid`: as it goes on with the velocity at the beginning."""
+        del new
+        return advance_body(old, jnp.zeros_like(old.velocity), 0.5 * dt)
 
-    def directions(self, x, body):
+    def velocity(self, own, x):
+        """See `AbstractMovingSolid`."""
+        return jnp.einsum("knd,k->nd", self.directions(own, x), own.velocity)
+
+    def directions(self, own, x):
         """See `AbstractBody`."""
-        r, zero, one = x - self._at(x, body), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
+        r, zero, one = x - self._at(x, own), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
         return jnp.stack(
             [
                 zero.at[:, 0].set(one),
@@ -107,59 +136,80 @@ class RigidBody(AbstractBody):
             ]
         )
 
-    def centripetal(self, x, body):
+    def centripetal(self, own, x):
         """See `AbstractBody`."""
-        r = (x - self._at(x, body)) * jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(1.0)
-        return -(body.velocity[2] ** 2) * r
+        r = (x - self._at(x, own)) * jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(1.0)
+        return -(own.velocity[2] ** 2) * r
 
-    def external(self, body, g):
+    def external(self, own, g):
         """See `AbstractBody`: weight, friction, spring and stops."""
         arm = jnp.zeros((1, 2), g.dtype).at[0].set(self.centre - self.pivot)
-        arm = self._turned(arm, body.pose[2])[0]
+        arm = self._turned(arm, own.pose[2])[0]
         weight = self.mass * g[jnp.array([0, -1])]
         moment = arm[1] * weight[0] - arm[0] * weight[1]
-        if self.pto is not None:
-            moment = moment + self.pto.friction(body.velocity[2]) + self.pto.restoring(body.pose[2])
+        moment = moment + self.pto.moment(own.pose[2], own.velocity[2])
         return jnp.stack([weight[0], weight[1], moment])
 
     def damping(self):
         """See `AbstractBody`."""
         zero = jnp.zeros_like(self.mass)
-        return jnp.stack([zero, zero, zero if self.pto is None else self.pto.damping])
+        return jnp.stack([zero, zero, self.pto.linear_damping(zero)])
 
     def absorbed(self, old, new, dt):
         """See `AbstractBody`."""
-        if self.pto is None:
-            return jnp.zeros_like(dt)
-        mean = 0.5 * (old.velocity[2] + new.velocity[2])
-        return dt * mean * (self.pto.damping * new.velocity[2] - self.pto.friction(old.velocity[2]))
+        return self.pto.absorbed(old.velocity[2], new.velocity[2], dt)
 
-    def normals(self, x, body):
+    def normals(self, own, x):
         """See `AbstractBody`."""
         # at rest, where points as near to one face as to another are so whatever rounding makes of the pose
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)
-        return self._turned(normal, body.pose[2])
+        return self._turned(normal, own.pose[2])
 
-    def energy(self, body, g):
+    def energy(self, own, g):
         """See `AbstractBody`."""
-        kinetic = 0.5 * jnp.sum(self.generalised_mass() * body.velocity**2)
-        arm = self._turned((self.centre - self.pivot)[None], body.pose[2])[0] - (self.centre - self.pivot)
-        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (body.pose[:2] + arm))
-        if self.pto is not None:
-            potential = potential + self.pto.stored(body.pose[2])
-        return kinetic, potential
+        kinetic = 0.5 * jnp.sum(self.generalised_mass() * own.velocity**2)
+        arm = self._turned((self.centre - self.pivot)[None], own.pose[2])[0] - (self.centre - self.pivot)
+        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (own.pose[:2] + arm))
+        return kinetic, potential + self.pto.stored(own.pose[2])
 
-    def distance(self, x, body):
+    def distance(self, own, x):
         """See `AbstractBody`."""
-        return self.shape.distance(self.at_rest(x, body))
+        at_rest = self._turned(x - self._at(x, own), -own.pose[2]) + self._spread(x, self.pivot)
+        return self.shape.distance(at_rest)
 
-    def _at(self, x: Float[Array, "N D"], body: BodyState | None = None) -> Float[Array, " D"]:
-        at = self.pivot if body is None else self.pivot + body.pose[:2]
+    def push(self, own, x, dx, c0):
+        """See `AbstractSolid`."""
+        away, back = jax.vjp(lambda x: self.distance(own, x), x)
+        (normal,) = back(jnp.ones_like(away))
+        return spring(away, dx, c0)[:, None] * normal
+
+    def entered(self, own, x, dx):
+        """See `AbstractSolid`."""
+        return self.distance(own, x) < -0.5 * dx
+
+    def touched(self, own, x, dx):
+        """See `AbstractMovingSolid`."""
+        return self.distance(own, x) < TOUCH * dx
+
+    def _at(self, x: Float[Array, "N D"], own: BodyMotion) -> Float[Array, " D"]:
+        """Place of the pivot, m."""
+        return self._spread(x, self.pivot + own.pose[:2])
+
+    @staticmethod
+    def _spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
+        """A point (x, z) of the plane of motion, with as many coordinates as x."""
         return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
 
     @staticmethod
     def _turned(r: Float[Array, "N D"], angle: Scalar) -> Float[Array, "N D"]:
         c, s = jnp.cos(angle), jnp.sin(angle)
         return r.at[:, 0].set(c * r[:, 0] + s * r[:, -1]).at[:, -1].set(c * r[:, -1] - s * r[:, 0])
+
+
+def advance_body(own: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:
+    """Motion of a body after dt (s) with this acceleration (m/s2, m/s2, rad/s2)."""
+    velocity = own.velocity + dt * acceleration
+    pose = own.pose + 0.5 * dt * (own.velocity + velocity)
+    return BodyMotion(pose, velocity, own.force, own.contact, own.impulse)

@@ -1,33 +1,87 @@
-"""What acts on the water or is acted on by it: the piston wavemaker, the OWC chamber and its PTO.
+"""Chamber of an oscillating water column: trapped air over the water, which drives a power take-off.
 
-Signs (in everything here): `P_a` is the gauge pressure of the chamber's air, positive when compressed;
-`q` is the volume flow of air out of the chamber, positive when the water column rises; the PTO takes
-P_a q from the water, which is never negative.
+Signs: `P_a` is the gauge pressure of the chamber's air, positive when compressed; `q` is the volume flow of
+air out of the chamber, positive when the water column rises; the PTO takes P_a q from the water.
 """
 
 from __future__ import annotations
 
+import abc
+from typing import Any
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stacked
-from jaxsph.core.pairs import Smoothing, pair_sum
+from jaxsph.core.pairs import pair_sum, with_empty
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractPTO
-from jaxsph.model.state import Particles
+from jaxsph.model.interfaces import AbstractChamber, AbstractPTO, Air, Entry, Exchange, Kick
+from jaxsph.model.state import Tally
+
+__all__ = ["AbstractGrip", "BodyForceGrip", "Chamber", "SurfaceGrip"]
 
 
-class Chamber(eqx.Module):
-    """The water column under trapped air, and the power take-off that the air drives.
+class AbstractGrip(eqx.Module):
+    """Way in which a scheme's water feels the air's pressure: p = P_a on the surface inside a chamber."""
 
-    The surface condition p = P_a enters the pressure gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i),
-    with a smooth weight chi of position that is 1 in the column and fades to 0 above the wall's tip. The
-    constant drops out where the kernel is full and acts at the surface, so no particle has to be called
-    a surface particle (a switch, in Eq. 15-16), and suction in the air puts no tension in the column.
+    @abc.abstractmethod
+    def force(
+        self, chamber: Chamber, x: Components, V: Float[Array, " C"], sums: dict, table: Int[Array, "K C"]
+    ) -> Components:
+        """Force on particles per unit of P_a, m2 (m in 2-D).
 
-    The flow is the matching sum, q = -2 sum_i chi_i V_i u_i.(sum_j grad W_ij V_j): the volume flux
-    through the fading zone, averaged over it. With it P_a q is exactly the power that the air's force
-    takes from the particles.
+        **Arguments**: places x (m) and volumes V of the particles; `sums`: "smoothing" and "sources" of the
+        scheme's pair sums, `table` their neighbours.
+        """
+
+    @abc.abstractmethod
+    def carried(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
+        """Share of P_a that is in the water's pressure and not in the scheme's, for weights chi of the
+        chamber."""
+
+
+class SurfaceGrip(AbstractGrip):
+    """P_a in the pair sum of the pressure gradient, for a scheme that knows no surface.
+
+    The surface condition p = P_a enters the gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i). The constant
+    drops out where the kernel is full and acts at the surface, so no particle has to be called a surface
+    particle (a switch, in Zhu et al. 2020, Eq. 15-16), and suction in the air puts no tension in the column.
+    """
+
+    def force(self, chamber, x, V, sums, table):
+        """See `AbstractGrip`."""
+        s = pair_sum(laws.surface_vector, sums["smoothing"], {"x": x}, sums["sources"], table)
+        w = 2.0 * chamber.weight(x) * V
+        return tuple(w * c for c in s)
+
+    def carried(self, weight):
+        """See `AbstractGrip`: the scheme's pressure is the water's."""
+        return jnp.zeros_like(weight)
+
+
+class BodyForceGrip(AbstractGrip):
+    """P_a chi(z) taken out of the pressure and put back as the body force -P_a chi'(z), for a scheme whose
+    pressure is zero on the surface."""
+
+    def force(self, chamber, x, V, sums, table):
+        """See `AbstractGrip`."""
+        del sums, table
+        slope = jax.jvp(lambda z: chamber.weight((*x[:-1], z)), (x[-1],), (jnp.ones_like(x[-1]),))[1]
+        return (*(jnp.zeros_like(V) for _ in x[:-1]), -slope * V)
+
+    def carried(self, weight):
+        """See `AbstractGrip`."""
+        return weight
+
+
+class Chamber(AbstractChamber):
+    """A water column under trapped air between two vertical walls, and the power take-off of the air.
+
+    The air acts through a smooth weight chi of position that is 1 in the column and fades to 0 above the
+    wall's tip. The flow is the matching sum, q = -sum_i f_i.u_i with the force f_i per unit of P_a: the
+    volume flux through the fading zone, averaged over it. With it P_a q is exactly the power that the air's
+    force takes from the particles.
     """
 
     pto: AbstractPTO
@@ -37,71 +91,81 @@ class Chamber(eqx.Module):
     """Back wall, m."""
     fade_low: Scalar
     fade_high: Scalar
-    """chi rises from 0 to 1 between these levels, m."""
+    """Levels between which chi rises from 0 to 1, m."""
     still: Scalar
     """Still water level, m."""
+    beyond: Scalar
+    """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts."""
+    grip: AbstractGrip = SurfaceGrip()
+    name: str = eqx.field(static=True, default="chamber", kw_only=True)
+
+    def start(self, dtype: Any) -> Air:
+        """See `AbstractChamber`: at rest."""
+        zero = jnp.zeros((), dtype)
+        return Air(zero, zero, Tally.zero(dtype))
+
+    @property
+    def energy(self) -> str:
+        """Name in the ledger of the energy that the PTO takes."""
+        return "pto" + self.name.removeprefix("chamber")
+
+    def entries(self):
+        """See `AbstractChamber`."""
+        return {self.energy: Entry(f"power take-off of the {self.name}", Exchange.HARVESTED)}
 
     @property
     def length(self) -> Scalar:
         """Chamber length, m."""
         return self.x1 - self.x0
 
-    def weight(self, x: Components) -> Float[Array, " N"]:
-        """chi."""
-        s = jnp.clip((x[-1] - self.fade_low) / (self.fade_high - self.fade_low), 0.0, 1.0)
-        # A hard cut at the wall's face cuts no particle: none is inside the wall.
-        return jnp.where(x[0] > self.x0 - 1e-4, s * s * (3.0 - 2.0 * s), 0.0)
+    def inside(self, x: Components) -> Array:
+        """True for what is between the chamber's walls."""
+        # A hard cut at the front wall's face cuts no particle: none is inside the wall.
+        return (x[0] > self.x0 - 1e-4) & (x[0] < self.x1 + self.beyond)
 
-    def candidates(self, x: Float[Array, "N D"], margin: float, capacity: int) -> tuple:
-        """Indices of the particles that may be weighted before the next search, and their number."""
-        may = (x[:, 0] > self.x0 - margin) & (x[:, -1] > self.fade_low - margin)
+    def weight(self, x: Components) -> Float[Array, " N"]:
+        """Weight chi of the air's pressure at x (m), 0 to 1."""
+        s = jnp.clip((x[-1] - self.fade_low) / (self.fade_high - self.fade_low), 0.0, 1.0)
+        return jnp.where(self.inside(x), s * s * (3.0 - 2.0 * s), 0.0)
+
+    def candidates(self, x, margin, capacity):
+        """See `AbstractChamber`."""
+        near = (x[:, 0] > self.x0 - margin) & (x[:, 0] < self.x1 + self.beyond + margin)
+        may = near & (x[:, -1] > self.fade_low - margin)
         index = jnp.nonzero(may, size=capacity, fill_value=x.shape[0])[0]
         return index.astype(jnp.int32), jnp.sum(may)
 
-    def grip(
-        self,
-        particles: Particles,
-        sources: dict,
-        table: Int[Array, "K N"],
-        index: Int[Array, " C"],
-        smoothing: Smoothing,
-    ) -> tuple[Components, Float[Array, " C"]]:
-        """(f_i, m_i): force on each candidate per unit of P_a (m2; q = -sum f_i.u_i), and its mass."""
-        n = particles.x.shape[0]
+    def kick(self, scheme, water, sources, u, tables, t, dt):
+        """See `AbstractChamber`."""
+        index, n = tables.chambers[self.name], u.shape[0]
         i = jnp.minimum(index, n - 1)
-        x = columns(particles.x[i])
-        s = pair_sum(laws.surface_vector, smoothing, {"x": x}, sources, table[:, i])
         V = jnp.where(index < n, jnp.abs(sources["V"][i]), 0.0)
-        w = 2.0 * self.weight(x) * V
-        return tuple(w * c for c in s), particles.m[i]
-
-    def kick(
-        self,
-        u: Float[Array, "N D"],
-        grip: Components,
-        m: Float[Array, " C"],
-        index: Int[Array, " C"],
-        dt: Scalar,
-        t: Scalar,
-    ) -> tuple[Float[Array, "N D"], Scalar, Scalar, Scalar]:
-        """Adds the air's force over dt to velocities that have had every other force.
-
-        Returns the new velocities, P_a, the flow q before and after the kick.
-        """
-        n = u.shape[0]
-        own = columns(u[jnp.minimum(index, n - 1)])
-        q_free = -jnp.sum(dot(grip, own))
-        compliance = dt * jnp.sum(dot(grip, grip) / m)
+        m = water.m[i]
+        sums = {"smoothing": scheme.smoothing, "sources": with_empty(sources)}
+        force = self.grip.force(self, columns(water.x[i]), V, sums, tables.fluid[:, i])
+        q_free = -jnp.sum(dot(force, columns(u[i])))
+        compliance = dt * jnp.sum(dot(force, force) / m)
         P_a = self.pto.pressure(q_free, compliance, t)
-        change = stacked([dt * P_a * c / m for c in grip])
-        return u.at[index].add(change, mode="drop"), P_a, q_free, q_free - compliance * P_a
+        change = stacked([dt * P_a * f / m for f in force])
+        return Kick(u.at[index].add(change, mode="drop"), P_a, index, force)
+
+    def finish(self, own, kick, before, after, dt):
+        """See `AbstractChamber`."""
+        i = jnp.minimum(kick.index, before.shape[0] - 1)
+        old, q = (-jnp.sum(dot(kick.force, columns(u[i]))) for u in (before, after))
+        # force times mean velocity over the step: exactly the kinetic energy that the force takes
+        return Air(kick.P_a, q, own.driven.add(dt * q)), dt * kick.P_a * 0.5 * (old + q)
+
+    def carried(self, own, x):
+        """See `AbstractChamber`."""
+        return own.P_a * self.grip.carried(self.weight(columns(x)))
 
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
-        """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D)."""
+        """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D); `smooth`: half
+        the height (m) over which a particle counts in part."""
         level = 0.5 * (self.fade_low + self.fade_high)
         s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)
-        inside = x[0] > self.x0 - 1e-4
-        return jnp.sum(jnp.where(inside, V * s, 0.0))
+        return jnp.sum(jnp.where(self.inside(x), V * s, 0.0))
 
     def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Mean elevation of the chamber's surface over still water, m."""

@@ -1,58 +1,178 @@
-"""What acts on the water or is acted on by it: the piston wavemaker, the OWC chamber and its PTO.
-
-Signs (in everything here): `P_a` is the gauge pressure of the chamber's air, positive when compressed;
-`q` is the volume flow of air out of the chamber, positive when the water column rises; the PTO takes
-P_a q from the water, which is never negative.
-"""
+"""Piston wavemaker: the wall at the tank's near end, and the motions that it can be given."""
 
 from __future__ import annotations
+
+import abc
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
+from jaxsph.model.interfaces import AbstractWall, Entry, Exchange
+from jaxsph.solids.contact import TOUCH, spring
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.regular import RegularWaves
 
+__all__ = [
+    "AbsorbingMotion",
+    "AbstractGivenMotion",
+    "AbstractMotion",
+    "Paddle",
+    "Piston",
+    "WaveMotion",
+    "column_depth",
+]
 
-class Wavemaker(eqx.Module):
-    """A piston that makes regular waves, with or without active absorption (Eq. 22-23)."""
+
+class Piston(eqx.Module):
+    """Motion of a piston at time t."""
+
+    X: Scalar
+    """Displacement from rest, m, positive into the tank."""
+    U: Scalar
+    """Velocity, m/s."""
+    error: Scalar
+    """Elevation (m) that active absorption answers, filtered; zero without it."""
+    mean: Scalar
+    """Slow mean of that error, m."""
+
+
+class AbstractMotion(eqx.Module):
+    """Law of a piston's motion."""
+
+    @abc.abstractmethod
+    def move(self, own: Piston, x: Components, V: Float[Array, " N"], t: Scalar, dt: Scalar) -> Piston:
+        """Motion at t + dt (s).
+
+        **Arguments**: places x (m) of the water's particles at t, and their volumes V per metre of the tank's
+        width (m2), for a motion that answers the water.
+        """
+
+
+class AbstractGivenMotion(AbstractMotion):
+    """A motion that is a function of time alone: write `displacement`, the velocity follows."""
+
+    @abc.abstractmethod
+    def displacement(self, t: Scalar) -> Scalar:
+        """Displacement X(t) from rest, m, positive into the tank; zero at t = 0."""
+
+    def move(self, own, x, V, t, dt):
+        """See `AbstractMotion`."""
+        del x, V
+        X, U = jax.jvp(self.displacement, (t + dt,), (jnp.ones_like(t),))
+        return Piston(X, U, jnp.zeros_like(own.error), jnp.zeros_like(own.mean))
+
+
+class WaveMotion(AbstractGivenMotion):
+    """Motion that makes regular waves, without absorption (Zhu et al. 2020, Eq. 22)."""
 
     waves: RegularWaves
-    absorption: ActiveAbsorption | None
+
+    def displacement(self, t):
+        """See `AbstractGivenMotion`."""
+        return self.waves.paddle_displacement(t)
+
+
+class AbsorbingMotion(AbstractMotion):
+    """Motion that makes regular waves and absorbs those that come back (Zhu et al. 2020, Eq. 23)."""
+
+    waves: RegularWaves
+    absorption: ActiveAbsorption
     gauge: Scalar
-    """Distance (m) from the paddle's face at which the elevation is measured for absorption."""
+    """Distance (m) from the paddle's face at which the elevation is measured."""
+    width: Scalar
+    """Half-width (m) of the column that the gauge measures."""
     still: Scalar
     """Depth (m) that the gauge reads in still water."""
 
-    def move(self, paddle: Float[Array, "4"], t: Scalar, dt: Scalar, elevation: Scalar) -> Float[Array, "4"]:
-        """`State.paddle` at t + dt; `elevation` (m) is read at t."""
-        if self.absorption is None:
-            X, U = self.waves.paddle_displacement(t + dt), self.waves.paddle_velocity(t + dt)
-            return jnp.stack([X, U, jnp.zeros_like(X), jnp.zeros_like(X)])
+    def move(self, own, x, V, t, dt):
+        """See `AbstractMotion`."""
+        elevation = column_depth(x, V, own.X + self.gauge, self.width) - self.still
         # The filter makes up for the gauge standing in front of the paddle, and takes out its noise.
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
-        error = paddle[2] + dt / (lag + dt) * (expected - elevation - paddle[2])
+        error = own.error + dt / (lag + dt) * (expected - elevation - own.error)
         # Standing waves lower the mean level by a fraction of a millimetre: nothing to absorb, and the
         # paddle would creep for it.
-        mean = paddle[3] + dt * self.absorption.drift_rate * (error - paddle[3])
+        mean = own.mean + dt * self.absorption.drift_rate * (error - own.mean)
         eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
-        U = self.absorption.velocity(self.waves, paddle[0], t + dt, eta)
-        return jnp.stack([paddle[0] + dt * U, U, error, mean])
+        U = self.absorption.velocity(self.waves, own.X, t + dt, eta)
+        return Piston(own.X + dt * U, U, error, mean)
 
-    def elevation(self, x: Components, V: Float[Array, " N"], paddle: jax.Array, width: Scalar):
-        """Elevation (m) at the gauge, over still water; V: volumes per metre of the tank's width, m2."""
-        return column_depth(x, V, paddle[0] + self.gauge, width) - self.still
+
+class Paddle(AbstractWall):
+    """Piston wavemaker at the tank's near end: the low wall of the first axis, moving along it."""
+
+    motion: AbstractMotion
+    rows: tuple[int, int] = eqx.field(static=True)
+    face: float = eqx.field(static=True, default=0.0)
+    """Place of its face at rest, m."""
+    name: str = eqx.field(static=True, default="paddle", kw_only=True)
+
+    def start(self, dtype: Any) -> Piston:
+        """See `AbstractMovingSolid`: at rest."""
+        return Piston(*(jnp.zeros((), dtype) for _ in range(4)))
+
+    def entries(self):
+        """See `AbstractMovingSolid`."""
+        return {self.name: Entry(f"work of the {self.name} on the water", Exchange.GIVEN)}
+
+    def move(self, own, water, depth_volume, t, dt):
+        """See `AbstractWall`."""
+        return self.motion.move(own, columns(water.x), depth_volume, t, dt)
+
+    def halfway(self, old, new, dt):
+        """See `AbstractMovingSolid`."""
+        del dt
+        return Piston(0.5 * (old.X + new.X), old.U, old.error, old.mean)
+
+    def place(self, own, x, nodes):
+        """See `AbstractMovingSolid`."""
+        shift = jnp.zeros_like(x).at[:, 0].set(own.X)
+        return x + shift, nodes + shift
+
+    def velocity(self, own, x):
+        """See `AbstractMovingSolid`."""
+        return jnp.zeros_like(x).at[:, 0].set(own.U)
+
+    def acceleration(self, old, new, x, dt):
+        """See `AbstractWall`."""
+        return jnp.zeros_like(x).at[:, 0].set((new.U - old.U) / dt)
+
+    def with_velocity(self, own, after):
+        """See `AbstractWall`."""
+        return Piston(own.X, after.U, own.error, own.mean)
+
+    def gap(self, own: Piston, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Distance of particles from the paddle's face, m; negative behind it."""
+        return x[:, 0] - (jnp.asarray(self.face, x.dtype) + own.X)
+
+    def push(self, own, x, dx, c0):
+        """See `AbstractSolid`."""
+        return jnp.zeros_like(x).at[:, 0].set(spring(self.gap(own, x), dx, c0))
+
+    def entered(self, own, x, dx):
+        """See `AbstractSolid`."""
+        return self.gap(own, x) < -0.5 * dx
+
+    def touched(self, own, x, dx):
+        """See `AbstractMovingSolid`."""
+        return self.gap(own, x) < TOUCH * dx
+
+    def cover(self, own, x, dx):
+        """See `AbstractWall`: the bed behind the paddle bounds no water."""
+        return jnp.clip(self.gap(own, x) / dx + 0.5, 0.0, 1.0).at[slice(*self.rows)].set(1.0)
 
 
 def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar) -> Scalar:
-    """Depth of water (m) at x = `at`: the volume of a column, averaged over a width.
+    """Depth of water (m) at x = `at` (m): the volume of a column, averaged over a width.
 
-    A cosine bell of half-width `width` weighs the particles, which is smooth in their positions and
-    conserves volume. With a whole number of spacings as `width` a lattice reads the same wherever the
-    gauge stands on it. A wave of wavenumber k is damped by 0.065 (k width)^2: 0.1 % at k width = 0.12.
+    A cosine bell of half-width `width` (m) weighs the particles' volumes V per metre of the tank's width
+    (m2), which is smooth in their positions and conserves volume. With a whole number of spacings as `width`
+    a lattice reads the same wherever the gauge stands on it. A wave of wavenumber k is damped by
+    0.065 (k width)^2: 0.1 % at k width = 0.12.
     """
     s = (x[0] - at) / width
     bell = jnp.where(jnp.abs(s) < 1.0, 0.5 * (1.0 + jnp.cos(jnp.pi * s)), 0.0) / width

@@ -1,16 +1,31 @@
-"""What acts on the water or is acted on by it: the piston wavemaker, the OWC chamber and its PTO.
+"""Power take-offs: of a chamber's air (pressure against flow) and of a body's pitch (moment against angle).
 
-Signs (in everything here): `P_a` is the gauge pressure of the chamber's air, positive when compressed;
-`q` is the volume flow of air out of the chamber, positive when the water column rises; the PTO takes
-P_a q from the water, which is never negative.
+Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
+out of the chamber, positive when the water column rises; the PTO takes P_a q from the water, which is never
+negative.
 """
 
 from __future__ import annotations
 
+import abc
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractPTO
+from jaxsph.model.interfaces import AbstractPTO, Entry, Exchange
+
+__all__ = [
+    "AbstractRotationalPTO",
+    "FreeHinge",
+    "PhasedPTO",
+    "PneumaticPTO",
+    "PrescribedPressure",
+    "RotationalPTO",
+]
 
 
 class PneumaticPTO(AbstractPTO):
@@ -71,3 +86,113 @@ class PrescribedPressure(AbstractPTO):
         """See `AbstractPTO`."""
         del q_free, compliance
         return self.P_a * jnp.clip(t / jnp.maximum(self.ramp, 1e-6), 0.0, 1.0)
+
+
+# --------------------------------------------------------------------------- of a body's pitch
+
+
+class AbstractRotationalPTO(eqx.Module):
+    """Moments about a body's pivot that are not the water's."""
+
+    @abc.abstractmethod
+    def entries(self, name: str) -> Mapping[str, Entry]:
+        """Energies that it books, for a body of this name."""
+
+    @abc.abstractmethod
+    def moment(self, angle: Scalar, omega: Scalar) -> Scalar:
+        """Moment (N m, per metre in 2-D) at the pitch `angle` (rad) and its velocity `omega` (rad/s), without
+        the linear damping."""
+
+    @abc.abstractmethod
+    def linear_damping(self, zero: Scalar) -> Scalar:
+        """Moment against the pitch's velocity per unit of it, N m s/rad; `zero` in the state's precision."""
+
+    @abc.abstractmethod
+    def absorbed(self, old: Scalar, new: Scalar, dt: Scalar) -> Scalar:
+        """Energy (J) taken in a step of dt (s) from the velocity `old` to `new` (rad/s)."""
+
+    @abc.abstractmethod
+    def stored(self, angle: Scalar) -> Scalar:
+        """Energy of springs and stops at the pitch `angle` (rad), J."""
+
+
+class FreeHinge(AbstractRotationalPTO):
+    """No moment."""
+
+    def entries(self, name):
+        """See `AbstractRotationalPTO`."""
+        del name
+        return {}
+
+    def moment(self, angle, omega):
+        """See `AbstractRotationalPTO`."""
+        del omega
+        return jnp.zeros_like(angle)
+
+    def linear_damping(self, zero):
+        """See `AbstractRotationalPTO`."""
+        return zero
+
+    def absorbed(self, old, new, dt):
+        """See `AbstractRotationalPTO`."""
+        del old, new
+        return jnp.zeros_like(dt)
+
+    def stored(self, angle):
+        """See `AbstractRotationalPTO`."""
+        return jnp.zeros_like(angle)
+
+
+class RotationalPTO(AbstractRotationalPTO):
+    """Moment against the pitch of a flap: linear and Coulomb damping, a spring, and end stops
+    (Yeylaghi et al. 2016, Eq. 21)."""
+
+    damping: Scalar
+    """N m s/rad."""
+    coulomb: Scalar
+    """N m, reached smoothly within a hundredth of a rad/s."""
+    spring: Scalar
+    """N m/rad, about the upright."""
+    stop: Scalar
+    """Angle to either side at which the end stops begin, rad."""
+    stop_stiffness: Scalar
+    """N m/rad."""
+
+    @classmethod
+    def of(
+        cls, damping=0.0, coulomb=0.0, spring=0.0, stop=np.pi, stop_stiffness=0.0, dtype: Any = jnp.float32
+    ):
+        """The moments from plain numbers, in the units of the fields."""
+        return cls(*(jnp.asarray(a, dtype) for a in (damping, coulomb, spring, stop, stop_stiffness)))
+
+    def entries(self, name):
+        """See `AbstractRotationalPTO`."""
+        return {"pto" + name.removeprefix("body"): Entry(f"power take-off of the {name}", Exchange.HARVESTED)}
+
+    def friction(self, omega: Scalar) -> Scalar:
+        """Moment of the Coulomb damping at the pitch's velocity omega (rad/s), N m."""
+        return -self.coulomb * jnp.tanh(omega / 0.01)
+
+    def restoring(self, angle: Scalar) -> Scalar:
+        """Moment of the spring and the end stops at the pitch `angle` (rad), N m."""
+        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0) * jnp.sign(angle)
+        return -self.spring * angle - self.stop_stiffness * beyond
+
+    def moment(self, angle, omega):
+        """See `AbstractRotationalPTO`."""
+        return self.friction(omega) + self.restoring(angle)
+
+    def linear_damping(self, zero):
+        """See `AbstractRotationalPTO`."""
+        del zero
+        return self.damping
+
+    def absorbed(self, old, new, dt):
+        """See `AbstractRotationalPTO`."""
+        mean = 0.5 * (old + new)
+        return dt * mean * (self.damping * new - self.friction(old))
+
+    def stored(self, angle):
+        """See `AbstractRotationalPTO`."""
+        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0)
+        return 0.5 * (self.spring * angle**2 + self.stop_stiffness * beyond**2)

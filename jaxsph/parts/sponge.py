@@ -16,13 +16,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxsph.model.interfaces import AbstractDamper, Entry
 from jaxsph.waves.theory import (
     Scalar,
     _scalar,
 )
 
 
-class Sponge(eqx.Module):
+class Sponge(AbstractDamper):
     """Layer that takes velocity out of the particles at the far end, Eqs 27 and 28."""
 
     x0: Scalar = eqx.field(converter=_scalar)
@@ -32,13 +33,15 @@ class Sponge(eqx.Module):
     strength: Scalar = eqx.field(converter=_scalar, default=10.0)
     """Damping rate at the end of the layer, 1/s."""
 
-    def factor(self, x: Float[Array, "..."], dt: ArrayLike) -> Float[Array, "..."]:
-        """Factor in [0, 1] that multiplies the velocity over a step dt (s), Eq. 28.
+    name: str = eqx.field(static=True, default="sponge", kw_only=True)
 
-        `x` (m) of the particles; 1 outside x0..x1.
-        """
-        x = jnp.asarray(x, float)
-        s = (x - self.x0) / (self.x1 - self.x0)
+    def entries(self):
+        """See `AbstractDamper`."""
+        return {self.name: Entry(f"energy taken by the {self.name}")}
+
+    def factor(self, x: Float[Array, "N D"], dt: ArrayLike) -> Float[Array, " N"]:
+        """See `AbstractDamper`: Eq. 28; 1 outside x0..x1."""
+        s = (x[:, 0] - self.x0) / (self.x1 - self.x0)
         inside = (s >= 0.0) & (s <= 1.0)
         damped = jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)
         return jnp.where(inside, damped, 1.0)

@@ -1,71 +1,110 @@
-"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+"""Readings of the devices: a chamber and its turbine, a rigid body and its power take-off, a paddle."""
 
 from __future__ import annotations
 
 import equinox as eqx
 
 from jaxsph.core.arrays import Scalar, columns
-from jaxsph.model.interfaces import AbstractProbe
-from jaxsph.probes.energy import _per_metre
+from jaxsph.model.interfaces import AbstractProbe, Reading
+from jaxsph.probes.energy import per_metre
+
+__all__ = ["BodyProbe", "ChamberProbe", "PaddleProbe"]
 
 
 class ChamberProbe(AbstractProbe):
-    """Level, volume, flow, air pressure and power of the OWC."""
+    """Level, volume, flow, air pressure and power of a chamber."""
 
     sample_dt: Scalar
+    """Time between samples, s."""
+    which: int = eqx.field(static=True, default=0)
+    """Place of the chamber in `Model.chambers`."""
+    suffix: str = eqx.field(static=True, default="")
+    """End of the readings' names, where there are several chambers."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         x, V = columns(state.particles.x), model.scheme.volume(state.particles)
-        chamber = model.chamber
-        return {
+        chamber = model.chambers[self.which]
+        air, taken = state.own[chamber.name], state.ledger[chamber.energy].recent
+        readings = {
             "chamber_level": chamber.level(x, V, model.dx),
             "chamber_volume": chamber.volume(x, V, model.dx),
-            "P_a": state.air[0],
-            "flow": state.air[1],
-            "flow_mean": state.work.flow / self.sample_dt,
-            "power_pto": state.work.pto / self.sample_dt,
+            "P_a": air.P_a,
+            "flow": air.q,
+            "flow_mean": air.driven.recent / self.sample_dt,
+            "power_pto": taken / self.sample_dt,
         }
+        return {name + self.suffix: value for name, value in readings.items()}
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {
-            "chamber_level": ("m", "mean elevation of the chamber's surface over the still level"),
-            "chamber_volume": ("m2", "water in the chamber above the level where flow is measured"),
-            "P_a": ("Pa", "gauge pressure of the chamber's air, positive when compressed"),
-            "flow": ("m2 s-1", "flow of air out of the chamber per unit width"),
-            "flow_mean": ("m2 s-1", "flow out of the chamber, mean since the last sample"),
-            "power_pto": ("W m-1", "power taken by the PTO, mean since the last sample"),
+        found = {
+            "chamber_level": Reading("m", "mean elevation of the chamber's surface over the still level"),
+            "chamber_volume": Reading("m2", "water in the chamber above the level where flow is measured"),
+            "P_a": Reading("Pa", "gauge pressure of the chamber's air, positive when compressed"),
+            "flow": Reading("m2 s-1", "flow of air out of the chamber per unit width"),
+            "flow_mean": Reading("m2 s-1", "flow out of the chamber, mean since the last sample"),
+            "power_pto": Reading("W m-1", "power taken by the PTO, mean since the last sample"),
         }
+        return {name + self.suffix: reading for name, reading in found.items()}
 
 
 class BodyProbe(AbstractProbe):
-    """Motion of the rigid body, the water's force on it, and the power of its PTO."""
+    """Motion of a rigid body, the water's force on it, and the power of its power take-off."""
 
     sample_dt: Scalar
+    """Time between samples, s."""
+    which: int = eqx.field(static=True, default=0)
+    """Place of the body in `Model.bodies`."""
+    suffix: str = eqx.field(static=True, default="")
+    """End of the readings' names, where there are several bodies."""
     dim: int = eqx.field(static=True, default=2)
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        body = state.body
-        return {
-            "surge": body.pose[0],
-            "heave": body.pose[1],
-            "pitch": body.pose[2],
-            "body_velocity": body.velocity,
-            "body_force": body.force + body.contact,
-            "body_force_mean": state.work.impulse / self.sample_dt,
-            "power_pto": state.work.pto / self.sample_dt,
+        body = model.bodies[self.which]
+        own = state.own[body.name]
+        taken = sum((state.ledger[name].recent for name in body.harvest()), 0.0 * self.sample_dt)
+        readings = {
+            "surge": own.pose[0],
+            "heave": own.pose[1],
+            "pitch": own.pose[2],
+            "body_velocity": own.velocity,
+            "body_force": own.force + own.contact,
+            "body_force_mean": own.impulse.recent / self.sample_dt,
+            "power_pto": taken / self.sample_dt,
         }
+        return {name + self.suffix: value for name, value in readings.items()}
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {
-            "surge": ("m", "displacement of the body along the tank"),
-            "heave": ("m", "displacement of the body upwards"),
-            "pitch": ("rad", "angle of the body, positive landward"),
-            "body_velocity": ("m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch"),
-            "body_force": ("N, N, N m", "the water's force on the body, and its moment about the pivot"),
-            "body_force_mean": ("N, N, N m", "the same, mean since the last sample"),
-            "power_pto": (_per_metre("W", self.dim), "power taken by the PTO, mean since the last sample"),
+        power = per_metre("W", self.dim)
+        force = "the water's force on the body, and its moment about the pivot"
+        found = {
+            "surge": Reading("m", "displacement of the body along the tank"),
+            "heave": Reading("m", "displacement of the body upwards"),
+            "pitch": Reading("rad", "angle of the body, positive landward"),
+            "body_velocity": Reading(
+                "m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion"
+            ),
+            "body_force": Reading("N, N, N m", force, "motion"),
+            "body_force_mean": Reading("N, N, N m", f"{force}, mean since the last sample", "motion"),
+            "power_pto": Reading(power, "power taken by the PTO, mean since the last sample"),
         }
+        return {name + self.suffix: reading for name, reading in found.items()}
+
+
+class PaddleProbe(AbstractProbe):
+    """Displacement of a piston wavemaker."""
+
+    which: int = eqx.field(static=True, default=0)
+    """Place of the paddle in `Model.moving`."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        wall = model.moving[self.which]
+        return {wall.name: state.own[wall.name].X}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        return {"paddle": Reading("m", "displacement of the paddle")}

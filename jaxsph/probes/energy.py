@@ -1,4 +1,4 @@
-"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+"""Energy budget of a run: energies stored in the water and in bodies, and powers exchanged and lost."""
 
 from __future__ import annotations
 
@@ -6,82 +6,104 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar, columns, dot
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import AbstractProbe, Entry, Exchange, Model, Reading
 from jaxsph.model.state import State
+
+__all__ = ["EnergyProbe", "per_metre"]
 
 
 class EnergyProbe(AbstractProbe):
-    """Stored energies over the initial state, a body's too, powers exchanged and lost, the largest speed.
+    """Energies stored since the initial state, powers exchanged and lost, largest speed, limiters at work.
 
-    Powers of paddle, PTO, sponge, contact and projection are sums over every step since the last sample;
-    those of viscosity and density diffusion are taken at the sample.
+    Powers of the ledger are means over every step since the last sample; those of viscosity and density
+    diffusion are taken at the sample. What power take-offs take is read by the probes of their devices.
     """
 
     sample_dt: Scalar
+    """Time between samples, s."""
     compression0: Scalar
     """Compression energy of the initial state, J (J/m in 2-D)."""
-    field0: Scalar | None = None
-    """Potential energy of the initial state in the body force field, J; None without a field."""
-    body0: Scalar | None = None
-    """Potential energy of the rigid body in the initial state, J; None without one."""
+    potential0: Scalar
+    """Potential energy of the initial state in the body forces and of the bodies, J (J/m in 2-D)."""
+    entries: tuple[tuple[str, Entry], ...] = eqx.field(static=True)
+    """Energies of the model's ledger."""
+    limiters: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    """Limiters of the model's scheme."""
     dim: int = eqx.field(static=True, default=2)
 
     @classmethod
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
-        """The probe whose stored energies are counted from this state."""
-        field0 = None if model.force is None else cls.field(model, state)
-        body0 = None if model.body is None else model.body.energy(state.body, model.g)[1]
-        return cls(sample_dt, model.scheme.compression(state.particles), field0, body0, len(model.g))
+        """Energy probe whose stored energies are counted from this state."""
+        entries, limiters = tuple(model.entries().items()), tuple(model.scheme.limiters().items())
+        compression0 = model.scheme.compression(state.particles)
+        potential0 = jnp.asarray(cls.held(model, state)[1], model.dt.dtype)
+        return cls(sample_dt, compression0, potential0, entries, limiters, len(model.g))
 
     @staticmethod
-    def field(model: Model, state: State) -> Scalar:
-        """Potential energy in the body force field, J (J/m in 2-D)."""
-        return jnp.sum(state.particles.m * model.force.potential(state.particles.x))
+    def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
+        """Kinetic energy of the bodies, and potential energy of the water in the body forces and of the
+        bodies, J (J/m in 2-D)."""
+        kinetic = potential = 0.0
+        for force in model.forces:
+            potential = potential + jnp.sum(state.particles.m * force.potential(state.particles.x))
+        for body in model.bodies:
+            own, height = body.energy(state.own[body.name], model.g)
+            kinetic, potential = kinetic + own, potential + height
+        return kinetic, potential
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         p = state.particles
         speed2 = dot(columns(p.u), columns(p.u))
         lost = model.scheme.dissipation(model, state, tables)
-        potential = -jnp.sum(p.m * model.g[-1] * (p.x[:, -1] - model.z0[p.id]))
-        if self.field0 is not None:
-            potential = potential + self.field(model, state) - self.field0
-        kinetic = 0.5 * jnp.sum(p.m * speed2)
-        if self.body0 is not None:
-            own, height = model.body.energy(state.body, model.g)
-            kinetic, potential = kinetic + own, potential + height - self.body0
+        of_bodies, held = self.held(model, state)
+        lifted = -jnp.sum(p.m * model.g[-1] * (p.x[:, -1] - model.z0[p.id]))
+        given = jnp.zeros_like(self.sample_dt)
+        powers = {}
+        for name, entry in self.entries:
+            amount = state.ledger[name].recent
+            if entry.exchange is Exchange.GIVEN:
+                given = given + amount
+            elif entry.exchange is Exchange.TAKEN:
+                powers[f"power_{name}"] = amount / self.sample_dt
+        steps = p.x.shape[0] * self.sample_dt / model.dt
         return {
-            "kinetic": kinetic,
-            "potential": potential,
+            "kinetic": 0.5 * jnp.sum(p.m * speed2) + of_bodies,
+            "potential": lifted + (held - self.potential0),
             "compression": model.scheme.compression(p) - self.compression0,
-            "power_paddle": state.work.paddle / self.sample_dt,
-            "power_sponge": state.work.sponge / self.sample_dt,
+            "power_paddle": given / self.sample_dt,
+            **powers,
             "loss_viscous": lost.viscous,
             "loss_diffusive": lost.diffusive,
-            "power_contact": state.work.contact / self.sample_dt,
-            "power_projection": state.work.projection / self.sample_dt,
             "max_speed": jnp.sqrt(jnp.max(speed2)),
-            "paddle": state.paddle[0],
+            **{f"limited_{name}": state.limits[name].recent / steps for name, _ in self.limiters},
         }
 
     def describe(self):
         """See `AbstractProbe`."""
-        energy, power = _per_metre("J", self.dim), _per_metre("W", self.dim)
+        energy, power = per_metre("J", self.dim), per_metre("W", self.dim)
+        mean = "mean since the last sample"
+        given = "power of paddles and of driven bodies on the water"
         return {
-            "kinetic": (energy, "kinetic energy"),
-            "potential": (energy, "potential energy over the initial state"),
-            "compression": (energy, "compression energy over the initial state"),
-            "power_paddle": (power, "power of the paddle on the water, mean since the last sample"),
-            "power_sponge": (power, "power taken by the sponge, mean since the last sample"),
-            "loss_viscous": (power, "viscous dissipation"),
-            "loss_diffusive": (power, "dissipation by the density diffusion"),
-            "power_contact": (power, "power lost by water that meets a solid, mean since the last sample"),
-            "power_projection": (power, "power lost in the projection, mean since the last sample"),
-            "max_speed": ("m s-1", "largest speed of a particle"),
-            "paddle": ("m", "displacement of the paddle"),
+            "kinetic": Reading(energy, "kinetic energy", group="energy"),
+            "potential": Reading(energy, "potential energy over the initial state", group="energy"),
+            "compression": Reading(energy, "compression energy over the initial state", group="energy"),
+            "power_paddle": Reading(power, f"{given}, {mean}", group="energy"),
+            **{
+                f"power_{name}": Reading(power, f"power: {entry.long_name}, {mean}", group="energy")
+                for name, entry in self.entries
+                if entry.exchange is Exchange.TAKEN
+            },
+            "loss_viscous": Reading(power, "viscous dissipation", group="energy"),
+            "loss_diffusive": Reading(power, "dissipation by the density diffusion", group="energy"),
+            "max_speed": Reading("m s-1", "largest speed of a particle"),
+            **{
+                f"limited_{name}": Reading("1", f"share of particles, {mean}: {what}")
+                for name, what in self.limiters
+            },
         }
 
 
-def _per_metre(units: str, dim: int) -> str:
-    """Of the tank's width in two dimensions."""
+def per_metre(units: str, dim: int) -> str:
+    """Units of an amount of the whole tank: per metre of its width in two dimensions."""
     return f"{units} m-1" if dim == 2 else units

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns
 from jaxsph.core.pairs import nearest_image, pair_sum, with_empty
-from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.model.interfaces import AbstractProbe, Reading
 from jaxsph.parts.paddle import column_depth
 
 
@@ -33,7 +33,7 @@ class WaveGauge(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {"eta": ("m", "surface elevation over the still water level")}
+        return {"eta": Reading("m", "surface elevation over the still water level", "gauge")}
 
 
 class InterpolatedGauge(AbstractProbe):
@@ -72,7 +72,8 @@ class InterpolatedGauge(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {"eta_interpolated": ("m", "surface elevation at the point, by interpolated density")}
+        what = "surface elevation at the point, by interpolated density"
+        return {"eta_interpolated": Reading("m", what, "surface_point")}
 
 
 class ParticleGauge(AbstractProbe):
@@ -114,4 +115,5 @@ class ParticleGauge(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {"eta_particles": ("m", "surface elevation at the point, by the surface's particles")}
+        what = "surface elevation at the point, by the surface's particles"
+        return {"eta_particles": Reading("m", what, "surface_point")}

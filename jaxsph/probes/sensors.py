@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, columns, stacked
 from jaxsph.core.pairs import nearest_image
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import AbstractProbe, Model, Reading
 from jaxsph.model.state import State
 
 
@@ -18,7 +19,7 @@ class PressureProbe(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        pressure = model.scheme.pressure(state.particles)
+        pressure = model.pressure(state)
 
         def carried(r):
             # each particle's pressure is first carried to the sensor's height
@@ -28,23 +29,26 @@ class PressureProbe(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {"pressure": ("Pa", "gauge pressure at the sensor")}
+        return {"pressure": Reading("Pa", "gauge pressure at the sensor", "sensor")}
 
 
 class BodyPressureProbe(AbstractProbe):
     """Gauge pressure at points that move with the body: the water's, as `PressureProbe`."""
 
     x: Float[Array, "k D"]
-    """At rest, m."""
+    """Points of the body at rest, m."""
+    which: int = eqx.field(static=True, default=0)
+    """Place of the body in `Model.bodies`."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        moved = PressureProbe(model.body.moved(self.x, state.body))
+        body = model.bodies[self.which]
+        moved = PressureProbe(body.carry(state.own[body.name], self.x))
         return {"body_pressure": moved.measure(model, state, tables)["pressure"]}
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {"body_pressure": ("Pa", "gauge pressure at the body's sensor")}
+        return {"body_pressure": Reading("Pa", "gauge pressure at the body's sensor", "body_sensor")}
 
 
 class VelocityProbe(AbstractProbe):
@@ -60,7 +64,8 @@ class VelocityProbe(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {
-            f"velocity_{a}": ("m s-1", f"velocity of the water at the point along {a}") for a in self._axes
+            f"velocity_{a}": Reading("m s-1", f"velocity of the water at the point along {a}", "point")
+            for a in self._axes
         }
 
     @property

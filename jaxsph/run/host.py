@@ -18,7 +18,7 @@ from tqdm import tqdm
 from jaxsph.case.build import build
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError, FileError
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import AbstractProbe, Model, Reading
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.run_file import RunFile
@@ -152,7 +152,7 @@ def march(
     bar.close()
     series = {k: np.asarray(v) for k, v in readings.items()}
     series["time"] = _exact_times(start, series["time"], sample_dt)
-    units = {"time": ("s", "time")}
+    units = {"time": Reading("s", "time")}
     for probe in probes:
         units |= probe.describe()
     return Solution(series, units, model, state)

@@ -19,7 +19,7 @@ from jaxsph.case.build import build
 from jaxsph.case.case import Case
 from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import FileError
-from jaxsph.model.interfaces import Model
+from jaxsph.model.interfaces import Model, Reading
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import Variable
@@ -30,18 +30,6 @@ from jaxsph.run.chunks import (
     steps_per_chunk,
 )
 from jaxsph.run.results import _results
-
-ENERGY = {
-    "kinetic",
-    "potential",
-    "compression",
-    "power_paddle",
-    "power_sponge",
-    "loss_viscous",
-    "loss_diffusive",
-    "power_contact",
-    "power_projection",
-}
 
 
 def _coordinates(case: Case) -> dict[str, tuple[str, np.ndarray, str, str]]:
@@ -89,7 +77,7 @@ class _Recorder:
         self.sample_every = steps_per_sample(case, model)
         self.per_chunk = steps_per_chunk(case, self.sample_every)
         self.probes = make_probes(case, model, build(case, search_settings(model))[1])
-        self.units = {"time": ("s", "time")}
+        self.units = {"time": Reading("s", "time")}
         for probe in self.probes:
             self.units |= probe.describe()
         self.start = int(state.step)
@@ -127,35 +115,20 @@ def _save(file, case, model, state, series, units, seconds) -> None:
     snapshot = {
         "time": int(state.step) / steps_per_sample(case, model) * case.output.sample_dt,
         "step": int(state.step),
-        "paddle": float(state.paddle[0]),
+        "paddle": float(state.own["paddle"].X) if "paddle" in state.own else 0.0,
         "x": np.asarray(p.x)[order],
         "u": np.asarray(p.u)[order],
-        "p": np.asarray(model.scheme.pressure(p))[order],
+        "p": np.asarray(model.pressure(state))[order],
         "id": np.asarray(p.id)[order],
     }
-    if state.body is not None:
-        snapshot["body"] = np.asarray(state.body.pose)
-    variables = {name: Variable(*units[name], dim=_second_dimension(name)) for name in series}
+    for body in model.bodies:
+        snapshot[body.name] = np.asarray(state.own[body.name].pose)
+    variables = {name: Variable(*units[name][:3]) for name in series}
     file.append(
         series,
         variables,
-        {n for n in series if n in ENERGY},
+        {name for name in series if name != "time" and units[name].group == "energy"},
         snapshot,
         _flatten(state),
         search_settings(model) | {"wall_seconds": seconds},
     )
-
-
-def _second_dimension(name: str) -> str | None:
-    if name.startswith("velocity_"):
-        return "point"
-    if name.startswith("eta_"):
-        return "surface_point"
-    return {
-        "eta": "gauge",
-        "pressure": "sensor",
-        "body_velocity": "motion",
-        "body_force": "motion",
-        "body_force_mean": "motion",
-        "body_pressure": "body_sensor",
-    }.get(name)

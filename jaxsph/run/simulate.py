@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxsph.core.loop import blocks
 from jaxsph.core.transforms import in_any_lane
 from jaxsph.model.interfaces import AbstractProbe, Model
-from jaxsph.model.state import State, Work
+from jaxsph.model.state import State, settle
 
 
 def simulate(
@@ -54,9 +54,8 @@ def simulate(
         due = s.step % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
         readings = jax.lax.cond(in_any_lane(due), read, lambda s, tables: blank, s, tables)
-        zero = Work.zero(model.dt.dtype)
-        work = jax.tree.map(lambda a, b: jnp.where(due, a, b), zero, s.work)
-        return eqx.tree_at(lambda a: a.work, s, work), readings
+        own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
+        return eqx.tree_at(lambda a: (a.own, a.ledger, a.limits), s, (own, ledger, limits)), readings
 
     state, readings = blocks(
         functools.partial(model.scheme.prepare, model),

@@ -3,40 +3,36 @@ Equation numbers are those of Yeylaghi et al. unless another source is named."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Float, Scalar, columns, stacked
+from jaxsph.core.arrays import Array, Float, Int, Scalar, columns, stacked
 from jaxsph.core.kernels import AbstractKernel, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.model import laws
-from jaxsph.model.interfaces import Model
+from jaxsph.model.interfaces import Entry, Kick, Model
 from jaxsph.model.shifting import Shifting
-from jaxsph.model.state import BodyState, Particles, State, Tables
+from jaxsph.model.state import Failure, Particles, State, Status, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
+from jaxsph.parts.body import advance_body
 from jaxsph.schemes.base import (
     AbstractParticleScheme,
     Dissipation,
     GhostFields,
-    body_moved,
-    damped,
-    paddle_moved,
-    pushed,
-    stopped,
-    touching,
-    with_body_work,
-    with_work,
+    Interval,
+    body_work,
+    book,
+    damp,
+    drift,
+    move_walls,
+    wall_work,
 )
-from jaxsph.schemes.poisson import (
-    AbstractSolver,
-    AbstractSurface,
-    BiCGStab,
-    EmptyNeighbours,
-)
+from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
+from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
 
 H_OVER_DX = {2: 2.0, 3: 1.5}
 """Smoothing length over the spacing, by dimensions. In two a square lattice under pressure is quiet with 2,
@@ -48,6 +44,60 @@ RELAXATION = 1.5
 """Rate at which crowding of the particles is taken back, over sqrt(g/h). Projection leaves disordered water
 expanding: with none the level of a tank rises by 6 % in 6 s. With a half of this waves lose twice as much
 and the energy of still water grows; with twice this still water is restless."""
+
+
+class Poisson(NamedTuple):
+    """Pressure Poisson equation of one step, scaled by its diagonal."""
+
+    weights: Float[Array, "K N"]
+    """Weights w_ij of sum w_ij (p_j - p_i) = lap p, 1/m2, by slot of the table."""
+    table: Int[Array, "K N"]
+    scale: Float[Array, " N"]
+    """One over the diagonal, m2; zero for particles whose pressure is not solved for."""
+    diagonal: Float[Array, " N"]
+    """Sum of the weights, 1/m2."""
+    extra: Float[Array, " N"]
+    """Weight of missing neighbours at the free surface, 1/m2."""
+    free: Float[Array, " N"]
+    """1 for particles whose pressure is solved for, else 0."""
+    source: Float[Array, " N"]
+    """Right-hand side without the walls' part, Pa."""
+    held: Scalar
+    """Number of particles whose crowding is held back."""
+
+    def pulled(self, q: Float[Array, " N"], q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
+        """Weighted mean of the pressures (Pa) of every particle's neighbours, in water and walls."""
+        every = jnp.concatenate([q, q_ghosts, jnp.zeros(1, q.dtype)])
+        return self.scale * weighted_sum(self.weights, every, self.table)
+
+
+class Projected(NamedTuple):
+    """Result of a projection."""
+
+    p: Float[Array, " N"]
+    """Pressure of the water, Pa."""
+    p_ghosts: Float[Array, " G"]
+    """Pressure of the ghosts, Pa."""
+    bodies: dict[str, Any]
+    """Motions of the bodies at the end of the step, by name."""
+    residual: Scalar
+    """Residual of the linear solution over its right-hand side."""
+    converged: Array
+    """Whether the solver kept its promise."""
+    limited: dict[str, Scalar]
+    """Number of particles at which each limiter acted."""
+
+
+class Changes(NamedTuple):
+    """Velocities at the end of a step, and what changed them on the way, m/s."""
+
+    u: Float[Array, "N D"]
+    pressed: Float[Array, "N D"]
+    """Change by the pressure."""
+    touched: Float[Array, "N D"]
+    """Change by solids that are touched."""
+    damped: dict[str, Scalar]
+    """Energy that each damper took, J (J/m in 2-D)."""
 
 
 class ISPH(AbstractParticleScheme):
@@ -69,7 +119,7 @@ class ISPH(AbstractParticleScheme):
     """Rate at which crowding of the particles is taken back, over sqrt(g/h)."""
     least: Scalar
     """Least gauge pressure that water bears where there is a free surface, Pa; 0: none that pulls."""
-    shifting: Shifting | None = None
+    shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
 
     @classmethod
     def of(
@@ -87,6 +137,7 @@ class ISPH(AbstractParticleScheme):
         relaxation: float = RELAXATION,
         least: float = 0.0,
         period: Period = None,
+        shifting: Shifting | None = None,
         dtype: Any = jnp.float32,
         **options: Any,
     ) -> ISPH:
@@ -116,6 +167,7 @@ class ISPH(AbstractParticleScheme):
             surface=jax.tree.map(leaf, surface),
             relaxation=leaf(relaxation),
             least=leaf(least),
+            shifting=() if shifting is None else (jax.tree.map(leaf, shifting),),
             **jax.tree.map(leaf, options),
         )
 
@@ -127,7 +179,7 @@ class ISPH(AbstractParticleScheme):
 
     def started(self, p, pressure):
         """See `AbstractParticleScheme`."""
-        return eqx.tree_at(lambda a: a.p, p, pressure, is_leaf=lambda a: a is None)
+        return eqx.tree_at(lambda a: a.p, p, pressure)
 
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""
@@ -149,60 +201,124 @@ class ISPH(AbstractParticleScheme):
         """See `AbstractParticleScheme`: none."""
         return jnp.zeros((), p.x.dtype)
 
+    def entries(self):
+        """See `AbstractScheme`."""
+        return {
+            "contact": Entry("energy lost by water that meets a solid"),
+            "projection": Entry("energy lost in the projection"),
+        }
+
+    def limiters(self):
+        """See `AbstractScheme`."""
+        return {
+            "tension": "pressures below the least that water bears, raised to it",
+            "crowding": "crowding beyond what disorder makes, held back",
+        }
+
     # ---------------------------------------------------------------- one step
 
     def step(self, model, state, tables):
         """See `AbstractScheme`."""
         p, dt = state.particles, model.dt
-        paddle, a_wall = paddle_moved(self, model, state, dt)
-        push = pushed(model, state, self._contact(model))
+        interval = move_walls(self, model, state, dt)
+        push = spring_acceleration(model, state.own, p, self._contact(model))
         ghosts = self.placed(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
+        u, kicks = self._with_air(model, state, tables, u, interval)
         # Eq. 7-8. Walls carry gravity and forces as the water does, and their own acceleration goes into
         # their pressure: so that of a field without divergence none is seen at a wall either.
-        ghosts = self.ghost_velocity(model, state, tables, ghosts, u)
-        u_star = u + dt * self._body_force(model, p.x)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, u)
+        u_star = u + dt * (model.g + model.acceleration(p.x))
+        u_ghosts = ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
         # The paper has a whole step. With half of one water swings without a loss to second order,
         # where pressures of a whole step damp a wave by omega^2 dt/4.
-        half = 0.5 * dt
-        middle = paddle.at[0].set(0.5 * (state.paddle[0] + paddle[0]))
-        at = eqx.tree_at(lambda s: (s.particles, s.paddle), state, (self.drift(p, half * u_star), middle))
-        if model.body is not None:
-            still = jnp.zeros(3, dt.dtype)
-            at = eqx.tree_at(lambda s: s.body, at, body_moved(state.body, still, half))
-        u_ghosts = ghosts.u + dt * self._body_force(model, ghosts.x)
+        at = self._halfway(model, state, interval, u_star)
         ghosts = self.placed(model, at, tables)
         sources = self._sources(at.particles, ghosts, u_star, u_ghosts)
-        pressure, p_ghosts, body = self._projected(model, at, state, tables, ghosts, sources, a_wall)
-        sources = sources | {"p": jnp.concatenate([pressure, p_ghosts])}
+        projected = self._projected(model, at, tables, ghosts, sources, interval)
+        pressure = jnp.concatenate([projected.p, projected.p_ghosts])
+        sources = sources | {"p": pressure}
         pressed = dt / self.rho0 * stacked(self._sum(laws.pressure_force, sources, tables))
         met = u_star + pressed
-        u_new = stopped(model, state, met, push, self._contact(model))
+        u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
-        u_new, sponge = damped(model, p, u_new, dt)
-        ghosts = ghosts._replace(p=p_ghosts, water=ghosts.water | {"p": with_empty({"p": pressure})["p"]})
-        work = with_work(self, model, tables, ghosts, state.work, sponge, paddle[1], dt)
-        given = state.work.paddle - work.paddle  # to solids, by pressures
-        given_touching = jnp.zeros_like(dt)
-        if body is not None:
-            body = eqx.tree_at(lambda b: b.contact, body, touching(model, state, touched, dt))
-            work, by_pressure, given_touching = with_body_work(model, state, work, body, dt)
-            given = given + by_pressure
-        mean = 0.5 * (u_new + p.u)
-        contact, lost = (-jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (touched, pressed))
-        work = eqx.tree_at(
-            lambda w: (w.contact, w.projection),
-            work,
-            (work.contact + contact - given_touching, work.projection + lost - given),
+        u_new, damped = damp(model, p, u_new, dt)
+        ghosts = ghosts._replace(
+            p=projected.p_ghosts, water=ghosts.water | {"p": with_empty({"p": projected.p})["p"]}
         )
-        dx = dt * mean  # Eq. 17
-        if self.shifting is not None:
-            dx = dx + self.shifting.displacement(self, model, u_new, sources, tables, dt)
-        new = eqx.tree_at(lambda a: (a.u, a.p), self.drift(p, dx), (u_new, pressure))
-        state = State(new, paddle, state.air, work, state.step + 1, state.status, body)
+        changes = Changes(u_new, pressed, touched, damped)
+        own, ledger = self._exchanged(model, state, tables, ghosts, interval, projected, changes, kicks)
+        dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
+        for shifting in self.shifting:
+            dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
+        new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, projected.p))
+        limits = {name: tally.add(projected.limited[name]) for name, tally in state.limits.items()}
+        status = _checked_solution(state, projected)
+        state = State(new, own, ledger, limits, state.step + 1, status)
         return self.check(model, state, tables, p.x, at.particles.x)
 
+    def _with_air(
+        self, model: Model, state: State, tables: Tables, u: Float[Array, "N D"], interval: Interval
+    ) -> tuple[Float[Array, "N D"], dict[str, Kick]]:
+        """Velocities u (m/s) after the force of the chambers' air, and that force by chamber."""
+        kicks, p = {}, state.particles
+        sources = {"x": columns(p.x), "V": self.volume(p)}
+        for chamber in model.chambers:
+            kick = chamber.kick(self, p, sources, u, tables, interval.t, interval.dt)
+            kicks[chamber.name], u = kick, kick.u
+        return u, kicks
+
+    def _halfway(self, model: Model, state: State, interval: Interval, u_star: jax.Array) -> State:
+        """The state with particles and solids in the middle of the step."""
+        dt, own = interval.dt, dict(state.own)
+        for solid in (*model.moving, *model.bodies):
+            own[solid.name] = solid.halfway(own[solid.name], interval.after[solid.name], dt)
+        particles = drift(state.particles, 0.5 * dt * u_star)
+        return eqx.tree_at(lambda s: (s.particles, s.own), state, (particles, own))
+
+    def _exchanged(
+        self,
+        model: Model,
+        state: State,
+        tables: Tables,
+        ghosts: GhostFields,
+        interval: Interval,
+        projected: Projected,
+        changes: Changes,
+        kicks: dict[str, Kick],
+    ) -> tuple[dict[str, Any], dict[str, Tally]]:
+        """States of the parts after the step, and the ledger with the step's energies.
+
+        Eight arguments: everything that the step has made, and nothing of it twice.
+        """
+        p, dt, own = state.particles, interval.dt, dict(interval.after)
+        amounts = dict(changes.damped)
+        work = wall_work(self, model, interval.after, tables, ghosts, dt)
+        amounts |= work
+        given = -sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressures
+        given_touching = jnp.zeros_like(dt)
+        for body in model.bodies:
+            old, new = state.own[body.name], projected.bodies[body.name]
+            contact = touch_force(model, body, old, p, changes.touched, dt)
+            new = eqx.tree_at(lambda b: b.contact, new, contact)
+            own[body.name], exchanged, by_pressure, by_touch = body_work(
+                model, body, old, new, interval.t, dt
+            )
+            amounts |= exchanged
+            given, given_touching = given + by_pressure, given_touching + by_touch
+        for chamber in model.chambers:
+            air, kick = state.own[chamber.name], kicks[chamber.name]
+            own[chamber.name], taken = chamber.finish(air, kick, p.u, changes.u, dt)
+            amounts |= {name: taken for name in chamber.entries()}
+        mean = 0.5 * (changes.u + p.u)
+        contact, lost = (
+            -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)
+        )
+        amounts |= {"contact": contact - given_touching, "projection": lost - given}
+        return own, book(state.ledger, amounts)
+
     def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> dict:
+        """Fluid and ghosts, with these velocities (m/s), as one set of sources."""
         return {
             "x": columns(jnp.concatenate([p.x, ghosts.x])),
             "V": jnp.concatenate([self.volume(p), -ghosts.V]),
@@ -210,50 +326,104 @@ class ISPH(AbstractParticleScheme):
         }
 
     def _sum(self, law, sources: dict, tables: Tables):
+        """Pair sum of a law over fluid and ghosts, for the fluid."""
         n = tables.fluid.shape[1]
         targets = jax.tree.map(lambda a: a[:n], sources)
         return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
 
-    def _body_force(self, model: Model, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        g = jnp.broadcast_to(model.g, x.shape)
-        return g if model.force is None else g + model.force.acceleration(x)
-
     @staticmethod
     def _contact(model: Model) -> Scalar:
-        """c0 of the spring off the walls, m/s: the projection stops the water, and this what it missed."""
+        """c0 (m/s) of the spring off the solids: the projection stops the water, and this what it missed."""
         return 0.5 * model.dx / model.dt
 
     def _viscous(
         self, model: Model, state: State, tables: Tables, ghosts: GhostFields
     ) -> Float[Array, "N D"]:
-        """nu lap u, m/s2."""
+        """Viscous acceleration nu lap u, m/s2."""
         p = state.particles
-        ghosts = self.ghost_velocity(model, state, tables, ghosts, p.u)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         guard = laws.GUARD * self.smoothing.h**2
         sources = self._sources(p, ghosts, p.u, ghosts.u_shear)
         shear = self._sum(lambda pair, i, j: self.viscosity.shear(pair, i, j, guard), sources, tables)
         return self.viscosity.coefficient(self.smoothing.h, 0.0, p.x.shape[1]) * stacked(shear)
 
+    # ---------------------------------------------------------------- projection
+
     def _projected(
         self,
         model: Model,
         at: State,
-        before: State,
         tables: Tables,
         ghosts: GhostFields,
         sources: dict,
-        a_wall: Scalar,
-    ) -> tuple[Float[Array, " N"], Float[Array, " G"], BodyState | None]:
-        """Pressure (Pa) of the water and of the ghosts that takes the divergence out of the velocities, and
-        the body as that pressure moves it.
+        interval: Interval,
+    ) -> Projected:
+        """Pressures that take the divergence out of the velocities, and the bodies as those move them.
 
-        A body's accelerations are unknowns beside the pressures: its own pressure depends on them at once,
-        and a light body would swing without end were they taken from the step before.
+        The bodies' accelerations are unknowns beside the pressures: a body's own pressure depends on them at
+        once, and a light body would swing without end were they taken from the step before.
         """
-        p, walls, h = at.particles, model.walls, self.smoothing.h
-        n = p.x.shape[0]
+        p, walls = at.particles, model.walls
+        poisson = self._poisson(model, p, ghosts, sources, tables)
+        free, fixed = poisson.free, 1.0 - poisson.free
+        at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
+
+        def at_walls(q):
+            return weighted_sum(at_nodes, jnp.append(q, 0.0), tables.nodes)
+
+        force = self.wall_force(model, at.own, ghosts, interval)
+        nowhere = jnp.zeros_like(free, shape=ghosts.p.shape)
+        beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
+        beyond = jnp.where(ghosts.fit.wet > 0, beyond, 0.0)
+        nothing = jnp.zeros_like(free)
+        b = poisson.source + poisson.pulled(nothing, beyond)
+        closed = jnp.sum(fixed + poisson.extra) == 0.0
+        # Without a surface the pressure is known but for a constant, and the weights, which are symmetric
+        # before they are scaled, can only give what has no mean under their diagonal.
+        mean = jnp.sum(poisson.diagonal * b) / jnp.sum(poisson.diagonal)
+        b = b - jnp.where(closed, mean, 0.0)
+        couplings = [self.body_coupling(model, c, at, interval, ghosts, tables) for c in model.bodies]
+        unit = (
+            self.rho0 * self.smoothing.h
+        )  # Pa per m/s2: accelerations as large as pressures in the residual
+
+        def operator(unknown):
+            q, accelerations = free * unknown[0], unknown[1]
+            q_ghosts = at_walls(q)
+            both = q_ghosts
+            for coupling, a in zip(couplings, accelerations, strict=True):
+                both = coupling.press(both, coupling.movable * (a / unit))
+            driven = tuple(
+                a - unit * coupling.driven(q, q_ghosts)
+                for coupling, a in zip(couplings, accelerations, strict=True)
+            )
+            return q - poisson.pulled(q, both) + fixed * q, driven
+
+        b_bodies = tuple(unit * coupling.accelerated(nothing, beyond) for coupling in couplings)
+        start = (free * p.p, jax.tree.map(jnp.zeros_like, b_bodies))
+        (solved, _), residual, converged = self.solver.solve(operator, (b, b_bodies), start)
+        pressure = free * solved
+        cut = ~closed & (pressure < self.least)
+        pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
+        # what the water does not bear, a body does not feel
+        q_ghosts = at_walls(pressure) + beyond
+        accelerations = [coupling.accelerated(pressure, q_ghosts) for coupling in couplings]
+        for coupling, a in zip(couplings, accelerations, strict=True):
+            q_ghosts = coupling.press(q_ghosts, coupling.movable * a)
+        bodies = {}
+        for body, coupling, a in zip(model.bodies, couplings, accelerations, strict=True):
+            new = advance_body(interval.before[body.name], a, interval.dt)
+            bodies[body.name] = eqx.tree_at(lambda s: s.force, new, coupling.force(pressure, q_ghosts))
+        limited = {"tension": jnp.sum(cut).astype(b.dtype), "crowding": poisson.held}
+        return Projected(pressure, q_ghosts, bodies, residual, converged, limited)
+
+    def _poisson(
+        self, model: Model, p: Particles, ghosts: GhostFields, sources: dict, tables: Tables
+    ) -> Poisson:
+        """Weights, diagonal and source of the pressure Poisson equation (9-12)."""
+        h, walls = self.smoothing.h, model.walls
         guard = (0.1 * h) ** 2
-        targets = jax.tree.map(lambda a: a[:n], sources)
+        targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
 
         def law(pair: Pair, i, j):
             w = laws.laplacian_weight(pair, j, guard)
@@ -265,72 +435,16 @@ class ISPH(AbstractParticleScheme):
         own = self.volume(p) * self.smoothing.kernel.value(jnp.zeros_like(fill), h, p.x.shape[1])
         filled = (fill + own) / self.full
         free = self.surface.free(filled)
-        fixed = 1.0 - free
         extra = self.surface.missing(filled) * jnp.maximum(self.full_weights / h**2 - diagonal, 0.0)
         if all(side == "periodic" for side in walls.sides):
             # whatever disorder makes of the sums, there is no surface
-            free, fixed, extra = jnp.ones_like(free), jnp.zeros_like(free), jnp.zeros_like(free)
+            free, extra = jnp.ones_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
-        at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
-
-        def at_walls(q):
-            return weighted_sum(at_nodes, jnp.append(q, 0.0), tables.nodes)
-
-        def pulled(q, q_ghosts):
-            every = jnp.concatenate([q, q_ghosts, jnp.zeros(1, q.dtype)])
-            return scale * weighted_sum(weights, every, tables.fluid)
-
-        force = self.wall_force(model, at, ghosts, a_wall)
-        beyond = walls.pressure(
-            ghosts.fit, jnp.zeros_like(fill, shape=ghosts.p.shape), ghosts.x, ghosts.nodes, force
-        )
-        beyond = jnp.where(ghosts.fit.wet > 0, beyond, 0.0)
-        nothing = jnp.zeros_like(fill)
         # as fast as weight sorts what stands too close, whatever the step is
         rate = self.relaxation * (jnp.sum(model.g**2) + 1e-12) ** 0.25 / jnp.sqrt(h)
-        b = scale * (self.rho0 / model.dt * (shrinking + rate * _crowding(filled))) + pulled(nothing, beyond)
-        closed = jnp.sum(fixed + extra) == 0.0
-        # Without a surface the pressure is known but for a constant, and the weights, which are symmetric
-        # before they are scaled, can only give what has no mean under their diagonal.
-        b = b - jnp.where(closed, jnp.sum(diagonal * b) / jnp.sum(diagonal), 0.0)
-        start = free * p.p
-
-        if model.body is None:
-
-            def operator(q):
-                q = free * q
-                return q - pulled(q, at_walls(q)) + fixed * q
-
-            pressure = free * self.solver.solve(operator, b, start)
-            without_surface = pressure - jnp.mean(pressure)
-            pressure = jnp.where(closed, without_surface, jnp.maximum(pressure, self.least))
-            return pressure, at_walls(pressure) + beyond, None
-
-        rows = slice(*walls.solid)
-        coupling = self.body_coupling(model, at, before.body, ghosts, tables, model.dt)
-        movable = model.body.movable(model.time(at))
-        unit = self.rho0 * h  # Pa per m/s2: accelerations as large as pressures in the residual
-
-        def by_body(a):
-            return ghosts.p.at[rows].set(coupling.pressures(movable * a))
-
-        def operator(unknown):
-            q, a = free * unknown[0], unknown[1]
-            q_ghosts = at_walls(q)
-            both = q_ghosts + by_body(a / unit)
-            driven = unit * coupling.driven(q, q_ghosts[rows])
-            return q - pulled(q, both) + fixed * q, a - driven
-
-        b_body = unit * coupling.accelerated(nothing, beyond[rows])
-        pressure, _ = self.solver.solve(operator, (b, b_body), (start, jnp.zeros_like(b_body)))
-        pressure = jnp.maximum(free * pressure, self.least)
-        # what the water does not bear, the body does not feel
-        q_ghosts = at_walls(pressure) + beyond
-        acceleration = coupling.accelerated(pressure, q_ghosts[rows])
-        p_ghosts = q_ghosts + by_body(acceleration)
-        new = body_moved(before.body, acceleration, model.dt)
-        water = coupling.grip.force(pressure, p_ghosts[rows])
-        return pressure, p_ghosts, eqx.tree_at(lambda s: s.force, new, water)
+        crowding, held = _crowding(filled)
+        source = scale * (self.rho0 / model.dt * (shrinking + rate * crowding))
+        return Poisson(weights, tables.fluid, scale, diagonal, extra, free, source, held)
 
     # ---------------------------------------------------------------- diagnostics
 
@@ -341,19 +455,32 @@ class ISPH(AbstractParticleScheme):
         return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))
 
     def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
-        """div u of every particle, 1/s."""
+        """Divergence of the velocity of every particle, 1/s."""
         p = state.particles
-        ghosts = self.ghost_velocity(model, state, tables, self.placed(model, state, tables), p.u)
+        ghosts = self.placed(model, state, tables)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         return -self._sum(laws.divergence, self._sources(p, ghosts, p.u, ghosts.u), tables)
 
 
-def _crowding(filled: Float[Array, " N"]) -> Float[Array, " N"]:
-    """By how much particles stand too close, as a share of the density; negative where they are too loose.
+def _checked_solution(state: State, projected: Projected) -> Status:
+    """The status with the largest residual so far, and with a flag where a solution did not converge."""
+    status = state.status
+    residual = jnp.maximum(status.residual, projected.residual)
+    status = eqx.tree_at(lambda s: s.residual, status, residual)
+    failed = ~projected.converged
+    return status.flag(Failure.NOT_CONVERGED, failed, state.step, jnp.zeros_like(status.where))
 
-    Held within what comes from disorder; what is filled to less than 0.8 is at the surface.
+
+def _crowding(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
+    """Excess of the particles' density as a share of it, negative where they are too loose, and the number of
+    particles at which it is held within what comes from disorder.
+
+    What is filled to less than 0.8 is at the surface and has none.
     """
     inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
-    return inside * jnp.clip(filled - 1.0, -0.05, 0.2)
+    excess = filled - 1.0
+    within = jnp.clip(excess, -0.05, 0.2)
+    return inside * within, jnp.sum((inside == 1.0) & (within != excess)).astype(filled.dtype)
 
 
 def stable_dt(scheme: ISPH, g: float, cfl: float, dim: int) -> float:

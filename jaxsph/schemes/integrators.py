@@ -1,41 +1,76 @@
-"""Weakly compressible delta-SPH (Zhu et al. 2020, section 2; Antuono et al. 2012)."""
+"""Time integrators of the weakly compressible scheme: how a step is made of evaluations."""
 
 from __future__ import annotations
 
 import abc
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stacked
-from jaxsph.core.pairs import (
-    with_empty,
-)
-from jaxsph.model.interfaces import Model
-from jaxsph.model.state import BodyState, State, Tables
+from jaxsph.core.arrays import Array, Components, Float, Scalar, stacked
+from jaxsph.model.interfaces import Air, Model
+from jaxsph.model.shifting import Shifting
+from jaxsph.model.state import Particles, State, Tables
+from jaxsph.parts.body import advance_body
 from jaxsph.schemes.base import (
     AbstractParticleScheme,
     GhostFields,
-    body_moved,
-    damped,
-    paddle_moved,
-    pushed,
-    touching,
-    with_body_work,
-    with_work,
+    Interval,
+    body_work,
+    book,
+    damp,
+    drift,
+    move_walls,
+    wall_work,
 )
+from jaxsph.solids.contact import spring_acceleration, touch_force
+
+__all__ = ["AbstractIntegrator", "AbstractRateScheme", "PredictorCorrector", "Rates", "SymplecticEuler"]
+
+
+class Rates(NamedTuple):
+    """Result of the first pass over the pairs."""
+
+    acceleration: Components
+    """m/s2."""
+    grad_rho: Components
+    """kg/m4."""
+    position_divergence: Float[Array, " N"]
+    """Divergence of position (Zhu et al. 2020, Eq. 15)."""
+
+
+class AbstractRateScheme(AbstractParticleScheme):
+    """A scheme of explicit rates, which an integrator advances."""
+
+    c0: eqx.AbstractVar[Scalar]
+    """Speed of sound, m/s."""
+    shifting: eqx.AbstractVar[tuple[Shifting, ...]]
+
+    @abc.abstractmethod
+    def sources(
+        self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
+    ) -> dict:
+        """Fluid and ghosts, with these velocities (m/s), as one set of sources."""
+
+    @abc.abstractmethod
+    def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
+        """First pass over the pairs: accelerations and the density's gradient."""
+
+    @abc.abstractmethod
+    def continuity(
+        self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
+    ) -> Float[Array, " N"]:
+        """Second pass over the pairs: rate of the density, kg/m3/s."""
 
 
 class AbstractIntegrator(eqx.Module):
-    """How a step is made of evaluations."""
+    """Way in which a step is made of evaluations of the rates."""
 
     cfl: eqx.AbstractClassVar[float]
     """Default share of h/c0 (Eq. 10) for dt, found by measurement to be stable with room to spare."""
 
     @abc.abstractmethod
-    def step(self, scheme: AbstractParticleScheme, model: Model, state: State, tables: Tables) -> State:
+    def step(self, scheme: AbstractRateScheme, model: Model, state: State, tables: Tables) -> State:
         """One time step."""
 
 
@@ -51,40 +86,39 @@ class SymplecticEuler(AbstractIntegrator):
 
     def step(self, scheme, model, state, tables):
         """See `AbstractIntegrator`."""
-        p, dt, t = state.particles, model.dt, model.time(state)
-        x_old = p.x
-        paddle, a_wall = paddle_moved(scheme, model, state, dt)
-        push = pushed(model, state, scheme.c0)
-        ghosts, body = _with_body(scheme, model, state, state, tables, a_wall, push, dt)
-        ghosts = scheme.ghost_velocity(model, state, tables, ghosts, p.u)
+        p, dt = state.particles, model.dt
+        interval = move_walls(scheme, model, state, dt)
+        push = spring_acceleration(model, state.own, p, scheme.c0)
+        ghosts, bodies = _with_bodies(scheme, model, state, tables, interval, push)
+        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
-        u = p.u + dt * (stacked(rates.acceleration) + _by_no_pair(model, state, push))
-        u, air, work = _air(scheme, model, state, tables, sources, u, dt, t)
-        u, sponge = damped(model, p, u, dt)
-        before = state
-        state = eqx.tree_at(lambda a: a.paddle, state, state.paddle.at[1].set(paddle[1]))
-        if body is not None:
-            state = eqx.tree_at(lambda a: a.body.velocity, state, body.velocity)
-        ghosts = scheme.ghost_velocity(model, state, tables, ghosts, u)
+        u = p.u + dt * (stacked(rates.acceleration) + push + model.acceleration(p.x))
+        u, airs, taken = _with_air(scheme, model, state, tables, sources, u, interval, p.u)
+        u, damped = damp(model, p, u, dt)
+        # the continuity equation sees the solids with the velocities after the step
+        after = _with_velocities(model, state.own, interval.after, bodies)
+        ghosts = scheme.ghost_velocity(model, after, tables, ghosts, u)
         sources = scheme.sources(ghosts, p, u, ghosts.u)
         rho = p.rho + dt * scheme.continuity(p, sources, rates.grad_rho, tables)
-        work = with_work(scheme, model, tables, ghosts, work, sponge, paddle[1], dt)
-        if body is not None:
-            work, *_ = with_body_work(model, before, work, body, dt)
+        work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
+        bodies, exchanged = _with_body_work(model, interval, bodies)
+        for body in model.bodies:
             # as the water: with the velocity after the step
-            body = eqx.tree_at(lambda b: b.pose, body, before.body.pose + dt * body.velocity)
-        p = eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho))
+            pose = state.own[body.name].pose + dt * bodies[body.name].velocity
+            bodies[body.name] = eqx.tree_at(lambda b: b.pose, bodies[body.name], pose)
         dx = dt * u
-        if scheme.shifting is not None:
-            dx = dx + scheme.shifting.displacement(scheme, model, u, sources, tables, dt)
-        p = scheme.drift(p, dx)
-        state = State(p, paddle, air, work, state.step + 1, state.status, body)
-        return scheme.check(model, state, tables, x_old)
+        for shifting in scheme.shifting:
+            dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
+        x_old, p = p.x, drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
+        own = {**interval.after, **bodies, **airs}
+        ledger = book(state.ledger, taken | damped | work | exchanged)
+        state = State(p, own, ledger, state.limits, state.step + 1, state.status)
+        return scheme.check(model, state, tables, x_old, p.x)
 
 
 class PredictorCorrector(AbstractIntegrator):
-    """The paper's scheme (Monaghan 1989): a half step, then a whole one with the rates found there."""
+    """Integrator of the paper (Monaghan 1989): a half step, then a whole one with the rates found there."""
 
     cfl: ClassVar[float] = 0.25
 
@@ -93,83 +127,102 @@ class PredictorCorrector(AbstractIntegrator):
         half = self._advance(scheme, model, state, state, tables, 0.5 * model.dt)
         full = self._advance(scheme, model, state, half, tables, model.dt)
         full = eqx.tree_at(lambda a: a.step, full, state.step + 1)
-        return scheme.check(model, full, tables, state.particles.x)
+        return scheme.check(model, full, tables, state.particles.x, full.particles.x)
 
     @staticmethod
     def _advance(
-        scheme: AbstractParticleScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
+        scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
     ) -> State:
-        """`start` advanced by dt with the rates of `at`."""
-        p0, p, t = start.particles, at.particles, model.time(start)
-        paddle, a_wall = paddle_moved(scheme, model, start, dt)
-        push = pushed(model, at, scheme.c0)
-        ghosts, body = _with_body(scheme, model, start, at, tables, a_wall, push, dt)
-        ghosts = scheme.ghost_velocity(model, at, tables, ghosts, p.u)
+        """The state `start` after dt (s) with the rates of `at`."""
+        p0, p = start.particles, at.particles
+        interval = move_walls(scheme, model, start, dt)
+        push = spring_acceleration(model, at.own, p, scheme.c0)
+        ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push)
+        ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        u = p0.u + dt * (stacked(rates.acceleration) + _by_no_pair(model, at, push))
-        u, air, work = _air(scheme, model, start, tables, sources, u, dt, t)
-        u, sponge = damped(model, p0, u, dt)
-        work = with_work(scheme, model, tables, ghosts, work, sponge, at.paddle[1], dt)
-        if body is not None:
-            work, *_ = with_body_work(model, start, work, body, dt)
+        u = p0.u + dt * (stacked(rates.acceleration) + push + model.acceleration(p.x))
+        # places and sources of the air's force are of one time, that of the rates
+        u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
+        u, damped = damp(model, p0, u, dt)
+        work = wall_work(scheme, model, at.own, tables, ghosts, dt)
+        bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
         dx = dt * p.u
-        if scheme.shifting is not None:
-            dx = dx + scheme.shifting.displacement(scheme, model, p.u, sources, tables, dt)
-        new = scheme.drift(new, dx)
-        return State(new, paddle, air, work, start.step, start.status, body)
+        for shifting in scheme.shifting:
+            dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
+        own = {**interval.after, **bodies, **airs}
+        ledger = book(start.ledger, taken | damped | work | exchanged)
+        return State(drift(new, dx), own, ledger, start.limits, start.step, start.status)
 
 
-def _with_body(
-    scheme: AbstractParticleScheme,
+def _with_bodies(
+    scheme: AbstractRateScheme,
     model: Model,
-    start: State,
     at: State,
     tables: Tables,
-    a_wall: Scalar,
+    interval: Interval,
     push: Float[Array, "N D"],
-    dt: Scalar,
-) -> tuple[GhostFields, BodyState | None]:
-    """All ghosts for the water of `at`, which solids push off so, and the body of `start` after dt under its
-    pressure."""
-    ghosts = scheme.ghosts(model, at, tables, a_wall)
-    if model.body is None:
-        return ghosts, None
-    rows = slice(*model.walls.solid)
-    coupling = scheme.body_coupling(model, at, start.body, ghosts, tables, dt)
-    p = scheme.pressure(at.particles)
-    acceleration = coupling.accelerated(p, ghosts.p[rows])
-    ghosts = ghosts._replace(p=ghosts.p.at[rows].add(coupling.pressures(acceleration)))
-    body = body_moved(start.body, acceleration, dt)
-    force = coupling.grip.force(p, ghosts.p[rows])
-    contact = touching(model, at, dt * push, dt)
-    return ghosts, eqx.tree_at(lambda b: (b.force, b.contact), body, (force, contact))
+) -> tuple[GhostFields, dict[str, Any]]:
+    """All ghosts for the water of `at`, which the solids push off so (m/s2), and the bodies' motions at the
+    end of the interval under its pressure, by name."""
+    ghosts, bodies = scheme.ghosts(model, at, tables, interval), {}
+    p, dt = scheme.pressure(at.particles), interval.dt
+    for body in model.bodies:
+        coupling = scheme.body_coupling(model, body, at, interval, ghosts, tables)
+        acceleration = coupling.accelerated(p, ghosts.p)
+        ghosts = ghosts._replace(p=coupling.press(ghosts.p, acceleration))
+        new = advance_body(interval.before[body.name], acceleration, dt)
+        force = coupling.force(p, ghosts.p)
+        contact = touch_force(model, body, at.own[body.name], at.particles, dt * push, dt)
+        bodies[body.name] = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
+    return ghosts, bodies
 
 
-def _by_no_pair(model: Model, state: State, push: Float[Array, "N D"]) -> Float[Array, "N D"]:
-    """Acceleration that is no pair's: `push` off the solids, and the force field's, m/s2."""
-    return push if model.force is None else push + model.force.acceleration(state.particles.x)
+def _with_velocities(model: Model, own: dict, walls: dict, bodies: dict) -> dict[str, Any]:
+    """States of the parts in their present places, with the velocities that walls and bodies have after the
+    step."""
+    moved = {wall.name: wall.with_velocity(own[wall.name], walls[wall.name]) for wall in model.moving}
+    turned = {
+        body.name: eqx.tree_at(lambda b: b.velocity, own[body.name], bodies[body.name].velocity)
+        for body in model.bodies
+    }
+    return {**own, **moved, **turned}
 
 
-def _air(scheme, model, state, tables, sources, u, dt, t):
-    """The chamber's air on velocities that have had every other force."""
-    work = state.work
-    if model.chamber is None:
-        return u, state.air, work
-    grip, m = model.chamber.grip(
-        state.particles, with_empty(sources), tables.fluid, tables.chamber, scheme.smoothing
-    )
-    u, P_a, q_free, q = model.chamber.kick(u, grip, m, tables.chamber, dt, t)
-    q_old = -jnp.sum(dot(grip, _at(state.particles.u, tables.chamber)))
-    # force times mean velocity over the step: exactly the kinetic energy that the kick takes
-    taken = dt * P_a * 0.5 * (q_old + q)
-    work = eqx.tree_at(lambda w: (w.pto, w.flow), work, (work.pto + taken, work.flow + dt * q))
-    return u, jnp.stack([P_a, q]), work
+def _with_body_work(
+    model: Model, interval: Interval, bodies: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, Scalar]]:
+    """The bodies' motions with the impulse of the water's force, and their exchanges of energy by name."""
+    booked, exchanged = {}, {}
+    for body in model.bodies:
+        old, new = interval.before[body.name], bodies[body.name]
+        booked[body.name], amounts, *_ = body_work(model, body, old, new, interval.t, interval.dt)
+        exchanged |= amounts
+    return booked, exchanged
 
 
-def _at(u: jax.Array, index: jax.Array) -> Components:
-    return columns(u[jnp.minimum(index, u.shape[0] - 1)])
+def _with_air(
+    scheme: AbstractRateScheme,
+    model: Model,
+    at: State,
+    tables: Tables,
+    sources: dict,
+    u: Float[Array, "N D"],
+    interval: Interval,
+    before: Float[Array, "N D"],
+) -> tuple[Float[Array, "N D"], dict[str, Air], dict[str, Scalar]]:
+    """Velocities u (m/s), which have had every other force, after that of the chambers' air on the water of
+    `at`; the air at the end of the interval, and the energies that it took, by name. The interval begins with
+    the velocities `before` (m/s)."""
+    airs, taken = {}, {}
+    for chamber in model.chambers:
+        kick = chamber.kick(scheme, at.particles, sources, u, tables, interval.t, interval.dt)
+        own = interval.before[chamber.name]
+        airs[chamber.name], amount = chamber.finish(own, kick, before, kick.u, interval.dt)
+        taken |= {name: amount for name in chamber.entries()}
+        u = kick.u
+    return u, airs, taken

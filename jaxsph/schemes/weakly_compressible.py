@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -26,26 +26,11 @@ from jaxsph.model.interfaces import Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
-from jaxsph.schemes.base import (
-    AbstractParticleScheme,
-    Dissipation,
-    GhostFields,
-)
-from jaxsph.schemes.integrators import (
-    AbstractIntegrator,
-    SymplecticEuler,
-)
+from jaxsph.schemes.base import Dissipation, GhostFields, at_rest
+from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, Rates, SymplecticEuler
 
 
-class Rates(NamedTuple):
-    """One evaluation's first pass."""
-
-    acceleration: Components
-    grad_rho: Components
-    position_divergence: Float[Array, " N"]
-
-
-class DeltaSPH(AbstractParticleScheme):
+class DeltaSPH(AbstractRateScheme):
     """Eq. 17 with its closures; the integrator is an object of its own."""
 
     section: ClassVar[str] = "scheme"
@@ -55,8 +40,9 @@ class DeltaSPH(AbstractParticleScheme):
     delta: Scalar
     viscosity: AbstractViscosity
     integrator: AbstractIntegrator
-    background: Background | None = None
-    shifting: Shifting | None = None
+    background: tuple[Background, ...] = ()
+    """Pressures of still water that are taken out of the pair sums beside thin walls."""
+    shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
 
     @classmethod
     def of(
@@ -71,10 +57,11 @@ class DeltaSPH(AbstractParticleScheme):
         h_over_dx: float = 1.2,
         integrator: AbstractIntegrator | None = None,
         period: Period = None,
+        shifting: Shifting | None = None,
         dtype: Any = jnp.float32,
         **options: Any,
     ) -> DeltaSPH:
-        """The scheme from plain numbers, in the precision `dtype`.
+        """Weakly compressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), ten times the largest speed or
         more; `viscosity`, by default water's; `kernel`, by default the Gaussian: the support is
@@ -93,6 +80,7 @@ class DeltaSPH(AbstractParticleScheme):
             delta=leaf(delta),
             viscosity=jax.tree.map(leaf, viscosity),
             integrator=SymplecticEuler() if integrator is None else integrator,
+            shifting=() if shifting is None else (jax.tree.map(leaf, shifting),),
             **jax.tree.map(leaf, options),
         )
 
@@ -143,8 +131,8 @@ class DeltaSPH(AbstractParticleScheme):
         V = jnp.concatenate([p.m / (self.rho0 + p.rho), -ghosts.V])
         x = jnp.concatenate([p.x, ghosts.x])
         pressure = jnp.concatenate([ghosts.water["p"][:-1], ghosts.p])
-        if self.background is not None:
-            pressure = pressure - self.background.pressure(x)
+        for background in self.background:
+            pressure = pressure - background.pressure(x)
         return {
             "x": columns(x),
             "rho": rho,
@@ -171,8 +159,8 @@ class DeltaSPH(AbstractParticleScheme):
         targets = jax.tree.map(lambda a: a[:n], sources)
         force, M, b = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
         rho = self.rho0 + p.rho
-        if self.background is not None:
-            along, up = self.background.force(p.x, self.smoothing.h)
+        for background in self.background:
+            along, up = background.force(p.x, self.smoothing.h)
             force = (force[0] + along, *force[1:-1], force[-1] + up)
         acceleration = [f / rho + g for f, g in zip(force, model.g, strict=True)]
         grad_rho = symmetric_product(symmetric_inverse(M), b)
@@ -185,9 +173,7 @@ class DeltaSPH(AbstractParticleScheme):
         n = p.x.shape[0]
         guard = laws.GUARD * self.smoothing.h**2
         diffusion = self.delta * self.smoothing.h * self.c0
-        count = sources["V"].shape[0] - n
-        padded = tuple(jnp.concatenate([g, jnp.zeros(count, g.dtype)]) for g in grad_rho)
-        sources = sources | {"grad_rho": padded}
+        sources = self._with_gradient(sources, grad_rho)
         targets = jax.tree.map(lambda a: a[:n], sources)
         rho0 = self.rho0
 
@@ -196,6 +182,14 @@ class DeltaSPH(AbstractParticleScheme):
             return rate + diffusion * laws.density_diffusion(pair, i, j, guard)
 
         return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+
+    def entries(self):
+        """See `AbstractScheme`: none."""
+        return {}
+
+    def limiters(self):
+        """See `AbstractScheme`: none acts at every step."""
+        return {}
 
     # ---------------------------------------------------------------- one step
 
@@ -207,17 +201,10 @@ class DeltaSPH(AbstractParticleScheme):
 
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
         """Power of the viscous and density-diffusion terms (Antuono et al. 2015, energy balance)."""
-        ghosts = self.ghosts(model, state, tables, jnp.zeros_like(model.dt))
-        ghosts = self.ghost_velocity(model, state, tables, ghosts, state.particles.u)
-        p = state.particles
-        sources = self.sources(ghosts, p, p.u, ghosts.u_shear)
+        p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
-        n = p.x.shape[0]
+        sources = self._with_gradient(sources, grad_rho)
         guard = laws.GUARD * self.smoothing.h**2
-        count = sources["V"].shape[0] - n
-        padded = tuple(jnp.concatenate([g, jnp.zeros(count, g.dtype)]) for g in grad_rho)
-        sources = sources | {"grad_rho": padded}
-        targets = jax.tree.map(lambda a: a[:n], sources)
 
         def law(pair: Pair, i, j):
             return (
@@ -225,11 +212,10 @@ class DeltaSPH(AbstractParticleScheme):
                 laws.density_diffusion(pair, i, j, guard),
             )
 
+        targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
         shear, diffusion = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
-        dim = p.x.shape[1]
-        viscous = self.rho0 * self.viscosity.coefficient(self.smoothing.h, self.c0, dim)
-        V = targets["V"]
-        rho = self.rho0 + p.rho
+        viscous = self.rho0 * self.viscosity.coefficient(self.smoothing.h, self.c0, p.x.shape[1])
+        V, rho = targets["V"], self.rho0 + p.rho
         loss_viscous = -jnp.sum(V * viscous * dot(columns(p.u), shear))
         rate = self.delta * self.smoothing.h * self.c0 * diffusion
         # d(e_c)/dt = p / rho^2 d rho/dt per unit mass
@@ -238,10 +224,21 @@ class DeltaSPH(AbstractParticleScheme):
 
     def surface(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
         """Position divergence of Eq. 15: dim inside, below `SURFACE` (1.89 of 2) at the surface."""
-        ghosts = self.ghosts(model, state, tables, jnp.zeros_like(model.dt))
+        sources = self._sources_now(model, state, tables)
+        return self.momentum(model, state.particles, sources, tables).position_divergence
+
+    def _sources_now(self, model: Model, state: State, tables: Tables) -> dict:
+        """Fluid and ghosts of a state as one set of sources, as the viscous force sees them."""
         p = state.particles
-        sources = self.sources(ghosts, p, p.u, ghosts.u_shear)
-        return self.momentum(model, p, sources, tables).position_divergence
+        ghosts = self.ghosts(model, state, tables, at_rest(model, state))
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
+        return self.sources(ghosts, p, p.u, ghosts.u_shear)
+
+    def _with_gradient(self, sources: dict, grad_rho: Components) -> dict:
+        """The sources with the density's gradient (kg/m4), zero for ghosts."""
+        count = sources["V"].shape[0] - grad_rho[0].shape[0]
+        padded = tuple(jnp.concatenate([g, jnp.zeros(count, g.dtype)]) for g in grad_rho)
+        return sources | {"grad_rho": padded}
 
 
 SURFACE = 1.89 / 2.0

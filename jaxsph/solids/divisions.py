@@ -19,7 +19,8 @@ import numpy as np
 from jaxsph.core.arrays import Array, Components, Float, Int, columns
 from jaxsph.solids.box import Platform, WallPlate
 
-PLAIN = 1 << 16
+PLAIN_BIT = 30
+PLAIN = 1 << PLAIN_BIT
 """Kind bit of an ordinary wall's ghosts: every region sees them."""
 
 
@@ -117,38 +118,51 @@ class FivePartDivision(AbstractDivision):
 
 
 class Regions(eqx.Module):
-    """Who sees whom, as static tables of bits.
+    """Masks of who sees whom, as static tables of bits.
 
-    The division's regions (one without a plate), twice where there is a platform: above its top, then in
-    front of it. Across the platform's edge the water sees itself as it would without; only the ghosts of
-    the two faces are seen from their own side alone.
+    Every plate divides the water by the division, and a platform into what is above its top and what is in
+    front of it; a region is one combination of these parts. Two regions see each other where every divider
+    lets them; ghosts of a face are seen as its own divider says. Across the platform's edge the water sees
+    itself as it would without; only the ghosts of the two faces are seen from their own side alone.
     """
 
-    plate: WallPlate | None = eqx.field(static=True)
-    division: AbstractDivision | None
+    plates: tuple[WallPlate, ...] = eqx.field(static=True)
+    division: AbstractDivision
     platform: Platform | None = eqx.field(static=True, default=None)
 
+    def __check_init__(self) -> None:
+        """Refuses more regions than an integer has bits."""
+        bits = self.count + len(self.sets)
+        if bits > PLAIN_BIT:
+            raise ValueError(
+                f"{len(self.plates)} plates make {self.count} regions and {len(self.sets)} ghost sets, and "
+                f"{PLAIN_BIT} bits are all there are: use fewer plates, or the division (b)"
+            )
+
     @property
-    def _around_plate(self) -> int:
-        return 1 if self.plate is None else len(self.division.regions)
+    def _parts(self) -> tuple[int, ...]:
+        """Number of parts that every divider makes."""
+        return (len(self.division.regions),) * len(self.plates) + (2,) * (self.platform is not None)
 
     @property
     def count(self) -> int:
         """Number of regions."""
-        return self._around_plate * (1 if self.platform is None else 2)
+        return int(np.prod(self._parts, initial=1))
 
     @property
-    def sets(self) -> tuple[str, ...]:
-        """Ghost sets beside the plain ones, in the order of their bits."""
-        return (() if self.plate is None else SETS) + (() if self.platform is None else PLATFORM_SETS)
+    def sets(self) -> tuple[tuple[int, str], ...]:
+        """Ghost sets beside the plain ones, in the order of their bits: (divider, name of the face)."""
+        plates = [(k, name) for k in range(len(self.plates)) for name in SETS]
+        return (*plates, *((len(self.plates), name) for name in PLATFORM_SETS if self.platform is not None))
 
     def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
-        """Region of every particle."""
-        region = jnp.zeros(x.shape[0], jnp.int32)
-        if self.plate is not None:
-            region = self.division.region(columns(x), self.plate)
+        """Region of every particle at x (m)."""
+        region, stride = jnp.zeros(x.shape[0], jnp.int32), 1
+        for plate in self.plates:
+            region = region + stride * self.division.region(columns(x), plate)
+            stride *= len(self.division.regions)
         if self.platform is not None:
-            region = region + self._around_plate * self.platform.in_front(columns(x)).astype(jnp.int32)
+            region = region + stride * self.platform.in_front(columns(x)).astype(jnp.int32)
         return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
@@ -159,15 +173,26 @@ class Regions(eqx.Module):
         """Bits of the particles and ghosts that a particle sees."""
         return jnp.asarray(self._packed())[region]
 
+    def _part(self, divider: int) -> np.ndarray:
+        """Part of one divider that every region lies in."""
+        stride = int(np.prod(self._parts[:divider], initial=1))
+        return np.arange(self.count) // stride % self._parts[divider]
+
     def _packed(self) -> np.ndarray:
-        water, ghosts = np.ones((1, 1), bool), np.zeros((1, 0), bool)
-        if self.plate is not None:
-            water, ghosts = self.division.water_mask(), self.division.ghost_mask()
-        if self.platform is not None:
-            faces = np.repeat(np.eye(2, dtype=bool), len(water), axis=0)
-            water, ghosts = np.tile(water, (2, 2)), np.hstack([np.tile(ghosts, (2, 1)), faces])
-        bits = np.concatenate([water, ghosts], axis=1)
+        water = np.ones((self.count, self.count), bool)
+        for k in range(len(self.plates)):
+            part = self._part(k)
+            water &= self.division.water_mask()[np.ix_(part, part)]
+        ghosts = [self._seen(divider, name) for divider, name in self.sets]
+        bits = np.column_stack([water, *ghosts])
         return (bits @ (1 << np.arange(bits.shape[1])) | PLAIN).astype(np.int32)
+
+    def _seen(self, divider: int, name: str) -> np.ndarray:
+        """Regions that see a set of ghosts."""
+        part = self._part(divider)
+        if name in PLATFORM_SETS:
+            return part == PLATFORM_SETS.index(name)
+        return self.division.ghost_mask()[part, SETS.index(name)]
 
     def set_kind(self, which: int) -> int:
         """Kind bit of a ghost set, by its place in `sets`."""
@@ -175,13 +200,13 @@ class Regions(eqx.Module):
 
     def node_sees(self, which: int) -> int:
         """Bits of the particles that the nodes of a set use."""
-        regions = np.arange(self.count)
-        name = self.sets[which]
+        divider, name = self.sets[which]
+        part = self._part(divider)
         if name in PLATFORM_SETS:
-            used = regions // self._around_plate == PLATFORM_SETS.index(name)
+            used = part == PLATFORM_SETS.index(name)
         else:
-            used = self.division.node_mask()[which][regions % self._around_plate]
-        return int(used @ (1 << regions))
+            used = self.division.node_mask()[SETS.index(name)][part]
+        return int(used @ (1 << np.arange(self.count)))
 
 
 class AbstractThinWall(eqx.Module):

@@ -9,6 +9,7 @@ set is a static matrix of booleans, packed into bit masks that the neighbour sea
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -18,44 +19,46 @@ from scipy.spatial import cKDTree
 from jaxsph.solids.box import Box, Platform, WallPlate
 from jaxsph.solids.divisions import (
     PLAIN,
+    SETS,
     AbstractThinWall,
     Regions,
 )
 
 
 def lattice(
-    low: tuple[float, ...],
-    high: tuple[float, ...],
+    low: Sequence[float],
+    high: Sequence[float],
     dx: float,
-    plate: WallPlate | None = None,
+    plates: Sequence[WallPlate] = (),
     platform: Platform | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around a plate and over a
-    platform.
+    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around plates and over
+    a platform.
 
-    The box is a whole number of spacings, and so are the level of the plate's tip and the platform's lengths.
-    The plate's faces need not be: beside it the columns of either side are stretched to fill that side, below
-    it they are not.
+    The box is a whole number of spacings, and so are the levels of the plates' tips and the platform's
+    lengths. A plate's faces need not be: beside it the columns of either side are stretched to fill that
+    side, below it they are not.
     """
     axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
-
-    def filled(columns: np.ndarray, rows: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-        x = np.stack(np.meshgrid(columns, *axes[1:-1], rows, indexing="ij"), -1).reshape(-1, len(low))
-        return x, np.full(len(x), width * dx ** (len(low) - 1))
-
-    parts = [filled(axes[0], axes[-1], dx)]
-    if plate is not None:
-        above = axes[-1] > plate.tip
-        parts = [filled(axes[0], axes[-1][~above], dx)]
-        for start, end in ((low[0], plate.x0), (plate.x1, high[0])):
-            count = max(1, int(np.floor((end - start) / dx + 0.5 + 1e-9)))
-            width = (end - start) / count
-            parts.append(filled(start + (np.arange(count) + 0.5) * width, axes[-1][above], width))
+    parts = []
+    tips = [-np.inf, *sorted(plate.tip for plate in plates), np.inf]
+    for bottom, top in itertools.pairwise(tips):
+        rows = axes[-1][(axes[-1] > bottom) & (axes[-1] <= top)]
+        cutting = sorted((plate for plate in plates if plate.tip <= bottom), key=lambda plate: plate.x0)
+        starts, ends = [low[0], *(p.x1 for p in cutting)], [*(p.x0 for p in cutting), high[0]]
+        for start, end in zip(starts, ends, strict=True):
+            along, width = axes[0], dx
+            if cutting:
+                count = max(1, int(np.floor((end - start) / dx + 0.5 + 1e-9)))
+                width = (end - start) / count
+                along = start + (np.arange(count) + 0.5) * width
+            x = np.stack(np.meshgrid(along, *axes[1:-1], rows, indexing="ij"), -1).reshape(-1, len(low))
+            parts.append((x, np.full(len(x), width * dx ** (len(low) - 1))))
     x, volume = (np.concatenate(part) for part in zip(*parts, strict=True))
     if platform is not None:
         wet = (x[:, 0] < platform.start) | (x[:, -1] > platform.height)
         x, volume = x[wet], volume[wet]
-    if plate is None:
+    if not plates:
         return x, volume
     order = np.lexsort((x[:, -1], x[:, 0]))
     return x[order], volume[order]
@@ -71,12 +74,8 @@ class _Lattice(NamedTuple):
     volume: np.ndarray
 
 
-def _sliding(
-    x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]] | None
-) -> np.ndarray | None:
+def _sliding(x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]]) -> np.ndarray:
     """Velocity of the wall that each ghost is behind, m/s."""
-    if not sliding:
-        return None
     u = np.zeros_like(x)
     for (axis, end), velocity in sliding.items():
         if not box.walls[axis, end]:
@@ -152,7 +151,7 @@ def _above_platform(
         (at_bed & ~at_end, x[:, 0] < platform.start + layers * dx, 0, platform.start, "front"),
     ):
         rows = rows & near
-        which = regions.sets.index(name)
+        which = regions.sets.index((len(regions.plates), name))
         node[rows, axis] = 2 * face - x[rows, axis]
         # in the end's corner the bed was the other mirror, and is no longer there
         mirror[rows, axis] = -1.0
@@ -173,7 +172,12 @@ def _platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, 
     for name, ((x0, x1), (z0, z1)) in faces.items():
         x, volume = lattice((x0, z0), (x1, z1), dx)
         axis, face = (-1, platform.height) if name == "top" else (0, platform.start)
-        node, mirror, which, n = x.copy(), np.ones_like(x), regions.sets.index(name), len(x)
+        node, mirror, which, n = (
+            x.copy(),
+            np.ones_like(x),
+            regions.sets.index((len(regions.plates), name)),
+            len(x),
+        )
         node[:, axis] = 2 * face - x[:, axis]
         mirror[:, axis] = -1.0
         kind, sees = np.full(n, regions.set_kind(which), np.int32), np.full(n, regions.node_sees(which))
@@ -189,6 +193,8 @@ def _plate_ghosts(
     dx: float,
     layers: int,
 ) -> _Lattice:
+    """Behind each face of a plate its own ghosts (`AbstractThinWall.body`)."""
+    first = len(SETS) * regions.plates.index(plate)
     wall.check(plate, dx, layers)
     top = box.high[-1]
     depth = wall.body(plate, dx, layers)
@@ -216,8 +222,8 @@ def _plate_ghosts(
                 x,
                 node,
                 mirror,
-                np.full(n, regions.set_kind(which), np.int32),
-                np.full(n, regions.node_sees(which)),
+                np.full(n, regions.set_kind(first + which), np.int32),
+                np.full(n, regions.node_sees(first + which)),
                 np.zeros(n, bool),
                 np.full(n, width * dx ** (len(box.low) - 1)),
             )

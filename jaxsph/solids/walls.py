@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stacked
+from jaxsph.core.arrays import Array, Components, Float, Int, columns, dot, stacked
 from jaxsph.core.pairs import (
     Pair,
     Period,
@@ -25,10 +25,11 @@ from jaxsph.core.pairs import (
     pair_weights,
 )
 from jaxsph.model import laws
-from jaxsph.solids.box import SIDES, Box, FreeSlip, NoSlip, Platform, WallPlate
-from jaxsph.solids.contact import _off_edge, spring
+from jaxsph.model.interfaces import AbstractSolid
+from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
 from jaxsph.solids.divisions import (
     AbstractThinWall,
+    RegionalGhosts,
     Regions,
 )
 from jaxsph.solids.filling import (
@@ -38,6 +39,7 @@ from jaxsph.solids.filling import (
     NodeFit,
     _interpolation_weight,
 )
+from jaxsph.solids.fixed import PlatformBed, TankWalls, ThinPlate
 from jaxsph.solids.placement import (
     _above_platform,
     _box_ghosts,
@@ -55,8 +57,8 @@ from jaxsph.solids.shapes import AbstractShape
 class Ghosts(eqx.Module):
     """Ghost particles of all walls, their nodes, and how to fill them.
 
-    Leaves are static in the sense of never evolving: positions at rest, masks, mirror factors. A moving
-    paddle shifts its ghosts and nodes by its displacement (`moved`).
+    Leaves never evolve: positions at rest, masks, mirror factors. Moving solids place their own rows anew at
+    every step (`Model.walls_at`).
     """
 
     x: Float[Array, "G D"]
@@ -65,8 +67,6 @@ class Ghosts(eqx.Module):
     """-1 for components normal to the wall, 1 for tangential ones (0 at a thin wall's tip)."""
     shear: Float[Array, "G D"]
     """The same with the slip factor for tangential components: what the viscous force sees."""
-    moves: Float[Array, " G"]
-    """1 for the paddle's ghosts."""
     full: Float[Array, " G"]
     """sum V W at the node were the tank full."""
     volume: Float[Array, " G"]
@@ -80,11 +80,11 @@ class Ghosts(eqx.Module):
     high: tuple[float, ...] = eqx.field(static=True)
     sides: tuple[str, ...] = eqx.field(static=True)
     """What bounds each axis, as in `Box`."""
-    sliding: Float[Array, "G D"] | None = None
-    """Velocity of walls that move along themselves, m/s."""
-    filling: AbstractFilling = MirrorNodes()
-    solid: tuple[int, ...] = eqx.field(static=True, default=())
-    """First index of a solid's dummies and the one after its last; () without one."""
+    sliding: Float[Array, "G D"]
+    """Velocity of walls that move along themselves, m/s; zero for others."""
+    filling: AbstractFilling
+    dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    """For every solid of dummy particles, the index of its first ghost and of the one after its last."""
 
     @classmethod
     def build(
@@ -93,26 +93,26 @@ class Ghosts(eqx.Module):
         dx: float,
         smoothing: Smoothing,
         slip: FreeSlip | NoSlip,
-        plate: WallPlate | None = None,
+        plates: Sequence[WallPlate] = (),
         thin_wall: AbstractThinWall | None = None,
         dtype: np.dtype | type = np.float32,
         sliding: Mapping[tuple[int, int], Sequence[float]] | None = None,
         platform: Platform | None = None,
         filling: AbstractFilling | None = None,
-        solid: AbstractShape | None = None,
+        shapes: Sequence[AbstractShape] = (),
     ) -> Ghosts:
-        """Places the ghosts of a tank and of a plate in it, on the host; none where it has no walls.
+        """Places the ghosts of a tank and of plates in it, on the host; none where it has no walls.
 
         **Arguments**: `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for the
         low or 1 for the high end); only walls without slip drag the fluid with them. `platform`: a raised
         bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings. `filling`: by
-        default `MirrorNodes`. `solid`: a solid in the tank, which needs
-        `DummyParticles`.
+        default `MirrorNodes`. `shapes`: solids in the water, which need `DummyParticles`.
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         reach, h = smoothing.kernel.reach, float(smoothing.h)
         layers = int(np.ceil(reach * h / dx - 0.5))
-        regions = Regions(plate, thin_wall.division if plate is not None else None, platform)
+        thin_wall = RegionalGhosts() if thin_wall is None else thin_wall
+        regions = Regions(tuple(plates), thin_wall.division, platform)
         parts = [_box_ghosts(box, dx, layers)]
         if platform is not None:
             if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
@@ -121,19 +121,19 @@ class Ghosts(eqx.Module):
                 _above_platform(parts[0], box, platform, regions, dx, layers),
                 _platform_ghosts(box, platform, regions, dx, layers),
             ]
-        if plate is not None:
-            parts.append(_plate_ghosts(box, plate, thin_wall, regions, dx, layers))
+        parts += [_plate_ghosts(box, plate, thin_wall, regions, dx, layers) for plate in plates]
         filling = MirrorNodes() if filling is None else filling
-        if solid is not None:
-            if not isinstance(filling, DummyParticles):
-                raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
-            parts.append(_solid_ghosts(solid.dummies(dx, layers), dx))
-        count_solid = 0 if solid is None else len(parts[-1].x)
+        if shapes and not isinstance(filling, DummyParticles):
+            raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
+        parts += [_solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
+        counts = [len(part.x) for part in parts[len(parts) - len(shapes) :]]
         ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
-        in_solid = np.arange(len(ghosts.x)) >= len(ghosts.x) - count_solid
-        # the solid's last, the paddle's first, then by column: a gather from neighbours in memory is cheaper
-        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, in_solid))
+        # 0 for walls, 1 for the first solid of dummies, ...
+        owner = np.repeat(np.arange(1 + len(shapes)), [len(ghosts.x) - sum(counts), *counts])
+        in_solid = owner > 0
+        # solids' last, the paddle's first, then by column: a gather from neighbours in memory is cheaper
+        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner))
         ghosts = _Lattice(*(a[order] for a in ghosts))
         own = np.asarray(regions.index(jnp.asarray(ghosts.node, jnp.float32)))
         water_bits = (1 << regions.count) - 1
@@ -143,9 +143,9 @@ class Ghosts(eqx.Module):
         # full to the brim and a little over it, as over every end without a wall
         beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
         under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
-        brim, brim_volume = lattice(under, over, dx, plate, platform)
-        if solid is not None:
-            outside = np.asarray(solid.distance(jnp.asarray(brim, jnp.float32))) > 0
+        brim, brim_volume = lattice(under, over, dx, plates, platform)
+        for shape in shapes:
+            outside = np.asarray(shape.distance(jnp.asarray(brim, jnp.float32))) > 0
             brim, brim_volume = brim[outside], brim_volume[outside]
         full = np.zeros(len(ghosts.x))
         brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
@@ -154,6 +154,7 @@ class Ghosts(eqx.Module):
             seen = (brim_kind & mask) != 0
             full[of] = _fill(ghosts.node[of], brim[seen], brim_volume[seen], h, reach)
         count = int(ghosts.moves.sum())
+        ends = [int(end) for end in len(ghosts.x) - sum(counts) + np.cumsum([0, *counts])]
         return cls(
             x=jnp.asarray(ghosts.x, dtype),
             node=jnp.asarray(ghosts.node, dtype),
@@ -167,7 +168,6 @@ class Ghosts(eqx.Module):
                 ),
                 dtype,
             ),
-            moves=jnp.asarray(ghosts.moves, dtype),
             full=jnp.asarray(np.maximum(full, filling.least), dtype),
             volume=jnp.asarray(ghosts.volume, dtype),
             kind=jnp.asarray(ghosts.kind, jnp.int32),
@@ -177,9 +177,9 @@ class Ghosts(eqx.Module):
             low=box.low,
             high=box.high,
             sides=box.sides,
-            sliding=None if sliding is None else jnp.asarray(_sliding(ghosts.x, box, sliding), dtype),
+            sliding=jnp.asarray(_sliding(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
-            solid=(len(ghosts.x) - count_solid, len(ghosts.x)) if count_solid else (),
+            dummies=tuple(zip(ends[:-1], ends[1:], strict=True)),
         )
 
     @property
@@ -192,64 +192,16 @@ class Ghosts(eqx.Module):
         """Of the tank across x and z, m; 1 in two dimensions, where everything is per metre."""
         return float(np.prod([b - a for a, b in zip(self.low[1:-1], self.high[1:-1], strict=True)]))
 
+    def solids(self) -> tuple[AbstractSolid, ...]:
+        """Solids at rest whose ghosts these are."""
+        tank = TankWalls(self.low, self.high, self.sides, bool(self.paddle))
+        beds = () if self.regions.platform is None else (PlatformBed(self.regions.platform),)
+        return (tank, *map(ThinPlate, self.regions.plates), *beds)
+
     @property
     def count(self) -> int:
         """Number of ghosts."""
         return self.x.shape[0]
-
-    def moved(self, displacement: Scalar) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
-        """Positions of ghosts and nodes with the paddle displaced by so much (m)."""
-        shift = jnp.zeros_like(self.x).at[:, 0].set(self.moves * displacement)
-        return self.x + shift, self.node + shift
-
-    def push(
-        self, x: Float[Array, "N D"], displacement: Scalar, dx: Scalar, c0: Scalar
-    ) -> Float[Array, "N D"]:
-        """Acceleration (m/s2) of a spring that keeps particles from touching a wall.
-
-        Mirrored pressures do not: a particle that comes near its own image feels less and less of it, and
-        in a vortex at the tip some entered the plate, and stayed. The spring starts at 0.4 spacings from
-        the face, is conservative, and stops a normal speed of a tenth of c0 (stable at Courant 3).
-        """
-
-        def away(gap):
-            return spring(gap, dx, c0)
-
-        low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
-        high = jnp.asarray(self.high, x.dtype)
-        # where there is no wall the box only says how far the fluid may go
-        floor, lid = (jnp.asarray([SIDES[side][end] for side in self.sides], x.dtype) for end in (0, 1))
-        push = floor * away(x - low) - lid * away(high - x)
-        plate, platform = self.regions.plate, self.regions.platform
-        if plate is not None:
-            beside = jnp.abs(x[:, 0] - plate.middle) - 0.5 * plate.thickness
-            side = jnp.where(x[:, 0] < plate.middle, -1.0, 1.0)
-            along, up = _off_edge(beside, plate.tip - x[:, -1], away)
-            push = push.at[:, 0].add(side * along).at[:, -1].add(-up)
-        if platform is not None:
-            along, up = _off_edge(platform.start - x[:, 0], x[:, -1] - platform.height, away)
-            push = push.at[:, 0].add(-along).at[:, -1].add(up)
-        return push
-
-    def entered(self, x: Float[Array, "N D"], displacement: Scalar, dx: Scalar) -> Array:
-        """True for particles that are in a wall, and not by a rounding: on their way out."""
-        low = jnp.asarray(self.low, x.dtype).at[0].add(displacement)
-        high = jnp.asarray(self.high, x.dtype)
-        out = jnp.any((x < low - 0.5 * dx) | (x > high + 0.5 * dx), axis=1)
-        plate, platform = self.regions.plate, self.regions.platform
-        if plate is not None:
-            depth = jnp.minimum(x[:, 0] - plate.x0, plate.x1 - x[:, 0])
-            out |= (depth > 0.4 * plate.thickness) & (x[:, -1] > plate.tip + 0.5 * dx)
-        if platform is not None:
-            out |= jnp.minimum(x[:, 0] - platform.start, platform.height - x[:, -1]) > 0.5 * dx
-        return out
-
-    def behind_paddle(self, x: Float[Array, "G D"], displacement: Scalar, dx: Scalar) -> Array:
-        """1 for ghosts in front of the paddle's face or part of it, 0 for the bed behind it."""
-        if not self.paddle:
-            return jnp.ones(self.count, x.dtype)
-        front = jnp.clip((x[:, 0] - self.low[0] - displacement) / dx + 0.5, 0.0, 1.0)
-        return jnp.maximum(self.moves, front)
 
     def fit(
         self,
