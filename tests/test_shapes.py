@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from jaxsph.model.state import Tally
 from jaxsph.output.plot.particles import _posed
 from jaxsph.parts.body import BodyMotion, RigidBody
-from jaxsph.parts.pto import RotationalPTO
+from jaxsph.parts.pto import FreeHinge, RotationalPTO
 from jaxsph.solids.shapes import Block, Disc, Polygon
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
