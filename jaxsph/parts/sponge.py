@@ -16,20 +16,17 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxsph.waves.theory import (
-    Scalar,
-    _scalar,
-)
+from jaxsph.core.arrays import Scalar, real
 
 
 class Sponge(eqx.Module):
     """Layer that takes velocity out of the particles at the far end, Eqs 27 and 28."""
 
-    x0: Scalar = eqx.field(converter=_scalar)
+    x0: Scalar = eqx.field(converter=real)
     """Start of the layer, m."""
-    x1: Scalar = eqx.field(converter=_scalar)
+    x1: Scalar = eqx.field(converter=real)
     """End of the layer, m; greater than x0."""
-    strength: Scalar = eqx.field(converter=_scalar, default=10.0)
+    strength: Scalar = eqx.field(converter=real, default=10.0)
     """Damping rate at the end of the layer, 1/s."""
 
     def factor(self, x: Float[Array, "..."], dt: ArrayLike) -> Float[Array, "..."]:
@@ -37,7 +34,7 @@ class Sponge(eqx.Module):
 
         `x` (m) of the particles; 1 outside x0..x1.
         """
-        x = jnp.asarray(x, float)
+        x = real(x)
         s = (x - self.x0) / (self.x1 - self.x0)
         inside = (s >= 0.0) & (s <= 1.0)
         damped = jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)
