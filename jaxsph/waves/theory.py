@@ -165,6 +165,15 @@ def stokes2_velocity(
     return jnp.stack([u, w], axis=-1)
 
 
+def largest_stroke(d: float) -> float:
+    """Largest stroke (m, crest to trough) of a piston for waves within `theory_limits` on depth `d` (m).
+
+    At the limits' H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
+    where the first two meet, at kd = 1.007: 0.684 d.
+    """
+    return 0.685 * d
+
+
 def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]:
     """Warnings where the theory of this module does not hold; empty where it does.
 
