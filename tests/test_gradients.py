@@ -43,7 +43,7 @@ def exact():
     return found
 
 
-# the stroke is part of the grid's static extent: each H is compiled anew
+# for another parameter the derivative is another program
 @pytest.mark.parametrize("parameter", ["pto.K_dm", pytest.param("waves.H", marks=pytest.mark.slow)])
 def test_exact_slope_is_that_of_differences(exact, parameter):
     section, name = parameter.split(".")

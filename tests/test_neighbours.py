@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxsph.core.search import cells
 from jaxsph.core.search.cells import Grid, cell_order, grid_over, needed_capacity, search, wrapped
 
 N, M, RADIUS = 60, 90, 0.45
@@ -154,6 +155,29 @@ def test_overflow_is_flagged_and_says_how_much():
     assert not enough.overflow and needed_capacity(29) >= 29
     # What fits is still sound: filled with true neighbours, each once.
     assert np.all(np.asarray(short.indices) < 30) and _matrix(short, 30).max() == 1
+
+
+def test_slots_of_ten_million_targets_are_indexed_without_overflow():
+    """Abstractly: no index that is made of a slot and a target is larger than int32 holds."""
+
+    def write(slot, source):
+        rows, put = cells._slots(251, 10_000_000)
+        return put(rows, slot, source)
+
+    some = jax.ShapeDtypeStruct((10_000_000,), jnp.int32)
+    jaxpr = jax.make_jaxpr(write)(some, some).jaxpr
+    assert jaxpr.outvars[0].aval.shape == (251, 10_000_000)
+    products = [e for e in jaxpr.eqns if e.primitive.name == "mul"]
+    assert not products, "slot times number of targets overflows int32"
+
+
+def test_large_tables_are_written_like_small_ones(monkeypatch):
+    x = np.random.default_rng(5).uniform(-1, 1, size=(N, 2))
+    expected = _find(x, x, GRIDS[2], M, same=True)
+    monkeypatch.setattr(cells, "LARGEST_INDEX", 0)
+    x, every = jnp.asarray(x, jnp.float32), jnp.ones(N, jnp.int32)
+    found = search(x, x, GRIDS[2], M, every, every, True)
+    np.testing.assert_array_equal(found.indices, expected.indices)
 
 
 def test_empty_slots_come_last_and_hold_the_empty_index():

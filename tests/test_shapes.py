@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,7 +14,8 @@ from jaxsph.model.state import Tally
 from jaxsph.output.plot.particles import _posed
 from jaxsph.parts.body import BodyMotion, RigidBody
 from jaxsph.parts.pto import FreeHinge, RotationalPTO
-from jaxsph.solids.shapes import Block, Disc, Polygon
+from jaxsph.solids import placement
+from jaxsph.solids.shapes import Block, Disc, Polygon, _along
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
 BLOCK = Block((0.1, 0.2), (0.5, 0.4))
@@ -126,3 +128,32 @@ def test_a_body_is_held_until_its_release():
     body = dataclasses.replace(_body((False, True, False)), release=jnp.float32(0.5))
     for t, expected in ((0.4, [0, 0, 0]), (0.5, [0, 1, 0])):
         np.testing.assert_array_equal(body.movable(jnp.float32(t)), expected)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
+    """To round-off of the order of summation, in parts of some three points each."""
+    monkeypatch.setattr(placement, "_PAIRS", 100)
+    rng = np.random.default_rng(dim)
+    points, water = rng.uniform(0, 1, (50, dim)), rng.uniform(0, 1, (400, dim))
+    volume, h, reach = rng.uniform(1e-3, 2e-3, 400), 0.1, 3.0
+    r = np.linalg.norm(points[:, None] - water, axis=-1)
+    weight = np.where(r < reach * h, np.exp(-((r / h) ** 2)), 0.0) / (np.pi ** (dim / 2) * h**dim)
+    found = placement._fill(points, water, volume, h, reach)
+    np.testing.assert_allclose(found, weight @ volume, rtol=1e-12)
+    assert not placement._fill(points, water[:0], volume[:0], h, reach).any()
+
+
+def test_where_insets_meet_the_later_dummies_give_way():
+    """A thin wedge, point by point: each stays unless an earlier one that stays is within 0.6 spacings."""
+    dx = 0.02
+    wedge = Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 0.1)))
+    whole = shapely.Polygon(wedge.vertices)
+    insets = (whole.buffer(-(k + 0.5) * dx, join_style="mitre", mitre_limit=20.0) for k in range(3))
+    x = np.concatenate([_along(inset.exterior, dx) for inset in insets if not inset.is_empty])
+    stay = []
+    for a in x:
+        if all(np.hypot(*(a - b)) > 0.6 * dx for b in stay):
+            stay.append(a)
+    assert len(stay) < len(x)
+    np.testing.assert_array_equal(wedge.dummies(dx, 3), stay)

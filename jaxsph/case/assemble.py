@@ -54,7 +54,6 @@ def assemble(
     dt_most: float | None = None,
     skin: float = SKIN,
     depth: float | None = None,
-    stroke: float = 0.0,
     settings: dict[str, int] | None = None,
 ) -> tuple[Model, State]:
     """Model and initial state from arrays: any fluid in any box, where `build` makes the tanks of cases.
@@ -70,7 +69,7 @@ def assemble(
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
     that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
     tables: a wider one costs pairs and saves searches, which pays where particles move far in a step.
-    `depth` (m): for depth-averaged results, by default the box's height. `stroke` (m) of the wavemaker.
+    `depth` (m): for depth-averaged results, by default the box's height.
     `settings`: as for `build`.
     **Raises** ValueError for shapes that do not fit, another period than the walls', a
     period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
@@ -125,7 +124,7 @@ def assemble(
         t0=leaf(0.0),
         depth=leaf(walls.high[-1] - walls.low[-1] if depth is None else depth),
         z0=leaf(x[:, -1]),
-        search=_search(walls, x, scheme.smoothing, skin, stroke, block, chambers, settings),
+        search=_search(walls, x, scheme.smoothing, skin, block, chambers, settings),
     )
     _check_parts(model)
     state = State(
@@ -185,7 +184,6 @@ def _search(
     x: np.ndarray,
     smoothing: Smoothing,
     skin: float,
-    stroke: float,
     block: int,
     chambers: Sequence[AbstractChamber],
     settings: dict[str, int] | None,
@@ -193,8 +191,6 @@ def _search(
     radius = float(smoothing.radius) + skin
     everything = np.concatenate([np.asarray(walls.x), x])
     low, high = everything.min(axis=0), everything.max(axis=0)
-    low[0] -= stroke
-    high[0] += stroke
     for axis, side in enumerate(walls.sides):
         # what no wall holds may go anywhere in the box; cells along a period begin at its low end
         if side in ("open", "periodic"):
@@ -220,12 +216,15 @@ def _search(
     )
 
 
+_count = jax.jit(search, static_argnums=(2, 3, 6))
+"""The search, compiled once for all builds of one shape."""
+
+
 def _fullest(walls: Ghosts, x: jax.Array, grid: Grid) -> tuple[int, int]:
     """Largest number of neighbours of any particle and of any node in the initial state."""
     region = walls.regions.index(x)
     kind = walls.regions.kind(region)
-    count = jax.jit(search, static_argnums=(2, 3, 6))
-    fluid = count(
+    fluid = _count(
         x,
         jnp.concatenate([x, walls.x]),
         grid,
@@ -234,5 +233,5 @@ def _fullest(walls: Ghosts, x: jax.Array, grid: Grid) -> tuple[int, int]:
         jnp.concatenate([kind, walls.kind]),
         True,
     )
-    nodes = count(walls.node, x, grid, 1, walls.node_sees, kind, False)
+    nodes = _count(walls.node, x, grid, 1, walls.node_sees, kind, False)
     return int(fluid.most), int(nodes.most)

@@ -15,7 +15,14 @@ import numpy as np
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry, _layers, _smoothing_length, _thin_wall
-from jaxsph.case.initial import _initial_head, _initial_velocity, _outside, _speed_scale, _water
+from jaxsph.case.initial import (
+    _initial_head,
+    _initial_velocity,
+    _outside,
+    _search_speed,
+    _speed_scale,
+    _water,
+)
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.errors import CaseError
 from jaxsph.model.background import Background
@@ -170,14 +177,10 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         return jnp.asarray(a, dtype)
 
     scheme, dt_limit = _scheme(case, geometry, dim, leaf)
-    stroke = 0.0
-    if case.waves is not None:
-        k = float(theory.wavenumber(2 * np.pi / case.waves.T, case.tank.depth, case.g))
-        stroke = case.waves.H / float(theory.biesel(k, case.tank.depth))
     high = [geometry.length, geometry.height]
     if dim == 3:
         high = [geometry.length, geometry.width, geometry.height]
-    box = Box((0.0,) * dim, tuple(high), case.waves is not None, 1.5 * stroke + 2 * dx)
+    box = Box((0.0,) * dim, tuple(high), case.waves is not None, _withdrawal(case, geometry))
     slip = FreeSlip() if case.tank.slip == "free_slip" else NoSlip()
     thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
     dummies = case.tank.walls == "dummy" or case.body is not None
@@ -220,13 +223,25 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         bodies=bodies,
         chambers=_chambers(case, geometry, leaf),
         dampers=sponges,
-        speed=_speed_scale(case),
+        speed=_search_speed(case),
         dt_most=dt_limit,
         skin=SKIN if case.isph is None else LONG_STEP_SKIN,
         depth=geometry.depth,
-        stroke=stroke,
         settings=settings,
     )
+
+
+def _withdrawal(case: Case, geometry: Geometry) -> float:
+    """Distance (m) behind the paddle's place at rest to which the bed goes on.
+
+    It follows from the depth, so that another wave within the limits of the theory makes no other shapes.
+    """
+    if case.waves is None:
+        return 0.0
+    k = float(theory.wavenumber(2 * np.pi / case.waves.T, geometry.depth, case.g))
+    stroke = case.waves.H / float(theory.biesel(k, geometry.depth))
+    # The drift and the absorption ask for more than half a stroke.
+    return 1.5 * max(stroke, theory.largest_stroke(geometry.depth)) + 2 * case.dx
 
 
 def _chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, ...]:

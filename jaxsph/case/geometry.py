@@ -72,7 +72,10 @@ class Geometry:
         if tank.width is not None:
             geometry.width = geometry.snap("tank.width", tank.width, least=4, slack=0.1)
         geometry._column(case)
-        over = 0.1 + (3.0 * case.waves.H if case.waves is not None else 0.1 * tank.depth)
+        over = 0.1 + 0.1 * tank.depth
+        if case.waves is not None:
+            # in most waves the depth's: another height makes no other shapes
+            over = max(tank.depth, 0.1 + 3.0 * case.waves.H)
         if tank.column is not None:
             over = 3.0 * tank.depth  # the jet at the far wall: twice the depth where all energy is kept
         height = tank.height if tank.height is not None else tank.depth + max(over, 8 * case.dx)

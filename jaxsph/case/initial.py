@@ -33,6 +33,20 @@ def _speed_scale(case: Sections) -> float:
     return float(surface * (2.5 if case.device is not None else 1.5))
 
 
+def _search_speed(case: Sections) -> float:
+    """Largest speed to expect (m/s), from which the steps between two searches follow.
+
+    Their number is the length of a loop, which waves of another height should not change. Speeds of waves are
+    therefore rounded to 0.13 sqrt(g d), or that times a whole power of sqrt(2): by at most a fifth of what is
+    an estimate. A table that goes stale for it is noticed and searched more often.
+    """
+    speed = _speed_scale(case)
+    if case.waves is None:
+        return speed
+    least = 0.13 * float(np.sqrt(case.g * case.tank.depth))
+    return least * 2.0 ** (0.5 * max(round(2.0 * float(np.log2(speed / least))), 0))
+
+
 def _initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
     u = np.zeros_like(x)
     if case.start is None:

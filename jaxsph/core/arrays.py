@@ -7,15 +7,27 @@ from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-__all__ = ["Array", "Bool", "Components", "Float", "Int", "Scalar", "columns", "dot", "stacked"]
+__all__ = ["Array", "Bool", "Components", "Float", "Int", "Scalar", "columns", "dot", "real", "stacked"]
 
 Scalar: TypeAlias = Float[Array, ""]
 
 
 Components: TypeAlias = tuple[jax.Array, ...]
 """A vector field as one array per component: the layout in which XLA runs the pair loop fastest."""
+
+
+def real(value: ArrayLike) -> Float[Array, "..."]:
+    """Array of floating-point numbers; an array's own precision is left as it is.
+
+    A Python number has no precision of its own: it becomes a weakly typed array, which takes that of what
+    it is combined with, so that float32 stays float32 where `jax_enable_x64` is on.
+    """
+    if isinstance(value, bool | int | float):
+        return jnp.asarray(float(value))
+    array = jnp.asarray(value)
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def columns(vector: Float[Array, "N D"]) -> Components:

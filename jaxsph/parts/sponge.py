@@ -16,21 +16,18 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxsph.core.arrays import Scalar, real
 from jaxsph.model.interfaces import AbstractDamper, Entry
-from jaxsph.waves.theory import (
-    Scalar,
-    _scalar,
-)
 
 
 class Sponge(AbstractDamper):
     """Layer that takes velocity out of the particles at the far end, Eqs 27 and 28."""
 
-    x0: Scalar = eqx.field(converter=_scalar)
+    x0: Scalar = eqx.field(converter=real)
     """Start of the layer, m."""
-    x1: Scalar = eqx.field(converter=_scalar)
+    x1: Scalar = eqx.field(converter=real)
     """End of the layer, m; greater than x0."""
-    strength: Scalar = eqx.field(converter=_scalar, default=10.0)
+    strength: Scalar = eqx.field(converter=real, default=10.0)
     """Damping rate at the end of the layer, 1/s."""
 
     name: str = eqx.field(static=True, default="sponge", kw_only=True)

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from jaxsph.core.arrays import Array, Float
 
@@ -102,9 +103,9 @@ class Polygon(AbstractShape):
         x = np.concatenate(found)
         # where insets come close to each other the later ones give way
         keep = np.ones(len(x), bool)
-        for i in range(1, len(x)):
-            near = np.sum((x[:i][keep[:i]] - x[i]) ** 2, axis=1)
-            keep[i] = not near.size or near.min() > (0.6 * dx) ** 2
+        close = cKDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
+        for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
+            keep[later] &= not keep[earlier]
         return x[keep]
 
 

@@ -17,12 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxsph.core.arrays import Scalar, real
 from jaxsph.waves.regular import RegularWaves
-from jaxsph.waves.theory import (
-    GRAVITY,
-    Scalar,
-    _scalar,
-)
+from jaxsph.waves.theory import GRAVITY
 
 _EVANESCENT_MODES = 200
 
@@ -65,13 +62,13 @@ class ActiveAbsorption(eqx.Module):
     for it (closed tank) or until drift_rate holds it, at (omega / Phi) error / drift_rate.
     """
 
-    gain: Scalar = eqx.field(converter=_scalar, default=1.0)
+    gain: Scalar = eqx.field(converter=real, default=1.0)
     """Feedback gain (-): 1 is Eq. 23, 0 is no absorption."""
-    drift_rate: Scalar = eqx.field(converter=_scalar, default=0.0)
+    drift_rate: Scalar = eqx.field(converter=real, default=0.0)
     """Rate at which the paddle returns to its target position, 1/s; keep << omega."""
-    distance: Scalar = eqx.field(converter=_scalar, default=0.0)
+    distance: Scalar = eqx.field(converter=real, default=0.0)
     """Distance of the gauge from the paddle, m."""
-    near_field: Scalar = eqx.field(converter=_scalar, default=0.0)
+    near_field: Scalar = eqx.field(converter=real, default=0.0)
     """Evanescent elevation at the gauge per paddle displacement (-)."""
 
     @classmethod

@@ -17,10 +17,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxsph.core.arrays import Scalar, real
 from jaxsph.waves.theory import (
     GRAVITY,
-    Scalar,
-    _scalar,
     _sech2,
     _stokes2_amplitude,
     biesel,
@@ -36,7 +35,7 @@ def second_order_piston(H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array
     free second harmonic. e2 = (H^2 / 32 d) (3 cosh kd / sinh^3 kd - 2 / Phi). Valid for
     an Ursell number H lambda^2 / d^3 below 8 pi^2 / 3, best in shallow water.
     """
-    H, kd = jnp.asarray(H, float), jnp.asarray(k, float) * d
+    H, kd = real(H), real(k) * d
     sigma = jnp.tanh(kd)
     return H**2 / (32.0 * d) * (3.0 * _sech2(kd) / sigma**3 - 2.0 / biesel(k, d))
 
@@ -50,12 +49,12 @@ class SecondOrderPiston(eqx.Module):
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
         """Correction of the paddle's displacement (m), without ramp."""
         e2 = second_order_piston(waves.H, waves.k, waves.d)
-        return e2 * jnp.sin(2.0 * waves.omega * jnp.asarray(t, float))
+        return e2 * jnp.sin(2.0 * waves.omega * real(t))
 
     def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
         """Bound second harmonic of the elevation at x = 0 (m), without ramp."""
         eta2 = _stokes2_amplitude(waves.H, waves.k, waves.d)
-        return eta2 * jnp.cos(2.0 * waves.omega * jnp.asarray(t, float))
+        return eta2 * jnp.cos(2.0 * waves.omega * real(t))
 
 
 class RegularWaves(eqx.Module):
@@ -65,15 +64,15 @@ class RegularWaves(eqx.Module):
     that derivatives with respect to T and d are whole.
     """
 
-    H: Scalar = eqx.field(converter=_scalar)
+    H: Scalar = eqx.field(converter=real)
     """Wave height, crest to trough, m."""
-    T: Scalar = eqx.field(converter=_scalar)
+    T: Scalar = eqx.field(converter=real)
     """Period, s."""
-    d: Scalar = eqx.field(converter=_scalar)
+    d: Scalar = eqx.field(converter=real)
     """Still water depth, m."""
-    g: Scalar = eqx.field(converter=_scalar, default=GRAVITY)
+    g: Scalar = eqx.field(converter=real, default=GRAVITY)
     """Acceleration of gravity, m/s2."""
-    ramp: Scalar = eqx.field(converter=_scalar, default=0.0)
+    ramp: Scalar = eqx.field(converter=real, default=0.0)
     """Length of the start-up, s; 0 starts at once."""
     correction: SecondOrderPiston | None = None
     """Second-order generation, or None for first order."""
@@ -98,7 +97,7 @@ class RegularWaves(eqx.Module):
 
         Its first two derivatives vanish at both ends: no jump of the acceleration.
         """
-        t = jnp.asarray(t, float)
+        t = real(t)
         # A ramp of 0 has s = 1 at once; the inner value keeps its derivative finite.
         length = jnp.where(self.ramp > 0.0, self.ramp, 1.0)
         s = jnp.where(self.ramp > 0.0, jnp.clip(t / length, 0.0, 1.0), 1.0)
@@ -106,7 +105,7 @@ class RegularWaves(eqx.Module):
 
     def first_order_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
         """First-order part of the paddle's displacement (m), ramped."""
-        t = jnp.asarray(t, float)
+        t = real(t)
         return self.ramp_factor(t) * 0.5 * self.H / self.Phi * jnp.sin(self.omega * t)
 
     def paddle_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
@@ -121,7 +120,7 @@ class RegularWaves(eqx.Module):
 
     def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:
         """Paddle velocity dX/dt (m/s), by differentiating the displacement."""
-        t = jnp.asarray(t, float)
+        t = real(t)
         return jax.jvp(self.paddle_displacement, (t,), (jnp.ones_like(t),))[1]
 
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
@@ -134,7 +133,7 @@ class RegularWaves(eqx.Module):
 
     def paddle_elevation(self, t: ArrayLike) -> Float[Array, "..."]:
         """Linear target elevation at the paddle (m), ramped: the eta of Eq. 23."""
-        t = jnp.asarray(t, float)
+        t = real(t)
         return self.ramp_factor(t) * 0.5 * self.H * jnp.cos(self.omega * t)
 
     def delayed_elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
@@ -144,7 +143,7 @@ class RegularWaves(eqx.Module):
         harmonic where the waves have one. The ramp travels at the phase speed, which is
         near enough within a fraction of a wavelength.
         """
-        t = jnp.asarray(t, float) - self.k * x / self.omega
+        t = real(t) - self.k * x / self.omega
         eta = self.paddle_elevation(t)
         if self.correction is None:
             return eta

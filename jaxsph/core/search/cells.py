@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -22,6 +23,9 @@ from jaxsph.core.pairs import SPARE, Period, nearest_image
 
 WIDTH = 2
 """Cells per search radius: five lines of half-radius cells hold 30 % fewer candidates than three whole."""
+
+
+LARGEST_INDEX = np.iinfo(np.int32).max
 
 
 class Grid(eqx.Module):
@@ -177,8 +181,7 @@ def _search(
     xs = tuple(sources[order, k] for k in range(targets.shape[1]))
     kinds = kind[order]
     x_i = tuple(targets[:, k] for k in range(targets.shape[1]))
-    slot_of = jnp.arange(n, dtype=jnp.int32)
-    me = slot_of + of_target * (m_lane - n_lane)
+    me = jnp.arange(n, dtype=jnp.int32) + of_target * (m_lane - n_lane)
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
     home = _cells(targets, grid)
@@ -206,7 +209,7 @@ def _search(
         end = jnp.where(inside, start[row * last + high + 1], first)
 
         def candidate(c, found):
-            flat, count = found
+            rows, count = found
             k = jnp.minimum(first + c, m - 1)
             r = nearest_image(tuple(a - b[k] for a, b in zip(x_i, xs, strict=True)), grid.period)
             r2 = sum(a**2 for a in r)
@@ -217,20 +220,33 @@ def _search(
             # Written at the next free slot whether near or not: the next near one overwrites it, and
             # what is left behind the last is cleared below. The slot after the table takes the excess.
             slot = jnp.minimum(count, capacity)
-            flat = flat.at[slot * n + slot_of].set(j, mode="promise_in_bounds", unique_indices=True)
-            return flat, count + near.astype(jnp.int32)
+            return put(rows, slot, j), count + near.astype(jnp.int32)
 
         return jax.lax.fori_loop(0, jnp.max(end - first, initial=0), candidate, found)
 
-    found = (jnp.zeros((capacity + 1) * n, jnp.int32), jnp.zeros(n, jnp.int32))
+    rows, put = _slots(capacity + 1, n)
+    found = (rows, jnp.zeros(n, jnp.int32))
     for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1):
         for low, high in spans:
             found = line(offset, low, high, found)
-    flat, count = found
+    rows, count = found
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
-    indices = flat[: capacity * n].reshape(capacity, n) - (of_target * m_lane)[None, :]
+    indices = rows.reshape(capacity + 1, n)[:capacity] - (of_target * m_lane)[None, :]
     indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
+
+
+def _slots(capacity: int, n: int) -> tuple[Int[Array, "..."], Callable]:
+    """Empty slots for n targets, and the function that writes one slot of each target.
+
+    One index into a flat array costs a fifth less of the search's time than two; it fits int32 up to
+    8.6 million targets of 250 slots.
+    """
+    target = jnp.arange(n, dtype=jnp.int32)
+    how = {"mode": "promise_in_bounds", "unique_indices": True}
+    if capacity * n <= LARGEST_INDEX:
+        return jnp.zeros(capacity * n, jnp.int32), lambda rows, k, j: rows.at[k * n + target].set(j, **how)
+    return jnp.zeros((capacity, n), jnp.int32), lambda rows, k, j: rows.at[k, target].set(j, **how)
 
 
 def needed_capacity(most: int, spare: float = SPARE) -> int:

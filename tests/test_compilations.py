@@ -1,0 +1,86 @@
+"""What fixes a shape is spent in `build`: another damping, wave height or period compiles nothing."""
+
+import contextlib
+
+import jax
+import jax.monitoring
+import numpy as np
+import pytest
+from conftest import advance, coarse
+
+import jaxsph as js
+from jaxsph.case.initial import _search_speed, _speed_scale
+from jaxsph.waves import theory
+
+
+@contextlib.contextmanager
+def compilations():
+    """A list that grows by one with every compilation of the program."""
+    found = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            found.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield found
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def _built(name, changes):
+    case = coarse(name, changes)
+    return case, *js.build(case)
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    """The coarse OWC, whose step is compiled."""
+    with compilations() as found:
+        case, model, state = _built("owc", {})
+        advance(case, model, state, 1)
+    assert found  # the listener hears
+    return model
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pto.K_dm": 300.0},
+        {"waves.H": 0.02},
+        {"waves.H": 0.05},
+        {"waves.T": 0.9},
+        {"waves.T": 2.0, "waves.H": 0.05},
+    ],
+    ids=str,
+)
+def test_another_damping_height_or_period_compiles_nothing(compiled, changes):
+    """Neither the build nor the steps: the first of them is what the case asks for, the rest is shared."""
+    with compilations() as found:
+        case, model, state = _built("owc", changes)
+        advance(case, model, state, 1)
+    assert jax.tree.structure(model) == jax.tree.structure(compiled)
+    assert not found
+
+
+def test_speeds_of_waves_come_in_few_classes():
+    """A fifth off at most (the fourth root of two), where they are not below all classes."""
+    least = 0.13 * np.sqrt(9.81 * coarse("owc").tank.depth)
+    classes = set()
+    for H in np.linspace(0.01, 0.3, 60):
+        case = coarse("owc", {"waves.H": float(H)})
+        speed, found = _speed_scale(case), _search_speed(case)
+        assert found == pytest.approx(least) or 2**-0.251 < found / speed < 2**0.251
+        assert found >= 2**-0.251 * speed
+        classes.add(round(found, 9))
+    assert len(classes) == 7  # over a factor of thirty
+
+
+@pytest.mark.parametrize("T", [0.8, 1.2, 2.0])
+@pytest.mark.parametrize("name", ["owc", "wave_tank"])
+def test_the_bed_behind_the_paddle_is_the_depth_s(name, T):
+    """The largest stroke is that of the steepest waves for which the theory holds, whatever their height."""
+    model = _built(name, {"waves.T": T, "waves.H": 0.03})[1]
+    assert model.walls.x.shape == _built(name, {})[1].walls.x.shape
+    assert float(model.walls.x[:, 0].min()) < -1.5 * theory.largest_stroke(coarse(name).tank.depth)
