@@ -2,11 +2,6 @@
 
 The drop stays an ellipse of semi-axes A and B with the velocity (sigma x, -sigma y) and
     sigma' = (sigma^2 + Omega^2) (B^2 - A^2)/(B^2 + A^2),  A' = sigma A,  B' = -sigma B,
-from jaxsph.model.viscosity import ArtificialViscosity
-from jaxsph.model.forces import CentralForce
-from jaxsph.schemes.weakly_compressible import DeltaSPH
-from jaxsph.model.shifting import Shifting
-from jaxsph.model import laws
 from A = B = R and sigma = sigma0. Its pressure is
     p = rho (sigma^2 + Omega^2) A^2 B^2/(A^2 + B^2) (1 - x^2/A^2 - y^2/B^2)
 (Monaghan and Rafiee 2013; Antuono et al. 2015). No wall, no gravity: the surface is free all around.
@@ -25,7 +20,12 @@ from scipy.integrate import solve_ivp
 
 import jaxsph as js
 from experiments.common import Report, lattice
+from jaxsph.model import laws
+from jaxsph.model.forces import CentralForce
 from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.model.shifting import Shifting
+from jaxsph.model.viscosity import ArtificialViscosity
+from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 R, OMEGA, SIGMA0, RHO = 1.0, 1.0, 0.5, 1000.0
 SAMPLE = 0.05
