@@ -1,7 +1,9 @@
-"""Every check in one table, from the committed results: paper, theory, here.
+"""Experiments by name, and every check in one table: paper, theory, here.
 
-    python -m experiments [NAME ...]      prints the rows of those whose names begin so; all by default
-    python -m experiments --gallery       writes experiments/README.md: a picture and a line for each
+    python -m experiments run NAME [OPTIONS]   runs one: rows and pictures go to runs/results
+    python -m experiments run NAME --help      its options; without a NAME, the names
+    python -m experiments table [NAME ...]     prints the committed rows of those whose names begin so
+    python -m experiments gallery              writes experiments/README.md: a picture and a line for each
 
 A row is flagged MISSED where it is outside its bar, and `worse than the paper` where the paper's own value
 is nearer to theory.
@@ -9,34 +11,68 @@ is nearer to theory.
 
 from __future__ import annotations
 
+import ast
+import difflib
+import importlib
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from experiments.common import RESULTS, VERDICT, shown
+from experiments.common import COMMITTED, OWN, VERDICT, Report, shown
 
 GALLERY = Path(__file__).parent / "README.md"
+FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
-What was measured, made from the committed results by `python -m experiments --gallery`;
-`python -m experiments` prints every row with theory, paper and bar. Each section's command makes its own
-again: runs are kept in `runs/` and go on where they were interrupted. Times are of processes that share two
-cores with others.
+What was measured, made from the committed results by `python -m experiments gallery`;
+`python -m experiments table` prints every row with theory, paper and bar. Each section's command makes its
+rows and picture again, in your own `runs/results`: runs are kept in `runs/` and go on where they were
+interrupted. With `--commit` behind it a command renews what is shown here. Times are of processes that share
+two cores with others.
 """
 
+app = typer.Typer(
+    help="Runs the experiments and prints what they found.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
 
-def main(
-    names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
-    gallery: Annotated[bool, typer.Option("--gallery", help="Write experiments/README.md.")] = False,
+
+@app.command(
+    # what is not of `run` itself belongs to the experiment, `--help` too
+    context_settings={
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "help_option_names": [],
+    }
+)
+def run(
+    context: typer.Context,
+    name: Annotated[str, typer.Argument()] = "--help",
+    commit: Annotated[bool, typer.Option("--commit", help="Into experiments/results instead.")] = False,
 ) -> None:
-    """Prints the rows of the experiments asked for, and how many miss their bars; or writes the gallery."""
-    if gallery:
-        GALLERY.write_text(gallery_text(), encoding="utf-8")
+    """Runs one experiment, its rows and pictures into runs/results; without a NAME lists the names."""
+    if name == "--help":
+        _list()
         return
+    command = parser(name)
+    Report.folder = COMMITTED if commit else OWN
+    Report.command = shlex.join(["python", "-m", "experiments", "run", name, *context.args])
+    command(args=context.args, prog_name=f"python -m experiments run {name}")
+
+
+@app.command()
+def table(
+    names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
+    own: Annotated[bool, typer.Option("--own", help="Of your own runs, in runs/results.")] = False,
+) -> None:
+    """Prints the rows of the experiments asked for, and how many miss their bars."""
     missed = total = 0
-    for found in results(names):
+    for found in results(names, OWN if own else COMMITTED):
         print(f"\n{_heading(found)}\n  {found['command']}  ({found['seconds']:.0f} s; {found['machine']})")
         print(f"  {'':54s} {'paper':>12s} {'theory':>12s} {'here':>18s}  bar")
         for row in found["rows"]:
@@ -49,9 +85,47 @@ def main(
     print(f"\n{total} rows, {missed} outside their bars")
 
 
-def results(names: list[str] | None = None) -> list[dict[str, Any]]:
-    """The committed results of the experiments whose names begin with one of those given."""
-    paths = sorted(RESULTS.glob("*.json"))
+@app.command()
+def gallery() -> None:
+    """Writes experiments/README.md from the committed results."""
+    GALLERY.write_text(gallery_text(), encoding="utf-8")
+
+
+def experiments() -> dict[str, Path]:
+    """File of every experiment by its name: those in the four folders that have a `main`."""
+    here = Path(__file__).parent
+    files = sorted(path for folder in FOLDERS for path in (here / folder).glob("*.py"))
+    return {path.stem: path for path in files if path.stem != "__init__"}
+
+
+def parser(name: str) -> Any:
+    """Command of an experiment, its options those of its `main`; BadParameter for a name that none has."""
+    known = experiments()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        meant = f"did you mean {near[0]}?" if near else "python -m experiments run lists them"
+        raise typer.BadParameter(f"no experiment is called {name!r}: {meant}")
+    module = importlib.import_module(f"experiments.{known[name].parent.name}.{name}")
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    alone.command()(module.main)
+    return typer.main.get_command(alone)
+
+
+def _list() -> None:
+    """Prints the experiments by folder, each with the first sentence of its file."""
+    folder = None
+    for name, path in sorted(experiments().items(), key=lambda of: (FOLDERS.index(of[1].parent.name), of[0])):
+        if path.parent.name != folder:
+            folder = path.parent.name
+            print(f"\n{folder}")
+        first = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+        print(f"  {name:17s} {first}")
+    print("\npython -m experiments run NAME --help shows the options of one.")
+
+
+def results(names: list[str] | None = None, folder: Path = COMMITTED) -> list[dict[str, Any]]:
+    """Results in a folder, of the experiments whose names begin with one of those given."""
+    paths = sorted(folder.glob("*.json"))
     chosen = [p for p in paths if not names or any(p.stem.startswith(name) for name in names)]
     return [json.loads(path.read_text(encoding="utf-8")) for path in chosen]
 
@@ -66,10 +140,10 @@ def flag(row: dict[str, Any]) -> str:
     return " ".join(filter(None, [VERDICT[row["passes"]], worse]))
 
 
-def gallery_text() -> str:
-    """The gallery as Markdown."""
+def gallery_text(folder: Path = COMMITTED) -> str:
+    """The gallery as Markdown, of the results in a folder."""
     parts = [INTRODUCTION]
-    for found in results():
+    for found in results(folder=folder):
         rows = [row for row in found["rows"] if row["passes"] is not None] or found["rows"][:2]
         parts.append(f"## {_heading(found)}\n")
         parts.append(f"`{found['command']}` ({found['seconds'] / 60:.1f} min; {found['machine']})\n")
@@ -89,4 +163,4 @@ def _line(row: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    app()

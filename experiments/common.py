@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import os
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -23,8 +22,10 @@ RUNS = Path("runs")
 """Where runs are kept; a second call reads them, or goes on where they were interrupted."""
 REFERENCE = Path(__file__).parent / "reference"
 """Measured series, see the README there."""
-RESULTS = Path(__file__).parent / "results"
-"""Rows and pictures of every experiment, committed."""
+COMMITTED = Path(__file__).parent / "results"
+"""Rows and pictures of every experiment as they are committed; only `run --commit` writes there."""
+OWN = RUNS / "results"
+"""Rows and pictures of your own runs."""
 
 
 def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
@@ -53,11 +54,16 @@ def reference(name: str) -> np.ndarray:
 
 
 class Report:
-    """What an experiment found: rows that are printed as they come and kept in `experiments/results`.
+    """Rows and pictures of one experiment, printed as they come and written into `folder`.
 
-    A context: leaving it without an exception writes `results/<name>.json`, which `python -m experiments`
+    A context: leaving it without an exception writes `<name>.json`, which `python -m experiments table`
     gathers into the table of all checks, so a row is what was measured and never typed in.
     """
+
+    folder: ClassVar[Path] = OWN
+    """Where reports go: `runs/results`, or with `--commit` what is committed."""
+    command: ClassVar[str] = ""
+    """The command that makes the experiment again, as `python -m experiments run` was called."""
 
     def __init__(self, name: str, title: str, dx: float | None = None) -> None:
         """An experiment called `name` (a file's name), with a title for people and its spacing dx (m)."""
@@ -90,17 +96,17 @@ class Report:
         print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
 
     def picture(self, figure: Figure, suffix: str = "") -> None:
-        """Keeps a figure beside the rows, as `results/<name><suffix>.png`."""
-        RESULTS.mkdir(exist_ok=True)
+        """Keeps a figure beside the rows, as `<name><suffix>.png`."""
+        self.folder.mkdir(parents=True, exist_ok=True)
         file = f"{self.name}{suffix}.png"
-        figure.savefig(RESULTS / file, dpi=100)
+        figure.savefig(self.folder / file, dpi=100)
         self.pictures.append(file)
 
     def table(self, columns: Mapping[str, Sequence[float]]) -> None:
-        """Keeps whole columns (name with unit: values), one row per run, as `results/<name>.csv`."""
-        RESULTS.mkdir(exist_ok=True)
+        """Keeps whole columns (name with unit: values), one row per run, as `<name>.csv`."""
+        self.folder.mkdir(parents=True, exist_ok=True)
         rows = zip(*columns.values(), strict=True)
-        with (RESULTS / f"{self.name}.csv").open("w", newline="", encoding="utf-8") as file:
+        with (self.folder / f"{self.name}.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             writer.writerows([f"{float(value):.6g}" for value in row] for row in rows)
@@ -109,12 +115,11 @@ class Report:
         if kind is not None:
             return
         seconds = time.perf_counter() - self._began if self.seconds is None else self.seconds
-        command = "python -m experiments." + " ".join([Path(sys.argv[0]).stem, *sys.argv[1:]])
-        found = {"title": self.title, "command": command, "dx": self.dx, "seconds": round(seconds, 1)}
+        found = {"title": self.title, "command": self.command, "dx": self.dx, "seconds": round(seconds, 1)}
         found |= {"machine": machine(), "rows": self.rows, "pictures": self.pictures}
-        RESULTS.mkdir(exist_ok=True)
+        self.folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
-        (RESULTS / f"{self.name}.json").write_text(text, encoding="utf-8")
+        (self.folder / f"{self.name}.json").write_text(text, encoding="utf-8")
 
 
 def observed_order(dx: Sequence[float], errors: Sequence[float]) -> float:

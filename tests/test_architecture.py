@@ -1,7 +1,9 @@
 """The layers of the package, read from its source: who imports whom, who owns loops, names."""
 
 import ast
+import importlib
 import re
+import types
 from pathlib import Path
 
 import pytest
@@ -160,3 +162,11 @@ def test_names_say_what_a_thing_is():
     named = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     names = [node.name for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, named)]
     assert not [name for name in [*SOURCES, *names] if empty.search(name)]
+
+
+def test_rooms_do_not_hide_public_names_called_the_same():
+    """js.run was the function at its first use, and from then on the room jaxsph.run."""
+    for room in {room for rooms in LAYERS for room in rooms}:
+        importlib.import_module(f"jaxsph.{room}")
+    modules = [name for name in jaxsph.__all__ if isinstance(getattr(jaxsph, name), types.ModuleType)]
+    assert not modules

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jaxsph as js
-from experiments import taylor_green
 from experiments.common import lattice
+from experiments.verification import taylor_green
 from jaxsph.model.forces import CentralForce
 from jaxsph.schemes.weakly_compressible import DeltaSPH
 from jaxsph.solids.box import SIDES

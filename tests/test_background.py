@@ -7,7 +7,7 @@ import pytest
 from conftest import enable_x64
 
 import jaxsph as js
-from experiments import thin_wall
+from experiments.verification import thin_wall
 from jaxsph.core.arrays import columns
 from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing, pair_sum, with_empty

@@ -9,7 +9,7 @@ from scipy.sparse import diags_array, eye_array, kron
 from scipy.sparse.linalg import spsolve
 
 import jaxsph as js
-from experiments import dam_break
+from experiments.validation import dam_break
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 

@@ -6,7 +6,7 @@ The bars of the slow lane are those of the experiments; coarse ones say where th
 import numpy as np
 import pytest
 
-from experiments import channel, oscillating_drop, rotating_square, standing_wave, taylor_green
+from experiments.verification import channel, oscillating_drop, rotating_square, standing_wave, taylor_green
 
 
 def test_series_start_at_rest_and_end_steady():

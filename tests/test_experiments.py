@@ -1,21 +1,85 @@
 """Reports of experiments: what is kept, what is flagged, and that the gallery shows what is committed."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from typer.testing import CliRunner
 
-from experiments import __main__ as table
-from experiments import common, damping_study, owc_methods
-from experiments.common import Report
+from experiments import __main__ as runner
+from experiments import common
+from experiments.common import COMMITTED, OWN, Report
+from experiments.studies import damping_study, owc_methods
+from experiments.verification import thin_wall
 
 
 @pytest.fixture
 def results(tmp_path, monkeypatch):
-    for room in (common, table):
-        monkeypatch.setattr(room, "RESULTS", tmp_path)
+    monkeypatch.setattr(Report, "folder", tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def quick(tmp_path, monkeypatch):
+    """A folder to work in, where the experiment `thin_wall` is a row and a picture."""
+
+    def main(t1: float = 4.0) -> None:
+        with Report("thin_wall", "A sample") as report:
+            report.row("end", t1, "s")
+            report.picture(Figure())
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(thin_wall, "main", main)
+    monkeypatch.setattr(Report, "folder", OWN)  # and afterwards whatever it was
+    monkeypatch.setattr(Report, "command", "")
+    return tmp_path
+
+
+def called(*args):
+    return CliRunner().invoke(runner.app, args)
+
+
+def test_a_run_of_an_experiment_leaves_what_is_committed_alone(quick):
+    before = {path.name: path.stat().st_mtime_ns for path in COMMITTED.iterdir()}
+    assert called("run", "thin_wall", "--t1", "2").exit_code == 0
+    assert {path.name: path.stat().st_mtime_ns for path in COMMITTED.iterdir()} == before
+    found = json.loads((quick / "runs" / "results" / "thin_wall.json").read_text())
+    assert found["rows"][0]["here"] == 2.0
+    assert found["command"] == "python -m experiments run thin_wall --t1 2"
+    assert (quick / "runs" / "results" / "thin_wall.png").exists()
+    assert "end" in called("table", "--own").output
+
+
+def test_only_commit_renews_what_is_committed(quick, monkeypatch):
+    monkeypatch.setattr(runner, "COMMITTED", quick / "committed")
+    assert called("run", "thin_wall", "--t1", "3", "--commit").exit_code == 0
+    found = json.loads((quick / "committed" / "thin_wall.json").read_text())
+    assert found["command"] == "python -m experiments run thin_wall --t1 3"
+    assert not (quick / "runs").exists()
+
+
+def test_names_of_experiments_and_their_options():
+    listed = called("run").output
+    assert all(f"  {name} " in listed for name in runner.experiments())
+    assert "--incompressible" in called("run", "wave_tank", "--help").output
+    wrong = called("run", "wave_tnak")
+    assert wrong.exit_code == 2 and "did you mean wave_tank?" in wrong.output
+    assert called("run", "wave_tank", "--spacing", "1").exit_code == 2
+
+
+def test_names_are_of_one_experiment_each_with_a_main():
+    files = [path for folder in runner.FOLDERS for path in (common.COMMITTED.parent / folder).glob("*.py")]
+    assert len(runner.experiments()) == len(files) - len(runner.FOLDERS)
+    assert all(runner.parser(name) for name in runner.experiments())
+
+
+@pytest.mark.parametrize("found", runner.results(), ids=lambda found: found["title"][:40])
+def test_committed_commands_can_be_called(found):
+    python, flag, package, verb, name, *options = shlex.split(found["command"])
+    assert (python, flag, package, verb) == ("python", "-m", "experiments", "run")
+    runner.parser(name).make_context(name, options)
 
 
 def test_report_keeps_rows_pictures_and_columns(results, capsys):
@@ -58,22 +122,21 @@ def test_an_experiment_that_fails_leaves_its_last_result(results):
     ],
 )
 def test_flags(here, paper, passes, expected):
-    assert table.flag({"here": here, "paper": paper, "theory": 1.0, "passes": passes}) == expected
+    assert runner.flag({"here": here, "paper": paper, "theory": 1.0, "passes": passes}) == expected
 
 
-def test_table_counts_what_misses(results, capsys):
+def test_table_counts_what_misses(results, monkeypatch):
     with Report("sample", "A sample", 0.01) as report:
         report.row("one", 1.0, passes=True)
         report.row("two", 2.0, "Pa", theory=1.0, bar="1 %", passes=False)
-    table.main([])
-    assert "2 rows, 1 outside their bars" in capsys.readouterr().out
-    table.main(["other"])
-    assert "0 rows" in capsys.readouterr().out
-    assert "two 2 Pa (theory 1) **(missed)**" in table.gallery_text()
+    monkeypatch.setattr(runner, "COMMITTED", results)
+    assert "2 rows, 1 outside their bars" in called("table").output
+    assert "0 rows" in called("table", "other").output
+    assert "two 2 Pa (theory 1) **(missed)**" in runner.gallery_text(results)
 
 
 def test_gallery_is_that_of_the_committed_results():
-    assert table.GALLERY.read_text(encoding="utf-8") == table.gallery_text()
+    assert runner.GALLERY.read_text(encoding="utf-8") == runner.gallery_text()
 
 
 def test_optimum_of_a_parabola_in_the_logarithm():

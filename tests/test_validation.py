@@ -5,7 +5,8 @@ import pytest
 from conftest import enable_x64
 
 import jaxsph as js
-from experiments import dam_break, divisions, hydrostatic, standing_wave, vessel
+from experiments.validation import dam_break
+from experiments.verification import divisions, hydrostatic, standing_wave, vessel
 from jaxsph import analysis
 from jaxsph.output.run_file import RunFile
 

@@ -31,7 +31,7 @@ from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
 """Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
-OWC takes as long with 0.3 (`python -m experiments.bench_step`)."""
+OWC takes as long with 0.3 (`python -m experiments run bench_step`)."""
 
 
 def assemble(

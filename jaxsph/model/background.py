@@ -17,7 +17,7 @@ class Background(eqx.Module):
     Water on both sides of a wall thinner than the kernel couples with the water below the tip, but not
     with itself. The sum (p_i + p_j) grad W then answers small displacements with accelerations that
     point outwards, in proportion to p: at rest, particles at the tip of a wall of one spacing gain speed
-    without end (`python -m experiments.thin_wall`), where a wall as thick as the kernel reaches stays
+    without end (`python -m experiments run thin_wall`), where a wall as thick as the kernel reaches stays
     quiet. With (p_i - R_i) + (p_j - R_j) in the sum and -grad R beside it the gradient is the same
     to second order, and the sum sees little pressure at the tip.
 

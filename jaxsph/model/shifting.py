@@ -21,11 +21,12 @@ class Shifting(eqx.Module):
     dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, with U the largest speed, at most
     U dt/2. Near a free surface, where the kernel is not full, it fades out: there the gradient is the
     surface's own. Velocities and densities stay with their particles, so angular momentum is not kept, and a
-    free surface creeps outwards: use it where pressures are negative (`experiments.rotating_square`), not
-    where they are positive anyway (`experiments.oscillating_drop`).
+    free surface creeps outwards: use it where pressures are negative
+    (`python -m experiments run rotating_square`), not where they are positive anyway
+    (`python -m experiments run oscillating_drop`).
 
     A flow that stretches the lattice needs it: in the Taylor-Green vortex at Re = 100 half of the energy is
-    lost within 0.4 s without, when the particles fall out of line (`python -m experiments.taylor_green`).
+    lost within 0.4 s without, when the particles fall out of line (`python -m experiments run taylor_green`).
     """
 
     strength: Scalar

@@ -2,7 +2,7 @@
 
 Particles are chaotic. A derivative carried exactly through the loop belongs, after a fraction of a second,
 to the paths of single particles and not to the flow; averaged over neighbours as it goes, it stays the
-flow's, and loses a part of it (`python -m experiments.filter_study`).
+flow's, and loses a part of it (`python -m experiments run filter_study`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class TangentFilter(AbstractTangents):
     S is exact for straight lines, so that it does not pull at the free surface, and holds what is tangential
     to a wall as even there. Of a wave of number k an average leaves exp(-(k h)^2/4). What it must outrun are
     rows of the square lattice, which under pressure slide over each other: exact slopes grow e-fold in 0.14 s
-    on the bed of still water, 0.4 m deep at dx = 0.02 m (`python -m experiments.lattice_growth`). Higher
+    on the bed of still water, 0.4 m deep at dx = 0.02 m (`python -m experiments run lattice_growth`). Higher
     orders spare the chamber's flow better: order 3 at every step lost a fifth of the response where this
     loses half, but left slow modes of those rows, and grew thirtyfold a period in a tank of 4 m. Densities
     follow on their own.

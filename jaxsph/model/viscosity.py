@@ -30,7 +30,7 @@ class AbstractViscosity(eqx.Module):
 
 class PhysicalViscosity(AbstractViscosity):
     """Eq. 6: 2 (dim + 2) nu. On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
-    (`python -m experiments.taylor_green`): see `LaplacianViscosity`."""
+    (`python -m experiments run taylor_green`): see `LaplacianViscosity`."""
 
     nu: Scalar
 

@@ -83,7 +83,7 @@ def sweep(
     beside the file, in `<out>.members`, until the member has ended. `workers`: members at a time (by
     default one per core). `batch`: in its place, so many members in one vmapped call in this process, as far
     as their arrays have the same shapes. On a CPU a member of a batch takes 1.3 times as long as alone
-    (`python -m experiments.bench_batch`), so batches are the default on an accelerator only.
+    (`python -m experiments run bench_batch`), so batches are the default on an accelerator only.
     **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
     **Raises** CaseError for a member that cannot be built, before any runs; FileError where `out` is of
     another sweep.

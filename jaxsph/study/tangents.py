@@ -139,7 +139,7 @@ class Filtered(_ThroughLoop):
 
     filter: TangentFilter = eqx.field(default_factory=TangentFilter)
     lost: float = eqx.field(static=True, default=0.7)
-    """Measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python -m experiments.filter_study`)."""
+    """Measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python -m experiments run filter_study`)."""
 
     def _prepared(self, model):
         return dataclasses.replace(model, tangents=self.filter)

@@ -1,0 +1,45 @@
+"""What a run costs beside others in one vmapped call, over a run alone: should a sweep go in batches?"""
+
+from __future__ import annotations
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxsph as js
+from experiments.common import Report, timed, use_threads
+
+
+def main(dx: float = 0.02, lanes: int = 8, blocks: int = 8, turns: int = 5, threads: int = 1) -> None:
+    """Times blocks of steps of the built-in OWC at `lanes` dampings at once, and at one, in turns."""
+    use_threads(threads)
+    model, state = js.build(js.load_case("owc").replace({"dx": dx}))
+    # a push along the tank, so that the chamber breathes from the start
+    state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u.at[:, 0].add(0.05))
+    n_steps = blocks * model.search.rebuild_every
+    K = jnp.geomspace(200.0, 2000.0, lanes)
+
+    def run(K_dm, state):
+        changed = eqx.tree_at(lambda m: m.chamber.pto.K_dm, model, K_dm)
+        return js.simulate(changed, state, n_steps=n_steps)[0]
+
+    alone = jax.jit(run).lower(K[0], state).compile()
+    states = jax.tree.map(lambda a: jnp.broadcast_to(a, (lanes, *a.shape)), state)
+    together = jax.jit(jax.vmap(run)).lower(K, states).compile()
+    last = [together(K, states), [alone(k, state) for k in K]]
+    both = functools.partial(together, K, states), functools.partial(alone, K[0], state)
+    seconds = np.array([[timed(way) for way in both] for _ in range(turns)]).min(axis=0)
+    n = state.particles.x.shape[0]
+    with Report("bench_batch", f"Runs of {n} particles, {lanes} in one call against one", dx) as report:
+        apart = max(
+            float(jnp.abs(last[0].particles.x[k] - one.particles.x).max()) for k, one in enumerate(last[1])
+        )
+        report.row(f"places after {n_steps} steps: largest difference over dx", apart / dx)
+        report.row("flags raised", int(np.count_nonzero(last[0].status.bits)), theory=0.0)
+        ratio = seconds[0] / lanes / seconds[1]
+        report.row("time of a run in the batch over one alone", ratio, bar="at most 1.5", passes=ratio <= 1.5)
+        report.row("alone: steps per second", n_steps / seconds[1])
+        report.row("in the batch: members x steps per second", lanes * n_steps / seconds[0])

@@ -1,0 +1,60 @@
+"""Speed of the incompressible scheme in 3-D: a step of the column's dam break, and the Poisson operator."""
+
+from __future__ import annotations
+
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxsph as js
+from experiments.common import Report, use_threads
+from jaxsph.core.pairs import weighted_sum
+
+PAPER = 158_000.0
+"""Particle steps per second: 200 steps of 4,222,746 in 5341 s, 16 threads (Yeylaghi et al. 2016, table 1)."""
+
+
+def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1) -> None:
+    """Times steps after the gate's opening, searches included, on so many cores or the accelerator that jax
+    finds."""
+    use_threads(threads)
+    model, state = js.build(js.load_case("dam_break_column").replace({"dx": dx}))
+    every = model.search.rebuild_every
+    advance = jax.jit(lambda s: js.simulate(model, s, n_steps=steps * every)[0]).lower(state).compile()
+    memory = advance.memory_analysis()
+    state = jax.block_until_ready(advance(state))
+    seconds = min(_seconds(advance, state) for _ in range(turns)) / (steps * every)
+    water, walls = state.particles.x.shape[0], model.walls.count
+    state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
+    pairs = int(np.sum(np.asarray(tables.fluid) != water + walls))
+    weights = jnp.ones(tables.fluid.shape, state.particles.p.dtype)
+    field = jnp.zeros(water + walls + 1, weights.dtype)
+    operator = jax.jit(weighted_sum).lower(weights, field, tables.fluid).compile()
+    operator(weights, field, tables.fluid)
+    once = min(_seconds(operator, weights, field, tables.fluid) for _ in range(turns))
+    with Report(
+        f"bench_isph_{dx:g}_{threads}", f"Incompressible scheme in 3-D: speed, {threads} thread(s)", dx
+    ) as report:
+        report.row("particles of water", float(water))
+        report.row("with those of walls and column", float(water + walls))
+        report.row("a step, searches included", seconds, "s")
+        rate = (water + walls) / seconds
+        report.row(
+            "particle steps per second, all", rate, "1/s", paper=PAPER, bar="160,000", passes=rate > 1.6e5
+        )
+        report.row("particle steps per second, water alone", water / seconds, "1/s")
+        report.row("500 steps", 500 * seconds, "s")
+        report.row("Poisson operator, per pair", 1e9 * once / pairs, "ns")
+        size = memory.temp_size_in_bytes + memory.argument_size_in_bytes + memory.output_size_in_bytes
+        report.row("memory", size / 1e9, "GB")
+        report.row(
+            "memory at 4,222,746 particles, by their number", size / 1e9 * 4_222_746 / (water + walls), "GB"
+        )
+
+
+def _seconds(function, *arguments) -> float:
+    began = time.perf_counter()
+    jax.block_until_ready(function(*arguments))
+    return time.perf_counter() - began

@@ -1,0 +1,86 @@
+"""What a derivative costs beside the run itself: forward mode, exact and filtered, and reverse mode."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+import jaxsph as js
+from experiments.common import Report, use_threads
+
+
+def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True) -> None:
+    """Times blocks of steps of the built-in OWC, the best of `turns`, then one period in reverse mode."""
+    use_threads(1)
+    case = js.load_case("owc").replace({"dx": dx})
+    model, state = js.build(case)
+    # a push along the tank, so that the chamber breathes from the start
+    state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u.at[:, 0].add(0.05))
+    every = model.search.rebuild_every
+    K = model.chamber.pto.K_dm
+    n = state.particles.x.shape[0]
+
+    def absorbed(n_steps, tangents=None):
+        changed = dataclasses.replace(model, tangents=tangents)
+
+        def of(K_dm, state):
+            wider = eqx.tree_at(lambda m: m.chamber.pto.K_dm, changed, K_dm)
+            return js.simulate(wider, state, n_steps=n_steps, sample_every=n_steps)[0].work.pto
+
+        return of
+
+    def forward(function):
+        return lambda K, s: jax.jvp(lambda K: function(K, s), (K,), (jnp.ones_like(K),))
+
+    few = blocks * every
+    period = round(case.waves.T / float(model.dt) / every) * every
+    value = absorbed(few)
+    ways = {"exact": forward(value), "filtered": forward(absorbed(few, js.TangentFilter()))}
+    run = Compiled(value, K, state)
+    with Report("bench_slopes", f"Cost of derivatives, OWC of {n} particles, one thread", dx) as report:
+        for name, way in ways.items():
+            slope = Compiled(way, K, state)
+            best = [min(c.seconds(K, state) for _ in range(turns)) for c in (run, slope)]
+            ratio, memory = best[1] / best[0], slope.bytes / run.bytes
+            report.row(
+                f"value and slope, {name}: time over the run's", ratio, bar="at most 3", passes=ratio <= 3
+            )
+            report.row(
+                f"value and slope, {name}: memory over the run's", memory, bar="at most 3", passes=memory <= 3
+            )
+        if reverse:
+            smooth = absorbed(period, js.TangentFilter())
+            both = [Compiled(f, K, state) for f in (smooth, forward(smooth), jax.value_and_grad(smooth))]
+            seconds = [c.seconds(K, state) for c in both]
+            by_forward, by_reverse = float(both[1].last[1]), float(both[2].last[1])
+            ratio, memory = seconds[2] / seconds[0], both[2].bytes / 1e9
+            report.row(
+                "reverse mode of one wave period: time over the run's",
+                ratio,
+                bar="at most 6",
+                passes=ratio <= 6,
+            )
+            report.row(
+                "reverse mode of one wave period: memory", memory, "GB", bar="at most 4", passes=memory <= 4
+            )
+            report.row("reverse mode against forward mode", abs(by_reverse / by_forward - 1))
+
+
+class Compiled:
+    """A compiled function, with the memory that it takes."""
+
+    def __init__(self, function, *arguments) -> None:
+        self.function = jax.jit(function).lower(*arguments).compile()
+        memory = self.function.memory_analysis()
+        self.bytes = memory.temp_size_in_bytes + memory.argument_size_in_bytes + memory.output_size_in_bytes
+        self.last = None
+
+    def seconds(self, *arguments) -> float:
+        """Wall time of one call."""
+        began = time.perf_counter()
+        self.last = jax.block_until_ready(self.function(*arguments))
+        return time.perf_counter() - began

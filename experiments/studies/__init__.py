@@ -1,0 +1,1 @@
+"""Runs that answer a question about devices, waves or slopes."""

@@ -1,0 +1,16 @@
+"""What the draught, which the paper's text does not give, changes: efficiency over it and the period."""
+
+from __future__ import annotations
+
+from experiments.common import Report
+from experiments.owc_tank import over_periods, study_case
+
+DRAUGHTS = (0.12, 0.16, 0.20)
+PERIODS = (1.0, 1.2, 1.4)
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs or goes on with the nine members at the spacing dx."""
+    title = "Efficiency over period and draught: what the geometry's assumption changes"
+    with Report(f"draught_study_{dx:g}", title, dx) as report:
+        over_periods(report, study_case(dx, 12.0), "device.draught", "draught", DRAUGHTS, PERIODS)

@@ -1,0 +1,64 @@
+"""Bottom-hinged flap in regular waves, 3-D and incompressible, in a tank of reduced width and length.
+
+`jaxsph/cases/flap_3d.toml` states what is assumed: the depth, the flap's mass and the tank. The source's
+experiment (Yeylaghi et al. 2016, section 4.3: about 30 degrees to either side) is another tank and another
+water level, so nothing here is said of its figures.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, solved
+from jaxsph.analysis import fundamental, whole_periods
+
+
+def main(dx: float = 0.04) -> None:
+    """Runs the built-in flap."""
+    case = js.load_case("flap_3d").replace({"dx": dx})
+    file = solved(case, f"flap_3d_{dx:g}")
+    series, results, T = file.series(), file.results(), case.waves.T
+    t = series["time"]
+    last = whole_periods(t, T, int(results["periods"]))
+    pitch, eta = (
+        fundamental(t[last], a[last], T) for a in (series["pitch"], series["eta_interpolated"][:, 0])
+    )
+    with Report(f"flap_3d_{dx:g}", "Bottom-hinged flap in waves, incompressible, 3-D", dx) as report:
+        report.seconds = results["wall_seconds"]
+        report.row("amplitude of the pitch", float(np.degrees(abs(pitch))), "degrees")
+        report.row("its mean", float(np.degrees(np.mean(series["pitch"][last]))), "degrees")
+        lag = float(np.degrees(np.angle(eta / pitch)))
+        report.row("lag of the pitch behind the elevation beside the flap", lag, "degrees")
+        report.row("wave height beside the flap", 2 * abs(eta), "m", theory=case.waves.H)
+        both = series["eta_particles"][last, 0] - series["eta_interpolated"][last, 0]
+        report.row(
+            "elevation by particles off that by density, RMS over dx", float(np.sqrt(np.mean(both**2))) / dx
+        )
+        front, behind = (
+            2 * abs(fundamental(t[last], series["body_pressure"][last, k], T)) / (1000 * 9.81 * case.waves.H)
+            for k in (0, 1)
+        )
+        report.row("swing of the pressure in front over rho g H", front)
+        report.row("and behind", behind)
+        report.row("reflection", results["reflection"])
+        share = results["energy_residual_share"]
+        report.row(
+            "energy not accounted for, of the paddle's work",
+            100 * share,
+            "%",
+            bar="within 10 %",
+            passes=abs(share) < 0.1,
+        )
+        lost = results["energy_projection"] / results["energy_paddle"]
+        report.row("lost in the projection, of the paddle's work", 100 * lost, "%")
+        figure = Figure(figsize=(9, 4.6), layout="constrained")
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        upper.plot(t, np.degrees(series["pitch"]))
+        upper.set(ylabel="pitch, degrees")
+        for name, label in (("eta_particles", "by particles"), ("eta_interpolated", "by density")):
+            lower.plot(t, series[name][:, 0], lw=1, label=label)
+        lower.set(xlabel="t, s", ylabel="elevation beside the flap, m")
+        lower.legend(fontsize="small", ncols=2)
+        report.picture(figure)

@@ -1,0 +1,47 @@
+"""The built-in OWC over ten periods after the transient: energy budget, flow, efficiency."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import jaxsph as js
+from experiments.common import Report, solved
+from jaxsph import analysis
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs the OWC with the spacing dx and prints its last ten periods."""
+    case = js.load_case("owc").replace({"dx": dx})
+    file = solved(case, f"owc_{dx:g}")
+    series, results = file.series(), file.results()
+    T, t, periods = case.waves.T, series["time"], int(results["periods"])
+    last = analysis.whole_periods(t, T, periods)
+    over = {name: values[last] for name, values in series.items()}
+    title = f"The built-in OWC over {periods} periods from t = {t[last][0]:.1f} s"
+    with Report(f"owc_{dx:g}", title, dx) as report:
+        report.seconds = results["wall_seconds"]
+        _rows(report, case, results, over)
+
+
+def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[str, np.ndarray]) -> None:
+    T = case.waves.T
+    for name in ("paddle", "stored", "pto", "viscous", "diffusive", "residual"):
+        report.row(f"energy: {name}", results[f"energy_{name}"], "J/m")
+    share = results["energy_residual"] / results["energy_paddle"]
+    report.row(
+        "not accounted for / paddle", 100 * share, "%", theory=0.0, bar="within 5 %", passes=abs(share) < 0.05
+    )
+
+    # q against the rate of the volume, by harmonics: differentiated samples are mostly noise
+    omega = 2 * np.pi / T
+    wave = np.exp(-1j * omega * over["time"])
+    volume = np.mean(over["chamber_volume"] * wave) * 1j * omega
+    flow = np.mean(over["flow"] * wave)
+    ratio = volume / flow
+    off = abs(ratio - 1)
+    report.row("volume rate against q", 100 * off, "%", theory=0.0, bar="within 3 %", passes=off < 0.03)
+
+    report.row("xi", results["xi"], bar="0 to 1", passes=0 < results["xi"] < 1)
+    report.row("xi from period to period", results["xi_scatter"])
+    report.row("P_a amplitude", 2 * abs(np.mean(over["P_a"] * wave)), "Pa")
+    report.row("chamber level amplitude", 1e3 * 2 * abs(np.mean(over["chamber_level"] * wave)), "mm")

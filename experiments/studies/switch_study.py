@@ -1,0 +1,42 @@
+"""Do the hard switches of a thin wall's regions spoil exact slopes? Against differences, before chaos.
+
+The OWC in a tank of 1.2 m over a wave period and a half, with a front wall of one spacing, where a particle
+that passes the tip's level changes what it sees at once, and with one of four, where next to nothing changes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import jaxsph as js
+from experiments.common import Report
+from experiments.owc_tank import short_case
+from jaxsph.study.ensemble import parabola
+
+MEMBERS, SPREAD = 7, 0.1
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs the slopes of the energy absorbed by 1.8 s over K_dm."""
+    with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.8 s", dx) as report:
+        for layers in (1, 4):
+            case = short_case(dx, 1.8).replace({"device.wall_thickness": layers * dx})
+            exact = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(0.0), progress=False)
+            offsets = SPREAD * np.linspace(-1.0, 1.0, MEMBERS)
+            K = case.pto.K_dm
+            energies = np.array([energy(case.replace({"pto.K_dm": K * (1 + a)})) for a in offsets])
+            fit = parabola(K * offsets, energies)
+            name = f"wall of {layers} spacings" if layers > 1 else "wall of one spacing"
+            report.row(
+                f"{name}: exact slope over that of {MEMBERS} runs, less 1",
+                100 * (exact.slope / fit.slope - 1),
+                "%",
+            )
+            report.row(f"{name}: standard error of that", 100 * fit.error / fit.slope, "%")
+
+
+def energy(case: js.Case) -> float:
+    """Energy absorbed to t1, J/m."""
+    solution = js.run(case, progress=False)
+    last = round(case.t1 / case.output.sample_dt)
+    return float(solution["power_pto"][:last].sum() * case.output.sample_dt)

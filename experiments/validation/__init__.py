@@ -1,0 +1,1 @@
+"""Runs against measurements and published numbers."""

@@ -1,0 +1,1 @@
+"""Runs against exact solutions and theory."""

@@ -1,0 +1,58 @@
+"""Water at rest beside a wall of one spacing, with and without `model.background.Background`."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+
+import jaxsph as js
+from experiments.common import Report
+
+
+def main(dx: float = 0.02, t1: float = 4.0) -> None:
+    """Prints the largest speed at a quarter, half, and the end of t1 (s), without any viscosity."""
+    case = at_rest(dx)
+    title = f"Inviscid water at rest beside a wall of one spacing: largest speed in {t1:g} s"
+    with Report("thin_wall", title, dx) as report:
+        for label, background in (("as it is", True), ("without the background", False)):
+            model, state = js.build(case)
+            if not background:
+                model = eqx.tree_at(lambda m: m.scheme.background, model, None)
+            speeds = list(_speeds(model, state, t1))
+            for part, index in (("a quarter", len(speeds) // 4), ("half", len(speeds) // 2), ("all", -1)):
+                last = background and index == -1
+                report.row(
+                    f"{label}, after {part} of it",
+                    speeds[index],
+                    "m/s",
+                    theory=0.0,
+                    bar="< 0.01 m/s" if last else "",
+                    passes=speeds[index] < 0.01 if last else None,
+                )
+
+
+def at_rest(dx: float) -> js.Case:
+    """Two vessels full of inviscid water at rest, with a plate of one spacing between them."""
+    return js.load_case("vessel").replace(
+        {
+            "dx": dx,
+            "tank.length": 0.64 + dx,
+            "device.wall_thickness": dx,
+            "device.draught": 0.32,
+            "pto": None,
+            "scheme.alpha": None,
+            "fluid.nu": 0.0,
+        }
+    )
+
+
+def _speeds(model: js.Model, state: js.State, t1: float):
+    """Largest speed every 0.05 s or so, up to the first failure."""
+    every = model.search.rebuild_every
+    chunk = max(1, round(0.05 / float(model.dt) / every)) * every
+    advance = jax.jit(lambda m, s: js.simulate(m, s, n_steps=chunk, sample_every=chunk)[0])
+    for _ in range(round(t1 / (chunk * float(model.dt)))):
+        state = advance(model, state)
+        if int(state.status.bits):
+            return
+        yield float((state.particles.u**2).sum(axis=1).max()) ** 0.5

@@ -1,0 +1,91 @@
+"""The wave tank of section 4.1 (T = 1.2 s, H = 0.1 m, d = 0.5 m) against Stokes' second order."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, solved
+from jaxsph import analysis
+from jaxsph.waves import theory
+
+PAPER = {0.5: (5.9, 1.5), 1.0: (6.1, 1.3), 2.0: (5.6, 1.9), 6.0: (6.3, 1.8)}
+"""Where the errors are taken, wavelengths from the paddle, and the paper's MAE_a and MAE_p there, %, at
+dx = 0.01 m (section 4.1; 6 wavelengths in the longer tank of Appendix A)."""
+
+
+def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -> None:
+    """Runs a tank of so many wavelengths with the spacing dx: errors, drift, decay and reflection.
+
+    The sponge fills the last wavelength. Eight wavelengths are Appendix A's tank.
+    """
+    case = js.load_case("wave_tank").replace({"dx": dx})
+    H, T, d = case.waves.H, case.waves.T, case.tank.depth
+    wavelength = float(theory.wavelength(T, d))
+    speed = float(theory.group_velocity(2 * np.pi / T, d))
+    if wavelengths != 4:
+        far = [float(np.round(at * wavelength, 3)) for at in PAPER if 2 < at < wavelengths - 1]
+        changes = {
+            "tank.length": round(case.tank.length / 4 * wavelengths, 3),
+            "probes.gauges": [*case.probes.gauges, *far],
+            # as many settled periods as in the short tank, for waves that travel with their group
+            "t1": round(case.t1 + (wavelengths - 4) * wavelength / speed, 1),
+        }
+        case = case.replace(changes)
+    suffix = "" if wavelengths == 4 else f"_{wavelengths}"
+    if incompressible:
+        case, suffix = case.replace({"scheme": {}, "isph": {}}), f"{suffix}_incompressible"
+    file = solved(case, f"wave_tank_{dx:g}{suffix}")
+    series, results = file.series(), file.results()
+    t, x, eta = series["time"], np.asarray(case.probes.gauges), series["eta"]
+    amplitudes, means, shown = [], [], []
+    title = (
+        f"Wave tank of {wavelengths} wavelengths against Stokes' second order"
+        + ", incompressible" * incompressible
+    )
+    with Report(f"wave_tank_{dx:g}{suffix}", title, dx) as report:
+        report.seconds = results["wall_seconds"]
+        places = [at for at in PAPER if at < wavelengths - 1]
+        for at in places:
+            i = int(np.argmin(abs(x - at * wavelength)))
+            window = settled(t, x[i] / speed, T, case.waves.ramp_periods)
+            reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
+            args = (t[window], eta[window, i], t[window], reference)
+            height = 100 * analysis.mae_amplitude(*args, H / 2, T, window=5)
+            phase = 100 * analysis.mae_phase(*args, T, window=5)
+            row = report.row
+            where = f"at {at:g} wavelengths"
+            row(f"MAE_a {where}", height, "%", theory=0.0, paper=PAPER[at][0], bar="< 5 %", passes=height < 5)
+            row(f"MAE_p {where}", phase, "%", theory=0.0, paper=PAPER[at][1], bar="< 2 %", passes=phase < 2)
+            means.append(np.mean(eta[window, i]))
+            amplitudes.append(2 * abs(np.mean(eta[window, i] * np.exp(-2j * np.pi * t[window] / T))))
+            shown.append((f"{at:g} wavelengths", t, eta[:, i], t[window], reference))
+        report.row("mean level", 1e3 * np.mean(means), "mm")
+        at = np.asarray(places) * wavelength
+        decay = analysis.decay_per_wavelength(at, amplitudes, wavelength)
+        report.row("decay per wavelength", 100 * decay, "%", theory=0.0)
+        report.row("reflection by the sponge", 100 * results["reflection"], "%", theory=0.0)
+        report.row("energy not accounted for", 100 * results["energy_residual_share"], "%", theory=0.0)
+        report.row("time of a second", results["wall_seconds"] / results["t_end"], "s")
+        report.picture(_picture(shown))
+
+
+def _picture(gauges: list[tuple]) -> Figure:
+    """Elevation at every gauge with the theory over the periods compared."""
+    figure = Figure(figsize=(8, 1.8 * len(gauges)), layout="constrained")
+    axes = figure.subplots(len(gauges), sharex=True, squeeze=False)[:, 0]
+    for axis, (label, t, eta, t_theory, expected) in zip(axes, gauges, strict=True):
+        axis.plot(t, 1e3 * eta, label="SPH")
+        axis.plot(t_theory, 1e3 * expected, "k--", lw=1, label="Stokes, second order")
+        axis.set(ylabel="eta, mm", title=label)
+    axes[0].legend(loc="upper left", fontsize="small")
+    axes[-1].set_xlabel("t, s")
+    return figure
+
+
+def settled(t: np.ndarray, delay: float, T: float, ramp: float, most: int = 5) -> np.ndarray:
+    """Whole periods, `most` at most, from when the ramp's waves have passed a gauge."""
+    start = ramp * T + delay + T
+    periods = min(most, int((t[-1] - start) / T))
+    return (t >= start) & (t < start + periods * T)
