@@ -18,6 +18,7 @@ from jaxsph.solids import placement
 from jaxsph.solids.shapes import Block, Disc, Polygon, _along
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
+FREE = FreeHinge()
 BLOCK = Block((0.1, 0.2), (0.5, 0.4))
 
 
@@ -56,7 +57,7 @@ def test_moments_are_those_of_points_inside(shape):
     np.testing.assert_allclose(np.sum((x - centre) ** 2) * (0.6 / 400) ** 2, second, rtol=2e-2)
 
 
-def _body(free=(True, True, True), pto=FreeHinge(), pivot=(0.3, 0.3)):
+def _body(free=(True, True, True), pto=FREE, pivot=(0.3, 0.3)):
     return RigidBody(
         free=free,
         shape=BLOCK,
