@@ -202,7 +202,7 @@ def test_interruption_while_plotting(calls, monkeypatch, tmp_path):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jaxsph.plot.plot_run", interrupted)
+    monkeypatch.setattr("jaxsph.output.plot.pictures.plot_run", interrupted)
     assert _jaxsph("plot", _record(tmp_path / "a.h5").path).exit_code == 130
 
 

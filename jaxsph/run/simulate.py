@@ -33,7 +33,8 @@ def simulate(
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
     (the default); n_steps is a multiple of it.
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
-    with "time" (s). Failures are bits in `state.status`, never exceptions: look at them.
+    with "time" (s); the first sample is the state given, at whatever step it is. Failures are bits in
+    `state.status`, never exceptions: look at them.
     **Raises** ValueError for lengths that do not divide.
     """
     every = model.search.rebuild_every
@@ -44,6 +45,8 @@ def simulate(
             f"model's rebuild_every = {every}"
         )
 
+    start = state.step
+
     def read(s, tables):
         readings = {"time": model.time(s)}
         for probe in probes:
@@ -51,7 +54,7 @@ def simulate(
         return readings
 
     def measure(s, tables):
-        due = s.step % sample_every == 0
+        due = (s.step - start) % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
         readings = jax.lax.cond(in_any_lane(due), read, lambda s, tables: blank, s, tables)
         own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
