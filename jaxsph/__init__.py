@@ -4,6 +4,8 @@ Names are imported when they are first used, so that `jaxsph --help` need not wa
 """
 
 import importlib
+import sys
+import types
 from typing import Any
 
 _ROOMS = {
@@ -53,3 +55,15 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+class _Facade(types.ModuleType):
+    """Module whose public names stand before rooms of the same name: `js.run` stays the function."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # the import system binds a room in its package, which would hide the function from then on
+        if not (name in _HOME and isinstance(value, types.ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Facade
