@@ -32,7 +32,7 @@ def _record(path, overwrite=False, checkpoint=True, toml='name = "fake"\nprecisi
     if checkpoint:
         series = {"time": np.arange(4.0), "P_a": np.arange(4.0)}
         saved = {"x": np.zeros(2)}
-        run.append(series, {"P_a": Variable("Pa", "pressure")}, set(), None, saved, {})
+        run.append(series, {"P_a": Variable("Pa", "pressure")}, None, saved, {})
     return run
 
 
