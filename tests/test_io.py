@@ -284,7 +284,7 @@ def test_kill_at_any_moment_leaves_whole_chunks(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     counts = [int(count) for count in done.stdout.split()]
-    assert len(counts) == 40 and counts[-1] > 40  # it got on in between
+    assert len(counts) == 40 and counts[-1] > 10  # it got on in between
 
 
 def _seconds(run, first, count=10):

@@ -190,11 +190,11 @@ def test_stale_table_is_flagged_and_mended(hydrostatic):
     failed, _ = advance(case, model, rising, samples=60)
     assert Failure.STALE_TABLE in Failure(int(failed.status.bits))
     assert int(failed.status.step) < 6 and np.all(np.isfinite(failed.status.where))
-    mended = chunks._mended(model, Failure.STALE_TABLE, sample_every=6)
+    mended = chunks.larger_tables(model, Failure.STALE_TABLE, sample_every=6)
     assert mended == {"rebuild_every": 3}
-    again, _ = advance(case, chunks._with_settings(model, mended), rising, samples=2)
+    again, _ = advance(case, chunks.with_settings(model, mended), rising, samples=2)
     assert int(again.status.bits) == 0
-    assert chunks._mended(model, Failure.NON_FINITE, sample_every=6) is None
+    assert chunks.larger_tables(model, Failure.NON_FINITE, sample_every=6) is None
 
 
 @pytest.mark.parametrize("field", ["u", "rho"])
@@ -315,17 +315,15 @@ def test_a_value_gone_wrong_stops_the_run_and_spares_the_checkpoint(tmp_path, mo
     path = tmp_path / "poisoned.h5"
     quiet(OWC, t1=2 * CHUNK, out=path)
     before = path.read_bytes()
-    real = host.restore
+    real = host.load_start
 
     def poisoned(*arguments):
-        case, model, state = real(*arguments)
-        return (
-            case,
-            model,
-            eqx.tree_at(lambda s: s.particles.rho, state, state.particles.rho.at[5].set(jnp.nan)),
-        )
+        start = real(*arguments)
+        rho = start.state.particles.rho
+        start.state = eqx.tree_at(lambda s: s.particles.rho, start.state, rho.at[5].set(jnp.nan))
+        return start
 
-    monkeypatch.setattr(host, "restore", poisoned)
+    monkeypatch.setattr(host, "load_start", poisoned)
     with pytest.raises(SimulationError, match="no longer finite") as stopped:
         resume(path, t1=4 * CHUNK)
     # what, when, where, what to change

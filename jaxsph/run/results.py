@@ -99,8 +99,8 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
     if len(x) < 3:
         first, last = _free_flume(case)
         raise ValueError(
-            f"it needs three gauges at least from x = {first:g} m, a depth in front of the paddle, to "
-            f"{last:g} m, and there are {len(x)}; see probes.gauges"
+            f"it needs three gauges or more between x = {first:g} and {last:g} m, where the waves are free, "
+            f"and there are {len(x)}: see probes.gauges"
         )
     depth = float(solution.model.depth)
     found = analysis.reflection(
@@ -110,10 +110,9 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
 
 
 def flume_gauges(case: Case) -> list[int]:
-    """Which gauges see free waves: those a depth or more from the paddle, in front of device, body and sponge.
+    """Which gauges see free waves: a depth or more from paddle, device and body, in front of the sponge.
 
-    Nearer to the paddle the wave is not alone: what a piston makes beside it falls off by exp(-pi/2 x/d) and
-    faster.
+    Nearer to a solid the wave is not alone: what is made beside it falls off by exp(-pi/2 x/d) and faster.
     """
     first, last = _free_flume(case)
     return [k for k, x in enumerate(case.probes.gauges) if first <= x <= last]
@@ -122,11 +121,11 @@ def flume_gauges(case: Case) -> list[int]:
 def _free_flume(case: Case) -> tuple[float, float]:
     """Where free waves begin and end, m from the paddle."""
     geometry = Geometry.of(case)
-    ends = [geometry.length]
+    depth, ends = float(geometry.depth), [geometry.length]
     if case.sponge is not None:
         ends.append(geometry.length - case.sponge.length)
     if geometry.plate is not None:
-        ends.append(geometry.plate.x0)
+        ends.append(geometry.plate.x0 - depth)
     if geometry.solid is not None:
-        ends.append(float(geometry.solid.dummies(case.dx, 1)[:, 0].min()))
-    return float(geometry.depth), min(ends)
+        ends.append(float(geometry.solid.dummies(case.dx, 1)[:, 0].min()) - depth)
+    return depth, min(ends)

@@ -1,9 +1,4 @@
-"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
-
-The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
-one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
-what cannot be mended stops the run with the last good checkpoint in the file.
-"""
+"""`simulate`: a pure run of a fixed number of steps, which may be jitted, vmapped and differentiated."""
 
 from __future__ import annotations
 
@@ -74,5 +69,6 @@ def simulate(
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
-def _chunk(model, state, probes, n_steps, sample_every):
+def simulate_chunk(model, state, probes, n_steps, sample_every):
+    """`simulate`, compiled."""
     return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)

@@ -267,7 +267,7 @@ def _progress(run: Path) -> tuple[bool, bool]:
     before it recorded such a member has nothing left to run."""
     try:
         file = RunFile.open(run)
-        return bool(file.checkpoint()), bool(file.results())
+        return file.has_checkpoint(), bool(file.results())
     except FileError:
         return False, False
 
