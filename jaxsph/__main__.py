@@ -1,8 +1,30 @@
-"""`python -m jaxsph`: the command line."""
+"""Entry point of the command line: hears Ctrl-C before anything that takes time is imported."""
 
+import os
 import sys
 
-from jaxsph.cli import main
+from jaxsph.run import interrupt
+
+
+def main() -> None:
+    """Runs the command."""
+    interrupt.end_early()
+    from jaxsph.cli import app
+
+    status: object = 0
+    try:
+        app()
+    except SystemExit as end:
+        status = end.code
+    except KeyboardInterrupt:
+        print("jaxsph: interrupted", file=sys.stderr)
+        status = interrupt.CODE
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if status == interrupt.CODE:
+        os._exit(interrupt.CODE)  # what JAX has in hand must not crash in the interpreter's own end
+    sys.exit(status)
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

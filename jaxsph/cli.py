@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import enum
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from jaxsph.errors import CaseError, JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.output.vtk import export_vtkhdf
+from jaxsph.run import interrupt
 
 app = typer.Typer(
     name="jaxsph",
@@ -74,6 +74,17 @@ Settings = Annotated[
 ]
 
 
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change one value from here on, e.g. --set tank.height=1.5; repeatable. "
+        "Only what leaves particles and walls where they are.",
+    ),
+]
+
+
 EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of the run, s.")]
 
 
@@ -128,7 +139,7 @@ def run(
     """Run a case and record it into one HDF5 file."""
     import jaxsph as js
 
-    with _explained():
+    with _messages():
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
         if not quiet:
@@ -155,6 +166,7 @@ def sweep(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_sweep.h5"),
     ] = None,
+    t1: EndTime = None,
     workers: Annotated[int | None, typer.Option(help="Runs at a time; default: one per core.")] = None,
     batch: Annotated[
         int | None, typer.Option(help="Runs side by side in one call; the default on an accelerator, 8.")
@@ -164,9 +176,13 @@ def sweep(
     """Run a case for every combination of values, or go on with an interrupted sweep."""
     import jaxsph as js
 
-    with _explained():
+    with _messages():
         loaded = _load(case, settings)
         over = dict(_values(text) for text in grid)
+        if t1 is not None:
+            if "t1" in over:
+                raise CaseError("--t1: is one of the parameters of --grid; give one of the two")
+            loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         done = js.sweep(loaded, over, out, workers=workers, batch=batch, progress=not quiet)
         if not quiet:
@@ -196,7 +212,7 @@ def slope(
     """Slope of a result over one number of the case, with its error."""
     import jaxsph as js
 
-    with _explained():
+    with _messages():
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
         found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
@@ -233,7 +249,7 @@ def optimise(
     """Search the values that make a result largest, or go on with an interrupted search."""
     import jaxsph as js
 
-    with _explained():
+    with _messages():
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = dict(_bounds(text) for text in over)
@@ -250,15 +266,22 @@ def optimise(
 
 
 @app.command()
-def resume(file: RunName, t1: EndTime = None, plot: Pictures = True, quiet: Quiet = False) -> None:
+def resume(
+    file: RunName,
+    settings: Changes = None,
+    t1: EndTime = None,
+    plot: Pictures = True,
+    quiet: Quiet = False,
+) -> None:
     """Go on with a run from its last checkpoint."""
     import jaxsph as js
 
-    with _explained():
+    with _messages():
         stored = tomllib.loads(RunFile.open(file).case_toml)
         _match_precision(stored.get("precision"))
+        changes = dict(_setting(text) for text in settings or [])
         with _resumable(file):
-            solution = js.resume(file, t1=t1, progress=not quiet)
+            solution = js.resume(file, t1=t1, progress=not quiet, changes=changes)
         _report(solution, file, plot, quiet)
 
 
@@ -283,7 +306,8 @@ def plot(
     from jaxsph.output.plot.pictures import plot_run
     from jaxsph.output.plot.sweeps import plot_sweep
 
-    with _explained():
+    with _messages():
+        interrupt.raise_again()
         if SweepFile(file).is_one():
             for path in plot_sweep(file, folder):
                 typer.echo(path)
@@ -301,7 +325,7 @@ def check(case: CaseName, settings: Settings = None) -> None:
     """Validate a case and say what its run will be."""
     import jaxsph as js
 
-    with _explained():
+    with _messages():
         loaded = _load(case, settings)
         _table(js.check(loaded) + js.linear_check(loaded))
         for notice in loaded.notices():
@@ -323,6 +347,7 @@ def _load(name: str, settings: list[str] | None) -> Any:
     if settings:
         case = case.replace(dict(_setting(text) for text in settings))
     _match_precision(getattr(case, "precision", None))
+    interrupt.raise_again()
     return case
 
 
@@ -377,7 +402,7 @@ def _match_precision(precision: str | None) -> None:
 
 def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
     if not quiet:
-        for notice in getattr(solution, "notices", None) or []:
+        for notice in getattr(solution, "notices", ()):
             typer.echo(f"note: {notice}", err=True)
         case = getattr(solution, "case", None)
         flat = case is None or case.tank.width is None
@@ -434,7 +459,7 @@ def _table(rows: list[tuple[str, str]]) -> None:
 
 
 @contextlib.contextmanager
-def _explained() -> Iterator[None]:
+def _messages() -> Iterator[None]:
     """Turns what a user can act on into a message and an exit code: 2 for input, 1 for a run."""
     try:
         yield
@@ -443,35 +468,30 @@ def _explained() -> Iterator[None]:
         raise typer.Exit(1 if isinstance(error, SimulationError) else 2) from None
     except KeyboardInterrupt:
         typer.echo("jaxsph: interrupted", err=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(interrupt.CODE) from None
 
 
 @contextlib.contextmanager
 def _resumable(path: Path) -> Iterator[None]:
     """Says after an interrupted or failed run what is left of it."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        typer.echo(f"\njaxsph: interrupted. {_what_is_left(path)}", err=True)
-        raise typer.Exit(130) from None
-    except SimulationError as error:
-        raise SimulationError(
-            f"{error}\n{_what_is_left(path)}", error.step, error.time, error.where
-        ) from None
+
+    def words() -> str:
+        return f"\njaxsph: interrupted. {_what_is_left(path)}"
+
+    with interrupt.ending_at_once(words):
+        try:
+            yield
+        except KeyboardInterrupt:
+            typer.echo(words(), err=True)
+            raise typer.Exit(interrupt.CODE) from None
+        except SimulationError as error:
+            text = f"{error}\n{_what_is_left(path)}".replace("resume FILE", f"resume {path}")
+            raise SimulationError(text, error.step, error.time, error.where) from None
 
 
 def _what_is_left(path: Path) -> str:
-
+    """How to go on with a run that was stopped."""
     with contextlib.suppress(JaxsphError):
-        if RunFile.open(path).checkpoint():
+        if RunFile.open(path).has_checkpoint():
             return f"{path} is whole up to its last checkpoint; go on with: jaxsph resume {path}"
     return f"There was no checkpoint yet; begin again with --overwrite ({path})"
-
-
-def main() -> None:
-    """Entry point of the command."""
-    app()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

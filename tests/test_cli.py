@@ -32,7 +32,7 @@ def _record(path, overwrite=False, checkpoint=True, toml='name = "fake"\nprecisi
     if checkpoint:
         series = {"time": np.arange(4.0), "P_a": np.arange(4.0)}
         saved = {"x": np.zeros(2)}
-        run.append(series, {"P_a": Variable("Pa", "pressure")}, set(), None, saved, {})
+        run.append(series, {"P_a": Variable("Pa", "pressure")}, None, saved, {})
     return run
 
 
@@ -125,7 +125,7 @@ def test_setting_without_key_or_value(calls, text):
 def test_resume(calls, tmp_path):
     run = _record(tmp_path / "a.h5")
     result = _jaxsph("resume", run.path, "--t1", 5, "--no-plot")
-    assert result.exit_code == 0 and calls == [(run.path, {"t1": 5.0, "progress": True})]
+    assert result.exit_code == 0 and calls == [(run.path, {"t1": 5.0, "progress": True, "changes": {}})]
     assert _jaxsph("resume", "missing.h5").exit_code == 2
 
 
@@ -202,7 +202,7 @@ def test_interruption_while_plotting(calls, monkeypatch, tmp_path):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jaxsph.plot.plot_run", interrupted)
+    monkeypatch.setattr("jaxsph.output.plot.pictures.plot_run", interrupted)
     assert _jaxsph("plot", _record(tmp_path / "a.h5").path).exit_code == 130
 
 

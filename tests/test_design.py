@@ -159,8 +159,8 @@ def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_p
     stem = tmp_path / "0000"
     run = RunFile.create(stem.with_suffix(".h5"), CASE.to_toml(), {}, {})
     series = {"time": np.arange(3.0), "kinetic": np.ones(3)}
-    kinetic = {"kinetic": Variable("J m-1", "energy")}
-    run.append(series, kinetic, {"kinetic"}, None, {"x": np.zeros(2)}, {})
+    kinetic = {"kinetic": Variable("J m-1", "energy", group="energy")}
+    run.append(series, kinetic, None, {"x": np.zeros(2)}, {})
     run.finish({"t_end": 0.1})
     # neither cores nor processes: it would fail at the first use of either
     found, variables = _member(CASE, stem, None, None)

@@ -71,6 +71,7 @@ def _make(path, case=CASE, snapshots=3, dim=2, drop=()):
     sensor = {f"sensor_{c}": ("sensor", np.array([0.1]), "m", c) for c in "xz"}
     run = RunFile.create(path, case, {}, gauge | sensor)
     variables = {name: Variable(units, name) for name, units in SCALARS.items()}
+    variables["kinetic"] = Variable(SCALARS["kinetic"], "kinetic", group="energy")
     variables |= {"eta": Variable("m", "eta", "gauge"), "pressure": Variable("Pa", "p", "sensor")}
     x = _lattice(dim)
     for k in range(max(snapshots, 1)):
@@ -83,7 +84,7 @@ def _make(path, case=CASE, snapshots=3, dim=2, drop=()):
             "p": 9810.0 * (0.3 - x[:, -1]),
             "id": np.arange(len(x)),
         }
-        run.append(series, variables, {"kinetic"}, snapshot if snapshots else None, {}, {})
+        run.append(series, variables, snapshot if snapshots else None, {}, {})
     return run
 
 

@@ -29,6 +29,8 @@ class Solution(eqx.Module):
     case: Any = None
     results: dict[str, float] | None = None
     """Scalars made from the series: efficiency, powers, reflection (see `analysis`)."""
+    notices: tuple[str, ...] = eqx.field(static=True, default=())
+    """What is to be said of the results: those that could not be made, and why."""
 
     @property
     def t(self) -> np.ndarray:

@@ -1,17 +1,7 @@
-"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
+"""What every HDF5 file of jaxsph needs: whole writes, reads with errors in words, dimensions.
 
-Layout of a run's file (`SCHEMA`):
-
-    attributes             schema, jaxsph_version, case (the whole case as TOML text)
-    settings               attributes: what fixed the arrays' shapes
-    series, energy         samples over the dimension `time`, readable by netCDF tools; each
-                           variable with `units` and `long_name`; positions of gauges, sensors
-    snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
-    checkpoint             all that evolves, bit for bit, at the end of the series
-    progress, results      attributes: numbers of the run so far, and of the finished run
-
-Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
-file or the new one, whole.
+Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old file or
+the new one, whole.
 """
 
 from __future__ import annotations
@@ -31,8 +21,9 @@ import numpy as np
 
 from jaxsph.errors import FileError
 
-SCHEMA = 1
-"""Version of the layout; files of a newer one are refused."""
+SCHEMA = 2
+"""Version of the layout. Files of a newer one are refused; of those of an older one series and snapshots are
+read, and checkpoints refused: 1 did not say what the run's rules made of its case."""
 
 
 Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
@@ -53,30 +44,33 @@ class Variable:
     long_name: str
     dim: str | None = None
     """Name of the second dimension, e.g. "gauge"; None for a series `[T]`."""
+    group: str = "series"
+    """Where a run's file keeps it: "series" or "energy"."""
 
 
 @contextlib.contextmanager
-def _replacing(path: Path, mode: str) -> Iterator[h5py.File]:
+def replacing(path: Path, mode: str) -> Iterator[h5py.File]:
     """A copy (mode "r+") or a new file ("w") that takes the file's place if all goes well."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with _writing(path):
+    with writing(path):
         try:
-            _remove_abandoned(path)
+            remove_abandoned(path)
             if mode == "r+":
                 shutil.copyfile(path, part)
             with h5py.File(part, mode) as file:
                 yield file
                 file.flush()
-            _sync(part)
+            sync(part)
             os.replace(part, path)
         finally:
             part.unlink(missing_ok=True)
         if os.name == "posix":  # elsewhere a folder cannot be opened to sync its entries
-            _sync(path.parent)
+            sync(path.parent)
 
 
 @contextlib.contextmanager
-def _reading(path: Path) -> Iterator[h5py.File]:
+def reading(path: Path) -> Iterator[h5py.File]:
+    """The file, to be read. **Raises** FileError where it is missing, cut short or damaged."""
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -92,7 +86,8 @@ def _reading(path: Path) -> Iterator[h5py.File]:
 
 
 @contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def writing(path: Path) -> Iterator[None]:
+    """Raises FileError for what goes wrong while the file is written."""
     try:
         yield
     except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
@@ -102,7 +97,7 @@ def _writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _remove_abandoned(path: Path) -> None:
+def remove_abandoned(path: Path) -> None:
     """Removes unfinished copies that a killed run left: a write takes seconds, not an hour."""
     for part in path.parent.glob(f".{path.name}.*.part"):
         with contextlib.suppress(OSError):
@@ -110,7 +105,7 @@ def _remove_abandoned(path: Path) -> None:
                 part.unlink()
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
     """Waits until a file's bytes, or a folder's entries, are on the disk."""
     handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
@@ -123,7 +118,7 @@ def _missing(path: Path) -> str:
     return f"{path}: no such file; `jaxsph run CASE --out {path}` makes one"
 
 
-def _check_signature(path: Path) -> None:
+def check_signature(path: Path) -> None:
     """Tells a missing or foreign file from a damaged one, which h5py does not."""
     if path.is_dir():
         raise FileError(f"{path}: is a folder; give a run's file (.h5)")
@@ -141,33 +136,35 @@ def _check_signature(path: Path) -> None:
     raise FileError(f"{path}: is not an HDF5 file; give a file that `jaxsph run` wrote")
 
 
-def _version() -> str:
+def version() -> str:
+    """Version of jaxsph that is installed."""
     try:
         return importlib.metadata.version("jaxsph")
     except importlib.metadata.PackageNotFoundError:
         return "0+unknown"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """A Python number for a numpy scalar; anything else as it is."""
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
+def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
     """The dimension called `dim`, made where it is missing."""
     if dim not in group:
-        scale = group.create_dataset(dim, (size,), "f4")
-        scale.make_scale(_BARE_DIMENSION.format(size))
+        bare = group.create_dataset(dim, (size,), "f4")
+        bare.make_scale(_BARE_DIMENSION.format(size))
     elif group[dim].shape != (size,):
         raise ValueError(f"dimension {dim!r} has size {group[dim].shape[0]}, not {size}")
     return group[dim]
 
 
-def _dimension(data: h5py.Dataset, axis: int) -> str:
+def dimension(data: h5py.Dataset, axis: int) -> str:
+    """Name of the dimension along an axis."""
     return data.dims[axis][0].name.rsplit("/", 1)[-1]
 
 
-def _exact(data: h5py.Dataset) -> np.ndarray:
+def exact(data: h5py.Dataset) -> np.ndarray:
     """A dataset's array as it was; indexing would turn 0-d ones into scalars."""
     found = np.empty(data.shape, data.dtype)
     if found.size:

@@ -1,46 +1,102 @@
-"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
+"""The file of a run: series, snapshots, checkpoint and results in HDF5.
 
-Layout of a run's file (`SCHEMA`):
+Layout (`SCHEMA`):
 
-    attributes             schema, jaxsph_version, case (the whole case as TOML text)
+    attributes             schema, jaxsph_version, case (the whole case as TOML text), run, stage, read
     settings               attributes: what fixed the arrays' shapes
+    numbers                JSON: what the rules of this version made of the case, such as the time step
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
                            variable with `units` and `long_name`; positions of gauges, sensors
     snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
     checkpoint             all that evolves, bit for bit, at the end of the series
     progress, results      attributes: numbers of the run so far, and of the finished run
+    notices                JSON: what the finished run has to say
 
-Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
-file or the new one, whole.
+While the run goes on, a chunk is appended to the journal beside the file (`output.journal`), and the series
+are brought up to date here from time to time, for netCDF tools: never is more copied than a few times what
+was appended. The end of the run folds the journal into the file, which then is the only one. Readers see
+file and journal as one.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+import json
+import uuid
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
 from jaxsph.errors import FileError
+from jaxsph.output import journal
 from jaxsph.output.hdf5 import (
     SCHEMA,
     Coordinates,
     Variable,
-    _check_signature,
-    _dimension,
-    _exact,
-    _plain,
-    _reading,
-    _replacing,
-    _scale,
-    _version,
-    _writing,
+    check_signature,
+    dimension,
+    exact,
+    plain,
+    reading,
+    replacing,
+    version,
+    writing,
 )
+from jaxsph.output.journal import Journal, Owner
+from jaxsph.output.records import Head, read_arrays
+from jaxsph.output.series_group import extend_series, over_time, time_of, write_coordinates
 
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
+
+COPIES = 4
+"""How many times over what was appended may be copied, to keep the file's series up to date."""
+SMALL = 1 << 17
+"""Bytes of a file that is copied at every chunk: a copy takes as long as opening it."""
+
+
+class _View(NamedTuple):
+    """A run's file and its journal, open for reading."""
+
+    file: h5py.File
+    journal: Journal | None
+
+    @property
+    def owner(self) -> Owner:
+        """Whose journal is this file's."""
+        return _owner(self.file)
+
+    def news(self) -> Iterator[Head]:
+        """Chunks whose samples the file does not hold yet."""
+        return self.journal.heads(int(self.file.attrs["read"])) if self.journal else iter(())
+
+    def last_time(self) -> float | None:
+        """Of the last sample, s."""
+        if self.journal is not None:
+            return self.journal.about["time"]
+        times = time_of(self.file)
+        return None if times is None or not len(times) else float(times[-1])
+
+    def variables(self) -> dict[str, Variable]:
+        """What each series is."""
+        if self.journal is not None:
+            return {name: Variable(*what) for name, what in self.journal.variables.items()}
+        found = {}
+        for name, data in over_time(self.file):
+            dim = dimension(data, 1) if data.ndim == 2 else None
+            group = data.parent.name.strip("/")
+            found[name] = Variable(data.attrs["units"], data.attrs["long_name"], dim, group)
+        return found
+
+    def series(self) -> dict[str, np.ndarray]:
+        """Every series, with what the journal adds."""
+        found = {name: [data[()]] for name, data in over_time(self.file)}
+        for head in self.news():
+            for name, values in _part(self.journal, head, "series").items():
+                found.setdefault(name, []).append(values)
+        return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 class RunFile:
@@ -51,6 +107,7 @@ class RunFile:
     def __init__(self, path: str | Path) -> None:
         """Use `create` or `open`: they check the file."""
         self.path = Path(path)
+        self._index: tuple[Any, list[Head]] = (None, [])
 
     def __repr__(self) -> str:
         return f"RunFile({str(self.path)!r})"
@@ -65,12 +122,12 @@ class RunFile:
         settings: Mapping[str, int | float],
         coordinates: Coordinates,
         overwrite: bool = False,
-        version: str | None = None,
+        numbers: Mapping[str, list[float]] | None = None,
     ) -> RunFile:
         """A new file without samples; folders are made as needed.
 
         **Arguments**: `coordinates`: name -> (dimension, values `[k]`, units, long name), such as
-        "gauge_x": ("gauge", [...], "m", "..."); `version`: of jaxsph, by default the installed one.
+        "gauge_x": ("gauge", [...], "m", "..."); `numbers`: what decides the run, by name.
         **Raises** FileError where the file exists (and not `overwrite`) or cannot be written.
         """
         run = cls(path)
@@ -81,24 +138,24 @@ class RunFile:
                 f"{path}: exists already, and nothing was changed. Give another name with --out, "
                 f"replace it with --overwrite, or go on with it by `jaxsph resume {path}`"
             )
-        with _writing(run.path):
+        with writing(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
-        with _replacing(run.path, "w") as file:
-            file.attrs["schema"] = SCHEMA
-            file.attrs["jaxsph_version"] = version or _version()
-            file.attrs["case"] = case_toml
-            file.create_group("settings").attrs.update(settings)
-            _write_coordinates(file.create_group("series"), coordinates)
+        with replacing(run.path, "w") as file:
+            file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=uuid.uuid4().hex, stage=0, read=0)
+            _describe(file, case_toml, settings, numbers or {})
+            write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)
+        with writing(run.path):
+            journal.remove(run.path)
         return run
 
     @classmethod
     def open(cls, path: str | Path) -> RunFile:
         """An existing file. **Raises** FileError where it is missing, cut short, or not a run's."""
         run = cls(path)
-        _check_signature(run.path)
-        with run._reading() as file:
+        check_signature(run.path)
+        with reading(run.path) as file:
             schema = file.attrs.get("schema")
             if schema is None or "jaxsph_version" not in file.attrs:
                 raise FileError(
@@ -117,133 +174,266 @@ class RunFile:
         self,
         series: Mapping[str, np.ndarray],
         variables: Mapping[str, Variable],
-        energy: set[str],
         snapshot: Mapping[str, Any] | None,
         checkpoint: Mapping[str, np.ndarray],
         progress: Mapping[str, float],
     ) -> None:
-        """Adds samples and a snapshot and replaces the checkpoint, all in one atomic write.
+        """Adds samples and a snapshot and replaces the checkpoint: all of it, or after a kill nothing.
 
         **Arguments**: `series`: arrays `[T]` or `[T, k]` with "time" (s) among them, the same names
-        at every call; `energy`: names that go to the group `energy`; `snapshot`: arrays "x", "u"
-        `[N, D]` (m, m/s), "p" `[N]` (Pa), "id" `[N]`, and scalars such as "time" (s), "step";
-        `checkpoint`: arrays by name (dots allowed, slashes not), kept bit for bit.
+        at every call; `snapshot`: arrays "x", "u" `[N, D]` (m, m/s), "p" `[N]` (Pa), "id" `[N]`, and scalars
+        such as "time" (s), "step"; `checkpoint`: arrays by name (dots allowed, no slashes), kept to the bit.
         **Raises** FileError where the file cannot be written or has gone on without this run, and
         ValueError for series that do not belong together.
         """
         series = {name: np.asarray(values) for name, values in series.items()}
+        variables = {"time": Variable("s", "time")} | {n: variables[n] for n in series if n in variables}
         _check_series(series, variables)
-        with _replacing(self.path, "r+") as file:
-            _check_continues(self.path, file, series["time"])
-            groups = {"series": set(series) - energy - {"time"}, "energy": set(series) & energy}
-            for group, names in groups.items():
-                if names or group == "series":
-                    chosen = {name: series[name] for name in sorted(names)}
-                    _extend(file.require_group(group), series["time"], chosen, variables)
-            if snapshot is not None:
-                _write_snapshot(file["snapshots"], snapshot)
-            _replace_arrays(file["checkpoint"], checkpoint)
-            file["progress"].attrs.update(progress)
+        if any("/" in name or name in ("", ".") for name in checkpoint):
+            raise ValueError(f"checkpoint names {sorted(checkpoint)}: none may be empty, '.' or hold a slash")
+        parts = {"series": series, "snapshot": snapshot or {}}
+        chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
+        with self._view() as view:
+            self._check_continues(view, series)
+            owner, known = view.owner, view.journal is not None
+            end = view.journal.about["end"] if known else 0
+            first, read = "time" not in view.file["series"], int(view.file.attrs["read"])
+        about = {"time": float(series["time"][-1]), "progress": _numbers(progress)}
+        with writing(self.path):
+            if not known:
+                described = {n: [v.units, v.long_name, v.dim, v.group] for n, v in variables.items()}
+                end = journal.begin(self.path, owner, described)
+            end = journal.append(self.path, owner, end, chunk, checkpoint, about)
+            size = self.path.stat().st_size
+        if first or size < SMALL or COPIES * (end - read) > size:
+            self._bring_up_to_date()
 
-    def finish(self, results: Mapping[str, float]) -> None:
-        """Records scalar results, in the place of those of an earlier end."""
-        with _replacing(self.path, "r+") as file:
+    def finish(self, results: Mapping[str, float], notices: tuple[str, ...] = ()) -> None:
+        """Records scalar results, in the place of those of an earlier end, and leaves one file."""
+
+        def change(file: h5py.File) -> None:
             attributes = file["results"].attrs
             for name in list(attributes):
                 del attributes[name]
             attributes.update({name: float(value) for name, value in results.items()})
+            _put_text(file, "notices", json.dumps(list(notices)))
+
+        self._fold(change)
+
+    def fold(self) -> None:
+        """Leaves one file of a run that stops before its end."""
+        with self._view() as view:
+            left = view.journal is not None
+        if left:
+            self._fold(lambda file: None)
+
+    def amend(
+        self, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
+    ) -> None:
+        """Goes on with another case from the checkpoint: with the arguments of `create`."""
+        self._fold(lambda file: _describe(file, case_toml, settings, numbers))
+
+    def _fold(self, change: Callable[[h5py.File], None]) -> None:
+        """Takes the journal into the file, with a change to it, in one step."""
+        with replacing(self.path, "r+") as file, self._view() as view:
+            if view.journal is not None:
+                _take_series(file, view)
+                for head in self._snapshots(view):
+                    _write_snapshot(file["snapshots"], _part(view.journal, head, "snapshot"))
+                _replace_arrays(file["checkpoint"], view.journal.checkpoint())
+                file["progress"].attrs.update(view.journal.about["progress"])
+                # from here on the journal is nobody's
+                file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
+            change(file)
+        with writing(self.path):
+            journal.remove(self.path)
+
+    def _bring_up_to_date(self) -> None:
+        with replacing(self.path, "r+") as file, self._view() as view:
+            _take_series(file, view)
+            file.attrs["read"] = view.journal.about["end"]
+
+    def _check_continues(self, view: _View, series: Mapping[str, np.ndarray]) -> None:
+        """Refuses samples that do not go on from those that are there."""
+        stored, t = view.last_time(), series["time"]
+        if stored is None:
+            return
+        if not t[0] > stored:
+            raise FileError(
+                f"{self.path}: holds samples up to t = {stored:g} s, and this run is at {t[0]:g} s: "
+                "another run writes to the same file. Stop one of them, then `jaxsph resume` the file"
+            )
+        names = set(view.variables())
+        if names != set(series):
+            raise ValueError(f"the file has series {sorted(names)}, not {sorted(series)}")
+        rows = {name: data.shape[1:] for name, data in over_time(view.file)}
+        for name, values in series.items():
+            if name in rows and rows[name] != values.shape[1:]:
+                raise ValueError(f"series {name!r}: rows of {rows[name]}, not {values.shape[1:]}")
 
     # --- reading
 
-    def _reading(self) -> contextlib.AbstractContextManager[h5py.File]:
-        return _reading(self.path)
+    @contextlib.contextmanager
+    def _view(self) -> Iterator[_View]:
+        # the journal first: see `journal.opened`
+        with journal.opened(self.path) as beside, reading(self.path) as file:
+            ours = beside is not None and beside.owner == _owner(file)
+            yield _View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
-        with self._reading() as file:
-            return {name: _plain(value) for name, value in file[group].attrs.items()}
+        with reading(self.path) as file:
+            return {name: plain(value) for name, value in file[group].attrs.items()}
+
+    def _text(self, name: str, default: str) -> Any:
+        with reading(self.path) as file:
+            return json.loads(file[name][()] if name in file else default)
+
+    @property
+    def schema(self) -> int:
+        """Version of the layout."""
+        with reading(self.path) as file:
+            return int(file.attrs["schema"])
 
     @property
     def case_toml(self) -> str:
         """The whole case as TOML text."""
-        with self._reading() as file:
+        with reading(self.path) as file:
             return str(file.attrs["case"])
 
     @property
     def settings(self) -> dict[str, int | float]:
-        """What `create` was given."""
+        """What `create` was given, or `amend` after it."""
         return self._attributes("settings")
+
+    def numbers(self) -> dict[str, list[float]]:
+        """What decides the run, by name: as `settings`."""
+        return self._text("numbers", "{}")
 
     def progress(self) -> dict[str, float]:
         """What the last `append` was given."""
+        with self._view() as view:
+            if view.journal is not None:
+                return dict(view.journal.about["progress"])
         return self._attributes("progress")
 
     def results(self) -> dict[str, float]:
         """Scalar results; empty for a run that has not finished."""
         return self._attributes("results")
 
+    def notices(self) -> tuple[str, ...]:
+        """What the finished run has to say."""
+        return tuple(self._text("notices", "[]"))
+
     def series(self) -> dict[str, np.ndarray]:
         """Every series, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
-        with self._reading() as file:
-            return {name: data[()] for name, data in _over_time(file)}
+        with self._view() as view:
+            return view.series()
 
     def variables(self) -> dict[str, Variable]:
         """What each series is."""
-        found = {}
-        with self._reading() as file:
-            for name, data in _over_time(file):
-                dim = _dimension(data, 1) if data.ndim == 2 else None
-                found[name] = Variable(data.attrs["units"], data.attrs["long_name"], dim)
-        return found
+        with self._view() as view:
+            return view.variables()
 
     def coordinates(self) -> Coordinates:
         """Gauge and sensor positions, in the form that `create` takes."""
         found = {}
-        with self._reading() as file:
+        with reading(self.path) as file:
             for name, data in file["series"].items():
-                if not data.is_scale and _dimension(data, 0) != "time":
+                if not data.is_scale and dimension(data, 0) != "time":
                     units, long_name = data.attrs["units"], data.attrs["long_name"]
-                    found[name] = (_dimension(data, 0), data[()], units, long_name)
+                    found[name] = (dimension(data, 0), data[()], units, long_name)
         return found
+
+    def has_checkpoint(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        with self._view() as view:
+            return view.journal is not None or len(view.file["checkpoint"]) > 0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The arrays of the last checkpoint, bit for bit; empty before the first."""
-        with self._reading() as file:
-            return {name: _exact(data) for name, data in file["checkpoint"].items()}
+        with self._view() as view:
+            if view.journal is not None:
+                return view.journal.checkpoint()
+            return {name: exact(data) for name, data in view.file["checkpoint"].items()}
 
     @property
     def snapshot_count(self) -> int:
         """Number of snapshots."""
-        with self._reading() as file:
-            return len(file["snapshots"])
+        with self._view() as view:
+            return len(view.file["snapshots"]) + len(self._snapshots(view))
 
     def snapshot(self, i: int) -> dict[str, Any]:
         """Arrays and scalars of snapshot i, in order of writing; negative i counts from the end.
 
         **Raises** IndexError where there is none.
         """
-        with self._reading() as file:
-            count = len(file["snapshots"])
+        with self._view() as view:
+            folded, more = len(view.file["snapshots"]), self._snapshots(view)
+            count = folded + len(more)
             if not -count <= i < count:
                 raise IndexError(f"snapshot {i}: {self.path} holds {count}")
-            group = file["snapshots"][_snapshot_name(i % count)]
-            found = {name: _plain(value) for name, value in group.attrs.items()}
+            i %= count
+            if i >= folded:
+                found = _part(view.journal, more[i - folded], "snapshot")
+                return {name: a if a.ndim else a.item() for name, a in found.items()}
+            group = view.file["snapshots"][_snapshot_name(i)]
+            found = {name: plain(value) for name, value in group.attrs.items()}
             return found | {name: data[()] for name, data in group.items()}
 
     def snapshot_times(self) -> np.ndarray:
         """Times of the snapshots, s."""
-        with self._reading() as file:
-            times = [group.attrs["time"] for group in file["snapshots"].values()]
+        with self._view() as view:
+            times = [group.attrs["time"] for group in view.file["snapshots"].values()]
+            more = self._snapshots(view)
+            times += [_part(view.journal, head, "snapshot", "time")["time"] for head in more]
             return np.asarray(times, np.float64)
 
+    def _snapshots(self, view: _View) -> list[Head]:
+        """Chunks of the journal that hold a snapshot."""
+        if view.journal is None:
+            return []
+        key = (view.owner, view.journal.about["end"])
+        if self._index[0] != key:
+            heads = view.journal.heads()
+            self._index = key, [h for h in heads if any(n.startswith("snapshot/") for n in h.arrays)]
+        return self._index[1]
 
-def _write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
-    for name, (dim, values, units, long_name) in coordinates.items():
-        values = np.asarray(values)
-        if values.ndim != 1 or dim in (name, "time"):
-            raise ValueError(f"coordinate {name!r} is not a row over another dimension")
-        data = group.create_dataset(name, data=values)
-        data.attrs["units"], data.attrs["long_name"] = units, long_name
-        data.dims[0].attach_scale(_scale(group, dim, len(values)))
+
+def _owner(file: h5py.File) -> Owner:
+    return Owner(str(file.attrs.get("run", "")), int(file.attrs.get("stage", 0)))
+
+
+def _describe(
+    file: h5py.File, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
+) -> None:
+    file.attrs["case"] = case_toml
+    file.require_group("settings").attrs.update(settings)
+    _put_text(file, "numbers", json.dumps(dict(numbers)))
+
+
+def _put_text(file: h5py.File, name: str, text: str) -> None:
+    if name in file:
+        del file[name]
+    file.create_dataset(name, data=text, dtype=h5py.string_dtype())
+
+
+def _numbers(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: plain(value) for name, value in values.items()}
+
+
+def _part(beside: Journal, head: Head, part: str, only: str = "") -> dict[str, np.ndarray]:
+    """The chunk's arrays of one kind, by name; or of these only one."""
+    names = [name for name in head.arrays if name.startswith(f"{part}/{only}")]
+    found = read_arrays(beside.chunks, head, names)
+    return {name.removeprefix(f"{part}/"): values for name, values in found.items()}
+
+
+def _take_series(file: h5py.File, view: _View) -> None:
+    """Adds the journal's samples to a file that may be written."""
+    chunks = [_part(view.journal, head, "series") for head in view.news()]
+    if chunks:
+        joined = {name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]}
+        extend_series(file, joined, view.variables())
 
 
 def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Variable]) -> None:
@@ -252,90 +442,17 @@ def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Vari
     for name, values in series.items():
         if values.ndim not in (1, 2) or len(values) != len(series["time"]):
             raise ValueError(f"series {name!r} of shape {values.shape} does not go with its times")
-        if name != "time" and name not in variables:
+        if name not in variables:
             raise ValueError(f"series {name!r} has no units: describe it in `variables`")
-
-
-def _check_continues(path: Path, file: h5py.File, t: np.ndarray) -> None:
-    stored = file["series"].get("time")
-    if stored is not None and len(stored) and len(t) and not t[0] > stored[-1]:
-        raise FileError(
-            f"{path}: holds samples up to t = {stored[-1]:g} s, and this run is at {t[0]:g} s: "
-            "another run writes to the same file. Stop one of them, then `jaxsph resume` the file"
-        )
-
-
-def _extend(
-    group: h5py.Group,
-    t: np.ndarray,
-    series: Mapping[str, np.ndarray],
-    variables: Mapping[str, Variable],
-) -> None:
-    if "time" not in group:
-        _create_series(group, t, series, variables)
-    stored = {name for name, data in group.items() if name != "time" and _is_series(data)}
-    if stored != set(series):
-        raise ValueError(f"the file has series {sorted(stored)}, not {sorted(series)}")
-    old = len(group["time"])
-    for name, values in (series | {"time": t}).items():
-        data = group[name]
-        if data.shape[1:] != values.shape[1:]:
-            raise ValueError(f"series {name!r}: rows of {data.shape[1:]}, not {values.shape[1:]}")
-        data.resize(old + len(t), axis=0)
-        data[old:] = values
-
-
-def _create_series(
-    group: h5py.Group,
-    t: np.ndarray,
-    series: Mapping[str, np.ndarray],
-    variables: Mapping[str, Variable],
-) -> None:
-    described = {"time": Variable("s", "time")} | dict(variables)
-    for name, values in ({"time": t} | series).items():
-        row = values.shape[1:]
-        chunks = (512, *(max(1, k) for k in row))
-        data = group.create_dataset(name, (0, *row), values.dtype, maxshape=(None, *row), chunks=chunks)
-        data.attrs["units"] = described[name].units
-        data.attrs["long_name"] = described[name].long_name
-        if name == "time":
-            data.make_scale("time")
-            continue
-        data.dims[0].attach_scale(group["time"])
-        if row:
-            dim = described[name].dim or f"{name}_component"
-            data.dims[1].attach_scale(_scale(group, dim, row[0]))
-            # CF's way to say which variables are positions along a dimension.
-            along = [n for n, d in group.items() if _is_coordinate(d, dim)]
-            if along:
-                data.attrs["coordinates"] = " ".join(along)
-
-
-def _is_series(data: h5py.Dataset) -> bool:
-    return data.is_scale is False and _dimension(data, 0) == "time"
-
-
-def _is_coordinate(data: h5py.Dataset, dim: str) -> bool:
-    return not data.is_scale and len(data.dims[0]) > 0 and _dimension(data, 0) == dim
-
-
-def _over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
-    """ "time" once, then the series of both groups."""
-    groups = [file[name] for name in ("series", "energy") if name in file and "time" in file[name]]
-    if groups:
-        yield "time", groups[0]["time"]
-    for group in groups:
-        yield from ((name, data) for name, data in group.items() if _is_series(data))
 
 
 def _snapshot_name(i: int) -> str:
     return f"{i:06d}"
 
 
-def _write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, Any]) -> None:
+def _write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, np.ndarray]) -> None:
     group = snapshots.create_group(_snapshot_name(len(snapshots)))
-    for name, value in snapshot.items():
-        values = np.asarray(value)
+    for name, values in snapshot.items():
         if values.ndim == 0:
             group.attrs[name] = values[()]
             continue
@@ -349,9 +466,6 @@ def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None
     for name in set(group) - set(arrays):
         del group[name]
     for name, value in arrays.items():
-        value = np.asarray(value)
-        if "/" in name or name in ("", "."):
-            raise ValueError(f"checkpoint name {name!r}: must not be empty, '.' or hold a slash")
         stored = group.get(name)
         if stored is not None and (stored.shape, stored.dtype) == (value.shape, value.dtype):
             stored[...] = value  # in place: HDF5 does not give back the room of a deleted array

@@ -1,17 +1,11 @@
-"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
+"""The file of a sweep: results and series of its members over the swept parameters, in HDF5.
 
-Layout of a run's file (`SCHEMA`):
+    attributes             schema, jaxsph_version, kind = "sweep", case (what all members share, as TOML text)
+    one per parameter      its values, a dimension of the rest
+    one per result         over the parameters, NaN where a member has none; `failure`: text
+    series                 over the parameters and `time`, padded with NaN
 
-    attributes             schema, jaxsph_version, case (the whole case as TOML text)
-    settings               attributes: what fixed the arrays' shapes
-    series, energy         samples over the dimension `time`, readable by netCDF tools; each
-                           variable with `units` and `long_name`; positions of gauges, sensors
-    snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
-    checkpoint             all that evolves, bit for bit, at the end of the series
-    progress, results      attributes: numbers of the run so far, and of the finished run
-
-Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
-file or the new one, whole.
+The file is written anew whenever a member has ended, and takes the place of the one before.
 """
 
 from __future__ import annotations
@@ -27,13 +21,13 @@ from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import (
     SCHEMA,
     Variable,
-    _check_signature,
-    _dimension,
-    _reading,
-    _replacing,
-    _scale,
-    _version,
-    _writing,
+    check_signature,
+    dimension,
+    reading,
+    replacing,
+    scale,
+    version,
+    writing,
 )
 
 
@@ -63,8 +57,8 @@ class SweepFile:
 
     def is_one(self) -> bool:
         """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
-        _check_signature(self.path)
-        with _reading(self.path) as file:
+        check_signature(self.path)
+        with reading(self.path) as file:
             return file.attrs.get("kind") == "sweep"
 
     def write(
@@ -82,12 +76,12 @@ class SweepFile:
         (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
         well); `variables`: what each series is. **Raises** FileError where it cannot be written.
         """
-        with _writing(self.path):
+        with writing(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        with _replacing(self.path, "w") as file:
-            file.attrs.update(schema=SCHEMA, jaxsph_version=_version(), case=case_toml, kind="sweep")
+        with replacing(self.path, "w") as file:
+            file.attrs.update(schema=SCHEMA, jaxsph_version=version(), case=case_toml, kind="sweep")
             dims = _write_axes(file, axes, shape)
-            for name, values in gathered(members, shape).items():
+            for name, values in over_members(members, shape).items():
                 _over(file, name, values, dims)
             failure = np.full(shape, "waiting", h5py.string_dtype())
             for index, member in members.items():
@@ -104,8 +98,8 @@ class SweepFile:
 
         **Raises** FileError where the file is missing, damaged or not a sweep's.
         """
-        _check_signature(self.path)
-        with _reading(self.path) as file:
+        check_signature(self.path)
+        with reading(self.path) as file:
             if file.attrs.get("kind") != "sweep":
                 raise FileError(f"{self.path}: is not the file of a sweep; give another name")
             case = str(file.attrs["case"])
@@ -137,7 +131,7 @@ class SweepFile:
         return StoredSweep(case, axes, shape, members, variables)
 
 
-def gathered(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+def over_members(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Every scalar result over the members of a sweep; NaN where a member has none."""
     found = {}
     for name in sorted({n for m in members.values() for n in m["results"]}):
@@ -148,7 +142,7 @@ def gathered(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -
 
 
 def _last_dimension(data: h5py.Dataset, axis: int) -> str | None:
-    return _dimension(data, axis) if data.ndim > axis else None
+    return dimension(data, axis) if data.ndim > axis else None
 
 
 def _write_axes(group: h5py.Group, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> list[str]:
@@ -160,7 +154,7 @@ def _write_axes(group: h5py.Group, axes: Mapping[str, np.ndarray], shape: tuple[
         if grid:
             data.make_scale(name)
         else:
-            data.dims[0].attach_scale(_scale(group, "member", len(values)))
+            data.dims[0].attach_scale(scale(group, "member", len(values)))
     return list(axes) if grid else ["member"]
 
 
@@ -184,12 +178,13 @@ def _write_padded(
     first = next(iter(members.values()))
     for name in sorted(set(first) - {"time"}):
         row = first[name].shape[1:]
-        values = np.full((int(np.prod(shape)), len(longest), *row), np.nan, np.float32)
+        kind = np.result_type(np.float32, *(series[name].dtype for series in members.values()))
+        values = np.full((int(np.prod(shape)), len(longest), *row), np.nan, kind)
         for index, series in members.items():
             values[index, : len(series[name])] = series[name]
         values = values.reshape(*shape, len(longest), *row)
         along = [f"{variables[name].dim or name + '_component'}"] if row else []
         for dim in along:
-            _scale(group, dim, row[0])
+            scale(group, dim, row[0])
         data = _over(group, name, values, [*dims, "time", *along])
         data.attrs["units"], data.attrs["long_name"] = variables[name].units, variables[name].long_name

@@ -1,18 +1,4 @@
-"""Files: one HDF5 file for each run or sweep, and a run's export for ParaView.
-
-Layout of a run's file (`SCHEMA`):
-
-    attributes             schema, jaxsph_version, case (the whole case as TOML text)
-    settings               attributes: what fixed the arrays' shapes
-    series, energy         samples over the dimension `time`, readable by netCDF tools; each
-                           variable with `units` and `long_name`; positions of gauges, sensors
-    snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
-    checkpoint             all that evolves, bit for bit, at the end of the series
-    progress, results      attributes: numbers of the run so far, and of the finished run
-
-Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old
-file or the new one, whole.
-"""
+"""Export of a run's snapshots for ParaView, as one VTKHDF file over time."""
 
 from __future__ import annotations
 
@@ -24,8 +10,8 @@ import numpy as np
 
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import (
-    _replacing,
-    _writing,
+    replacing,
+    writing,
 )
 from jaxsph.output.run_file import (
     RunFile,
@@ -46,9 +32,9 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
     if count == 0:
         raise FileError(f"{run.path}: holds no snapshots yet; let the run go on, then export again")
     _check_replaceable(path)
-    with _writing(path):
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with _replacing(path, "w") as file:
+    with replacing(path, "w") as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 2], np.int64)
         # VTK wants a fixed-length string here, and h5py writes variable ones.

@@ -1,9 +1,4 @@
-"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
-
-The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
-one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
-what cannot be mended stops the run with the last good checkpoint in the file.
-"""
+"""One chunk of a run, replayed with larger tables for as long as it takes, and failures in words."""
 
 from __future__ import annotations
 
@@ -34,13 +29,13 @@ def steps_per_chunk(case: Case, sample_every: int) -> int:
     return max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
 
 
-def _exact_times(step: int, like: np.ndarray, every: float) -> np.ndarray:
-    """Sample times in float64: the loop's own are float32."""
+def sample_times(like: np.ndarray, every: float) -> np.ndarray:
+    """Times of samples (s) in float64, from the loop's own, which are float32."""
     first = np.round(float(like[0]) / every) * every
     return first + np.arange(len(like)) * every
 
 
-def replayed(
+def advance_chunk(
     name: str,
     model: Model,
     advance: Callable[[Model], tuple[State, Any]],
@@ -49,27 +44,29 @@ def replayed(
 ) -> tuple[Model, State, Any]:
     """One chunk, `advance(model)` giving the new state and whatever else, with tables regrown and the chunk
     replayed for as often as it takes. Returns the model that it took, too. **Raises** SimulationError."""
-    model, new, found = _replayed(model, advance, sample_every, say)
+    model, new, found = replay_chunk(model, advance, sample_every, say)
     if int(new.status.bits):
-        raise _explained(name, model, new)
+        raise failure_error(name, model, new)
     return model, new, found
 
 
-def _replayed(model, advance, sample_every, say):
-    """As `replayed`, for one state or a batch of them, and with what could not be mended in the status."""
+def replay_chunk(
+    model: Model, advance: Callable[[Model], tuple[State, Any]], sample_every: int, say: Callable[[str], None]
+) -> tuple[Model, State, Any]:
+    """As `advance_chunk`, for one state or a batch; what no larger table mends stays in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
         failed = Failure(int(np.bitwise_or.reduce(np.ravel(new.status.bits))))
-        changed = _mended(model, failed, sample_every)
+        changed = larger_tables(model, failed, sample_every)
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
         say(f"tables regrown, chunk replayed: {what}")
-        model = _with_settings(model, changed)
+        model = with_settings(model, changed)
     return model, new, found
 
 
-def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
+def larger_tables(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
     """Settings that would let the chunk pass, or None where no setting would."""
     s = search_settings(model)
     mend = {}
@@ -85,13 +82,14 @@ def _mended(model: Model, failed: Failure, sample_every: int) -> dict[str, int] 
     return mend or None
 
 
-def _with_settings(model: Model, settings: dict[str, int]) -> Model:
+def with_settings(model: Model, settings: dict[str, int]) -> Model:
+    """The model with some of its `search_settings` changed."""
     search = model.search
     values = {name: getattr(search, name) for name in ("grid", "skin")} | search_settings(model) | settings
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
 
 
-def _explained(name: str, model: Model, state: State) -> SimulationError:
+def failure_error(name: str, model: Model, state: State) -> SimulationError:
     """The first failure in words: what, where, when, and what to change."""
     section = model.scheme.section
     failed = Failure(int(state.status.bits))
@@ -99,9 +97,15 @@ def _explained(name: str, model: Model, state: State) -> SimulationError:
     t = step * float(model.dt)
     where = tuple(float(a) for a in state.status.where)
     place = ", ".join(f"{a:.3f}" for a in where)
-    if failed & Failure.THROUGH_WALL:
-        what = "a particle has left the tank"
-        remedy = f"raise tank.height if it went over the top; else try a smaller {section}.cfl or dx"
+    top = float(model.walls.high[-1])
+    if failed & Failure.THROUGH_WALL and where[-1] >= top:
+        what = f"a particle has left over the rim of the tank, which is {top:g} m high"
+        remedy = (
+            f"raise tank.height and go on: jaxsph resume FILE --set tank.height={_higher(top, where[-1])}"
+        )
+    elif failed & Failure.THROUGH_WALL:
+        what = "a particle has gone through a wall"
+        remedy = f"a smaller {section}.cfl or dx"
     elif failed & Failure.TOO_FAST and section == "isph":
         what = "a particle goes farther than half a smoothing length in a step"
         remedy = "raise isph.speed, or reduce isph.cfl"
@@ -123,3 +127,8 @@ def _explained(name: str, model: Model, state: State) -> SimulationError:
         time=t,
         where=where,
     )
+
+
+def _higher(top: float, z: float) -> str:
+    """A height of the tank (m) that leaves room over what has reached z (m)."""
+    return f"{max(1.25 * top, z + 0.25 * top):.3g}"

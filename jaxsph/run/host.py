@@ -1,14 +1,16 @@
-"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
+"""Host driver: `run`, `resume`, `restore` and `march` around the pure `simulate`.
 
-The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
-one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
+The driver goes in chunks: after each it looks at the status, records series, snapshot and checkpoint in
+one step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
 what cannot be mended stops the run with the last good checkpoint in the file.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +23,20 @@ from jaxsph.errors import CaseError, FileError
 from jaxsph.model.interfaces import AbstractProbe, Model, Reading
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
+from jaxsph.output.hdf5 import SCHEMA
 from jaxsph.output.run_file import RunFile
-from jaxsph.run.chunks import (
-    _exact_times,
-    replayed,
-    search_settings,
-)
+from jaxsph.run.amend import amend
+from jaxsph.run.chunks import advance_chunk, sample_times
+from jaxsph.run.interrupt import heard
 from jaxsph.run.recorder import (
-    _coordinates,
-    _Recorder,
-    _unflatten,
+    Recorder,
+    Start,
+    deciding_numbers,
+    differences,
+    new_file,
+    restored_state,
 )
-from jaxsph.run.simulate import _chunk
+from jaxsph.run.simulate import simulate_chunk
 
 
 def run(
@@ -44,82 +48,121 @@ def run(
 ) -> Solution:
     """Builds a case and runs it to t1 (s; by default the case's), recording into the file `out`.
 
+    An interrupt (Ctrl-C) stops it at the end of a chunk, a second one at once.
     **Returns** the series as numpy arrays with the last state and scalar results.
     **Raises** CaseError, FileError (the output exists), SimulationError (with what, where, when and
     what to change; the file then holds the last good checkpoint).
     """
-    model, state = build(case)
-    file = None
-    if out is not None:
-        file = RunFile.create(
-            out, case.to_toml(), search_settings(model), _coordinates(case), overwrite=overwrite
-        )
-    return _drive(case, model, state, case.t1 if t1 is None else t1, file, progress)
+    start = Start(case, *build(case))
+    file = None if out is None else new_file(out, start, overwrite)
+    return _drive(start, case.t1 if t1 is None else t1, file, progress)
 
 
-def resume(path: str | Path, t1: float | None = None, progress: bool = True) -> Solution:
+def resume(
+    path: str | Path,
+    t1: float | None = None,
+    progress: bool = True,
+    changes: Mapping[str, Any] | None = None,
+) -> Solution:
     """Goes on with a run's file from its last checkpoint, to t1 or the case's own end.
 
-    The series are then bit for bit those of an uninterrupted run. **Raises** FileError, as `restore`.
+    The series are then bit for bit those of an uninterrupted run. `changes`: values of the case that are
+    others from here on, by dotted name, such as {"tank.height": 1.5}; of those that do not move the lattice.
+    The case in the file then says since when. **Raises** FileError, as `restore`; CaseError for a change
+    that a run cannot take in its course.
     """
     file = RunFile.open(path)
-    case, model, state = restore(path)
-    return _drive(case, model, state, case.t1 if t1 is None else t1, file, progress)
+    start = load_start(path)
+    if changes:
+        start = amend(file, start, changes)
+    return _drive(start, start.case.t1 if t1 is None else t1, file, progress)
 
 
 def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
     """Case, model and state of a file's last checkpoint.
 
-    **Raises** FileError where the file is not a run's, holds no checkpoint, or belongs to another case
-    than the one given.
+    **Raises** FileError where the file is not a run's, holds no checkpoint, belongs to another case
+    than the one given, or to a version of jaxsph that made something else of the same case.
     """
+    start = load_start(path, case)
+    return start.case, start.model, start.state
+
+
+def load_start(path: str | Path, case: Case | None = None) -> Start:
+    """As `restore`, with the state at t = 0."""
     file = RunFile.open(path)
-    stored = Case.from_dict(_parse(file.case_toml))
+    stored = Case.from_dict(tomllib.loads(file.case_toml))
     if case is not None and case != stored:
         raise FileError(
             f"{path}: was made by another case than the one given ({stored.name!r} against "
             f"{case.name!r}, or other values): resume without a case, or run the new one to a new file"
         )
-    # the progress holds the settings of the last chunk, which may have been regrown since the first
-    known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
-    model, state = build(stored, {k: int(v) for k, v in known.items()})
+    if file.schema != SCHEMA:
+        raise FileError(
+            f"{path}: holds a checkpoint of layout {file.schema}, and this version goes on from those of "
+            f"layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
+            "Its series and snapshots can be read as they are"
+        )
     saved = file.checkpoint()
     if not saved:
-        raise FileError(f"{path}: holds no checkpoint yet: run the case again with --overwrite")
-    return stored, model, _unflatten(state, saved, path)
-
-
-def _parse(text: str) -> dict[str, Any]:
-    import tomllib
-
-    return tomllib.loads(text)
-
-
-def _drive(
-    case: Case, model: Model, state: State, t1: float, file: RunFile | None, progress: bool
-) -> Solution:
-    kept = _Recorder(case, model, state, t1, file)
-    every, last = kept.sample_every, kept.last
-    if last <= kept.start:
-        raise CaseError(
-            f"t1 = {t1:g} s: the run is already at {kept.start * float(model.dt):g} s; give a larger t1"
+        raise FileError(
+            f"{path}: holds no checkpoint (of a run that was killed it is beside the file, in "
+            f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
-    with tqdm(
-        total=last, initial=kept.start, unit="step", disable=not progress, dynamic_ncols=True, smoothing=0.1
-    ) as bar:
+    # the progress holds the settings of the last chunk, which may have been regrown since the first
+    known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
+    model, initial = build(stored, {k: int(v) for k, v in known.items()})
+    differ = differences(file.numbers(), deciding_numbers(model, initial))
+    if differ:
+        few = "; ".join(differ[:5]) + (f"; and {len(differ) - 5} more" if len(differ) > 5 else "")
+        raise FileError(
+            f"{path}: this version makes something else of its case: {few}. Going on would be another run: "
+            "finish it with the version that began it, or run the case again"
+        )
+    return Start(stored, model, initial, restored_state(initial, saved, path))
+
+
+def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Solution:
+    model, state, recorder = start.model, start.state, Recorder(start, t1, file)
+    every, last = recorder.sample_every, recorder.last
+    if last <= recorder.first:
+        now = recorder.first / every * start.case.output.sample_dt
+        raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a larger t1")
+    bar = tqdm(
+        total=last,
+        initial=recorder.first,
+        unit="step",
+        disable=not progress,
+        dynamic_ncols=True,
+        smoothing=0.1,
+    )
+    with bar, _one_file(file), heard() as interrupt:
         while int(state.step) < last:
             before = int(state.step)
-            n_steps = min(kept.per_chunk, last - before)
+            n_steps = min(recorder.per_chunk, last - before)
             advance = functools.partial(
-                _chunk, state=state, probes=kept.probes, n_steps=n_steps, sample_every=every
+                simulate_chunk, state=state, probes=recorder.probes, n_steps=n_steps, sample_every=every
             )
-            model, state, readings = replayed(case.name, model, advance, every, bar.write)
-            series = kept.keep(model, before, state, readings)
+            model, state, readings = advance_chunk(start.case.name, model, advance, every, bar.write)
+            series = recorder.record(model, state, readings)
             bar.update(n_steps)
-            t = int(state.step) * float(model.dt)
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
+            t = int(state.step) * float(model.dt)
             bar.set_postfix_str(f"t = {t:.2f} s, max |u| = {speed:.2f} m/s, ok")
-    return kept.finished(model, state)
+            interrupt.saved()
+        return recorder.solution(model, state)
+
+
+@contextlib.contextmanager
+def _one_file(file: RunFile | None) -> Iterator[None]:
+    """Leaves one file of a run that is stopped, too."""
+    try:
+        yield
+    except BaseException:
+        if file is not None:
+            with contextlib.suppress(FileError):  # what stopped the run is the thing to tell
+                file.fold()
+        raise
 
 
 def march(
@@ -146,12 +189,12 @@ def march(
         raise ValueError(f"t1 = {t1:g} s is not a sample after the state's {start * float(model.dt):g} s")
     bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
     advance = functools.partial(
-        _chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every
+        simulate_chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every
     )
-    model, state, readings = replayed(name, model, advance, sample_every, bar.write)
+    model, state, readings = advance_chunk(name, model, advance, sample_every, bar.write)
     bar.close()
     series = {k: np.asarray(v) for k, v in readings.items()}
-    series["time"] = _exact_times(start, series["time"], sample_dt)
+    series["time"] = sample_times(series["time"], sample_dt)
     units = {"time": Reading("s", "time")}
     for probe in probes:
         units |= probe.describe()

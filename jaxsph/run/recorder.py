@@ -1,38 +1,166 @@
-"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
-
-The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
-one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
-what cannot be mended stops the run with the last good checkpoint in the file.
-"""
+"""Recorder of one run: its readings in memory, and after every chunk in its file."""
 
 from __future__ import annotations
 
+import dataclasses
 import time
+from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.case.build import build
 from jaxsph.case.case import Case
 from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import FileError
 from jaxsph.model.interfaces import Model, Reading
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
-from jaxsph.output.hdf5 import Variable
+from jaxsph.output.hdf5 import Coordinates, Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.run.chunks import (
-    _exact_times,
-    search_settings,
-    steps_per_chunk,
-)
-from jaxsph.run.results import _results
+from jaxsph.run.chunks import sample_times, search_settings, steps_per_chunk
+from jaxsph.run.results import run_results
+
+class Start:
+    """A case that is built, once: what it begins with, and where a run of it is now."""
+
+    def __init__(self, case: Case, model: Model, initial: State, state: State | None = None) -> None:
+        """**Arguments**: the state at t = 0, and that of a checkpoint; without one the run begins."""
+        self.case, self.model, self.initial = case, model, initial
+        self.state = initial if state is None else state
 
 
-def _coordinates(case: Case) -> dict[str, tuple[str, np.ndarray, str, str]]:
+class Recorder:
+    """Readings of one run."""
+
+    def __init__(self, start: Start, t1: float, file: RunFile | None) -> None:
+        """**Arguments**: the time up to which it will go, s; the file, if it has one."""
+        self.case, self.file = start.case, file
+        self.sample_every = steps_per_sample(start.case, start.model)
+        self.per_chunk = steps_per_chunk(start.case, self.sample_every)
+        self.probes = make_probes(start.case, start.model, start.initial)
+        self.units = {"time": Reading("s", "time")}
+        for probe in self.probes:
+            self.units |= probe.describe()
+        self.first = int(start.state.step)
+        self.last = int(round(t1 / start.case.output.sample_dt)) * self.sample_every
+        self._chunks: list[dict[str, np.ndarray]] = []
+        self._began = time.perf_counter()
+
+    def record(self, model: Model, state: State, readings: dict[str, jax.Array]) -> dict:
+        """Records a chunk and the state after it; returns its readings as recorded."""
+        series = {k: np.asarray(v) for k, v in readings.items()}
+        series["time"] = sample_times(series["time"], self.case.output.sample_dt)
+        self._chunks.append(series)
+        if self.file is not None:
+            variables = {name: Variable(*self.units[name]) for name in series}
+            progress = search_settings(model) | {"wall_seconds": time.perf_counter() - self._began}
+            self.file.append(series, variables, self._snapshot(model, state), saved_state(state), progress)
+        return series
+
+    def solution(self, model: Model, state: State, beside: int = 1) -> Solution:
+        """The whole run with its results, recorded too; its time is shared by so many that ran beside it."""
+        if self.file is not None:
+            series = self.file.series()
+        else:
+            series = {k: np.concatenate([r[k] for r in self._chunks]) for k in self._chunks[0]}
+        solution = Solution(series, self.units, model, state, self.case)
+        seconds = (time.perf_counter() - self._began) / beside
+        results, notices = run_results(self.case, solution, seconds, int(state.step) - self.first)
+        if self.file is not None:
+            self.file.finish(results, notices)
+        return dataclasses.replace(solution, results=results, notices=notices)
+
+    def _snapshot(self, model: Model, state: State) -> dict[str, Any]:
+        """Particles in the order of their ids, and where the solids are."""
+        p = state.particles
+        order = np.argsort(np.asarray(p.id))
+        snapshot = {
+            "time": int(state.step) / self.sample_every * self.case.output.sample_dt,
+            "step": int(state.step),
+            "paddle": float(state.own["paddle"].X) if "paddle" in state.own else 0.0,
+            "x": np.asarray(p.x)[order],
+            "u": np.asarray(p.u)[order],
+            "p": np.asarray(model.pressure(state))[order],
+            "id": np.asarray(p.id)[order],
+        }
+        return snapshot | {body.name: np.asarray(state.own[body.name].pose) for body in model.bodies}
+
+
+def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
+    """The file of a run that begins. **Raises** FileError where it exists and is not to be replaced."""
+    case, model = start.case, start.model
+    return RunFile.create(
+        path,
+        case.to_toml(),
+        search_settings(model),
+        _coordinates(case),
+        overwrite=overwrite,
+        numbers=deciding_numbers(model, start.initial),
+    )
+
+
+def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
+    """What the rules made of a case, by name: its time step, speed of sound, lengths, numbers of particles.
+
+    Of a single number its value; of an array its length, mean and root mean square. The neighbour tables are
+    not among them: their sizes may change in a run.
+    """
+    found = {"particles": [float(state.particles.x.shape[0])]}
+    for path, leaf in jax.tree_util.tree_flatten_with_path(model)[0]:
+        values = np.asarray(leaf, np.float64)
+        name = jax.tree_util.keystr(path).lstrip(".")
+        if values.ndim == 0:
+            found[name] = [float(values)]
+        elif values.size:
+            found[name] = [float(values.size), float(values.mean()), float(np.sqrt(np.mean(values**2)))]
+        else:
+            found[name] = [0.0]
+    return found
+
+
+def differences(stored: dict[str, list[float]], now: dict[str, list[float]]) -> list[str]:
+    """In words, what decides a run otherwise now than when it was stored."""
+    found = []
+    for name in [*stored, *(name for name in now if name not in stored)]:
+        old, new = stored.get(name), now.get(name)
+        if old is None or new is None:
+            found.append(f"{name} is {'new' if old is None else 'gone'}")
+            continue
+        # another machine rounds the sums of a build otherwise: a float32 in a million
+        scale = max(map(abs, [*old, *new]))
+        if len(old) != len(new) or not np.allclose(old, new, rtol=1e-5, atol=1e-6 * scale, equal_nan=True):
+            what = ("", "size ", "mean ", "rms ") if len(old) > 1 else ("",)
+            k = next((k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), 0)
+            label = what[k + 1] if len(old) > 1 else ""
+            found.append(f"{label}{name} was {old[k]:.6g} and is {new[k]:.6g}")
+    return found
+
+
+def saved_state(state: State) -> dict[str, np.ndarray]:
+    """Every array of a state by its name."""
+    leaves = jax.tree_util.tree_flatten_with_path(state)[0]
+    return {jax.tree_util.keystr(path).lstrip("."): np.asarray(leaf) for path, leaf in leaves}
+
+
+def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
+    """The state with these arrays. **Raises** FileError where they are not those of such a state."""
+    leaves, tree = jax.tree_util.tree_flatten_with_path(like)
+    found = []
+    for key, leaf in leaves:
+        name = jax.tree_util.keystr(key).lstrip(".")
+        if name not in saved or saved[name].shape != leaf.shape or saved[name].dtype != leaf.dtype:
+            raise FileError(
+                f"{path}: the checkpoint does not fit the case ({name} is missing or of another "
+                "shape): it was made by another version; run the case again"
+            )
+        found.append(jnp.asarray(saved[name]))
+    return jax.tree_util.tree_unflatten(tree, found)
+
+
+def _coordinates(case: Case) -> Coordinates:
+    """Places of gauges and sensors, for the file."""
     found = {}
     if case.probes.gauges:
         x = np.asarray(case.probes.gauges)
@@ -48,87 +176,3 @@ def _coordinates(case: Case) -> dict[str, tuple[str, np.ndarray, str, str]]:
             for axis, name in enumerate(names):
                 found[f"{what}_{name}"] = (what, points[:, axis], "m", f"{name} of the {what}")
     return found
-
-
-def _flatten(state: State) -> dict[str, np.ndarray]:
-    leaves = jax.tree_util.tree_flatten_with_path(state)[0]
-    return {jax.tree_util.keystr(path).lstrip("."): np.asarray(leaf) for path, leaf in leaves}
-
-
-def _unflatten(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
-    leaves, tree = jax.tree_util.tree_flatten_with_path(like)
-    found = []
-    for key, leaf in leaves:
-        name = jax.tree_util.keystr(key).lstrip(".")
-        if name not in saved or saved[name].shape != leaf.shape or saved[name].dtype != leaf.dtype:
-            raise FileError(
-                f"{path}: the checkpoint does not fit the case ({name} is missing or of another "
-                "shape): it was made by another version; run the case again"
-            )
-        found.append(jnp.asarray(saved[name]))
-    return jax.tree_util.tree_unflatten(tree, found)
-
-
-class _Recorder:
-    """Keeps what one run reads: in memory, and after every chunk in its file."""
-
-    def __init__(self, case: Case, model: Model, state: State, t1: float, file: RunFile | None) -> None:
-        self.case, self.file = case, file
-        self.sample_every = steps_per_sample(case, model)
-        self.per_chunk = steps_per_chunk(case, self.sample_every)
-        self.probes = make_probes(case, model, build(case, search_settings(model))[1])
-        self.units = {"time": Reading("s", "time")}
-        for probe in self.probes:
-            self.units |= probe.describe()
-        self.start = int(state.step)
-        self.last = int(round(t1 / case.output.sample_dt)) * self.sample_every
-        self._chunks: list[dict[str, np.ndarray]] = []
-        self._began = time.perf_counter()
-
-    def keep(self, model: Model, before: int, state: State, readings: dict[str, jax.Array]) -> dict:
-        """Takes the readings of a chunk that began at the step `before`; returns them as recorded."""
-        series = {k: np.asarray(v) for k, v in readings.items()}
-        series["time"] = _exact_times(before, series["time"], self.case.output.sample_dt)
-        self._chunks.append(series)
-        if self.file is not None:
-            seconds = time.perf_counter() - self._began
-            _save(self.file, self.case, model, state, series, self.units, seconds)
-        return series
-
-    def finished(self, model: Model, state: State, beside: int = 1) -> Solution:
-        """The whole run, its results written too; its time is shared by so many that ran beside it."""
-        if self.file is not None:
-            series = self.file.series()
-        else:
-            series = {k: np.concatenate([r[k] for r in self._chunks]) for k in self._chunks[0]}
-        solution = Solution(series, self.units, model, state, self.case)
-        seconds = (time.perf_counter() - self._began) / beside
-        results = _results(self.case, solution, seconds, int(state.step) - self.start)
-        if self.file is not None:
-            self.file.finish(results)
-        return eqx.tree_at(lambda s: s.results, solution, results, is_leaf=lambda x: x is None)
-
-
-def _save(file, case, model, state, series, units, seconds) -> None:
-    p = state.particles
-    order = np.argsort(np.asarray(p.id))
-    snapshot = {
-        "time": int(state.step) / steps_per_sample(case, model) * case.output.sample_dt,
-        "step": int(state.step),
-        "paddle": float(state.own["paddle"].X) if "paddle" in state.own else 0.0,
-        "x": np.asarray(p.x)[order],
-        "u": np.asarray(p.u)[order],
-        "p": np.asarray(model.pressure(state))[order],
-        "id": np.asarray(p.id)[order],
-    }
-    for body in model.bodies:
-        snapshot[body.name] = np.asarray(state.own[body.name].pose)
-    variables = {name: Variable(*units[name][:3]) for name in series}
-    file.append(
-        series,
-        variables,
-        {name for name in series if name != "time" and units[name].group == "energy"},
-        snapshot,
-        _flatten(state),
-        search_settings(model) | {"wall_seconds": seconds},
-    )

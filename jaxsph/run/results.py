@@ -1,59 +1,47 @@
-"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
+"""Results: the scalars of a run that has ended, each made by itself from the series.
 
-The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
-one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
-what cannot be mended stops the run with the last good checkpoint in the file.
+A result that cannot be made is absent, and a notice says why: nothing here may cost a run its end.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from jaxsph import analysis
 from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
 from jaxsph.model.solution import Solution
 from jaxsph.waves import theory
 
+Scalars = dict[str, float]
 
-def _results(case: Case, solution: Solution, seconds: float, steps: int) -> dict[str, float]:
-    """Scalars of a run: speed, energy balance, and the device's powers where there is one."""
+
+def run_results(
+    case: Case, solution: Solution, seconds: float, steps: int
+) -> tuple[Scalars, tuple[str, ...]]:
+    """Scalars of a run, and notices of those that could not be made.
+
+    **Arguments**: wall time (s) and the steps that it took.
+    """
+    made: list[tuple[str, Callable[[Case, Solution], Scalars]]] = [("energy balance", _energy)]
+    if case.waves is not None:
+        made += [("absorbed power", _power), ("reflection", _reflection)]
     results = {
-        "t_end": int(solution.state.step) * float(solution.model.dt),
+        "t_end": float(solution.model.time(solution.state)),
         "steps": float(int(solution.state.step)),
         "wall_seconds": seconds,
         "particle_steps_per_second": steps * solution.state.particles.x.shape[0] / seconds,
     }
-    if case.waves is None:
-        budget = analysis.energy_budget(solution.series)
-        return results | {f"energy_{k}": v for k, v in budget.items()}
-    T, d = case.waves.T, float(solution.model.depth)
-    t = solution.t
-    periods = settled_periods(case, float(t[-1]))
-    # Over whole periods: the paddle gives and takes back far more than the waves keep.
-    over = analysis.whole_periods(t, T, periods) if periods >= 1 else slice(None)
-    budget = analysis.energy_budget({k: v[over] for k, v in solution.series.items()})
-    results |= {f"energy_{k}": v for k, v in budget.items()}
-    if periods < 1:
-        return results
-    P_inc = float(theory.incident_power(case.waves.H, T, d, case.fluid.rho0, case.g))
-    results |= {"periods": float(periods), "P_inc": P_inc}
-    chamber = case.pto is not None and case.pto.K_dm is not None
-    body = case.body is not None and case.body.pto is not None
-    if "power_pto" in solution.series and (chamber or body):
-        efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
-        results["P_owc" if chamber else "P_pto"] = efficiency.xi * P_inc
-        if case.tank.width is None:
-            results |= {"xi": efficiency.xi, "xi_scatter": float(np.std(efficiency.per_period))}
-        else:  # power over power per width
-            results["capture_width"] = efficiency.xi
-    if "eta" in solution.series and len(case.probes.gauges) >= 4:
-        x = np.asarray(case.probes.gauges)[1:4]
-        found = analysis.reflection(solution["eta"][:, 1:4].T, x, t, T, d, periods=periods)
-        results |= {
-            "reflection": found.coefficient,
-            "incident_height": 2 * found.incident,
-        }
-    return results
+    notices = []
+    for name, make in made:
+        try:
+            results |= make(case, solution)
+        except Exception as error:  # whatever it is: the series are worth more than any scalar
+            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+            notices.append(f"no result for the {name}: {kind}{error}")
+    return results, tuple(notices)
 
 
 def settled_periods(case: Case, t1: float) -> int:
@@ -67,3 +55,77 @@ def _transient(case: Case) -> float:
     omega = 2 * np.pi / case.waves.T
     speed = float(theory.group_velocity(omega, case.tank.depth, case.g))
     return case.waves.ramp_periods * case.waves.T + case.tank.length / speed
+
+
+def _energy(case: Case, solution: Solution) -> Scalars:
+    """Energy balance, over whole periods where there are waves: the paddle gives and takes back far more
+    than the waves keep."""
+    over = slice(None)
+    if case.waves is not None:
+        periods = settled_periods(case, float(solution.t[-1]))
+        if periods >= 1:
+            over = analysis.whole_periods(solution.t, case.waves.T, periods)
+    budget = analysis.energy_budget({name: values[over] for name, values in solution.series.items()})
+    return {f"energy_{name}": value for name, value in budget.items()}
+
+
+def _power(case: Case, solution: Solution) -> Scalars:
+    """Incident power, and the share of it that the device absorbs."""
+    t, T = solution.t, case.waves.T
+    periods = settled_periods(case, float(t[-1]))
+    if periods < 1:
+        return {}
+    depth = float(solution.model.depth)
+    P_inc = float(theory.incident_power(case.waves.H, T, depth, case.fluid.rho0, case.g))
+    results = {"periods": float(periods), "P_inc": P_inc}
+    chamber = case.pto is not None and case.pto.K_dm is not None
+    body = case.body is not None and case.body.pto is not None
+    if "power_pto" not in solution.series or not (chamber or body):
+        return results
+    efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
+    results["P_owc" if chamber else "P_pto"] = efficiency.xi * P_inc
+    if case.tank.width is None:
+        return results | {"xi": efficiency.xi, "xi_scatter": float(np.std(efficiency.per_period))}
+    return results | {"capture_width": efficiency.xi}  # power over power per width
+
+
+def _reflection(case: Case, solution: Solution) -> Scalars:
+    """Incident and reflected wave from the gauges of the free flume."""
+    periods = settled_periods(case, float(solution.t[-1]))
+    if periods < 1 or "eta" not in solution.series:
+        return {}
+    chosen = flume_gauges(case)
+    x = np.asarray(case.probes.gauges)[chosen]
+    if len(x) < 3:
+        first, last = _free_flume(case)
+        raise ValueError(
+            f"it needs three gauges or more between x = {first:g} and {last:g} m, where the waves are free, "
+            f"and there are {len(x)}: see probes.gauges"
+        )
+    depth = float(solution.model.depth)
+    found = analysis.reflection(
+        solution["eta"][:, chosen].T, x, solution.t, case.waves.T, depth, g=case.g, periods=periods
+    )
+    return {"reflection": found.coefficient, "incident_height": 2 * found.incident}
+
+
+def flume_gauges(case: Case) -> list[int]:
+    """Which gauges see free waves: a depth or more from paddle, device and body, in front of the sponge.
+
+    Nearer to a solid the wave is not alone: what is made beside it falls off by exp(-pi/2 x/d) and faster.
+    """
+    first, last = _free_flume(case)
+    return [k for k, x in enumerate(case.probes.gauges) if first <= x <= last]
+
+
+def _free_flume(case: Case) -> tuple[float, float]:
+    """Where free waves begin and end, m from the paddle."""
+    geometry = Geometry.of(case)
+    depth, ends = float(geometry.depth), [geometry.length]
+    if case.sponge is not None:
+        ends.append(geometry.length - case.sponge.length)
+    if geometry.plate is not None:
+        ends.append(geometry.plate.x0 - depth)
+    if geometry.solid is not None:
+        ends.append(float(geometry.solid.dummies(case.dx, 1)[:, 0].min()) - depth)
+    return depth, min(ends)

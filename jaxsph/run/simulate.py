@@ -1,9 +1,4 @@
-"""Running: `simulate`, pure and of fixed length, and `run`, the host driver around it.
-
-The driver goes in chunks: after each it looks at the status, writes series, snapshot and checkpoint in
-one atomic step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
-what cannot be mended stops the run with the last good checkpoint in the file.
-"""
+"""`simulate`: a pure run of a fixed number of steps, which may be jitted, vmapped and differentiated."""
 
 from __future__ import annotations
 
@@ -33,7 +28,8 @@ def simulate(
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
     (the default); n_steps is a multiple of it.
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
-    with "time" (s). Failures are bits in `state.status`, never exceptions: look at them.
+    with "time" (s); the first sample is the state given, at whatever step it is. Failures are bits in
+    `state.status`, never exceptions: look at them.
     **Raises** ValueError for lengths that do not divide.
     """
     every = model.search.rebuild_every
@@ -44,6 +40,8 @@ def simulate(
             f"model's rebuild_every = {every}"
         )
 
+    start = state.step
+
     def read(s, tables):
         readings = {"time": model.time(s)}
         for probe in probes:
@@ -51,7 +49,7 @@ def simulate(
         return readings
 
     def measure(s, tables):
-        due = s.step % sample_every == 0
+        due = (s.step - start) % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
         readings = jax.lax.cond(in_any_lane(due), read, lambda s, tables: blank, s, tables)
         own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
@@ -71,5 +69,6 @@ def simulate(
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
-def _chunk(model, state, probes, n_steps, sample_every):
+def simulate_chunk(model, state, probes, n_steps, sample_every):
+    """`simulate`, compiled."""
     return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)

@@ -26,7 +26,7 @@ from jaxsph.case.case import Case
 from jaxsph.errors import CaseError, FileError, JaxsphError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.output.sweep_file import SweepFile, gathered
+from jaxsph.output.sweep_file import SweepFile, over_members
 from jaxsph.run.together import run_together, shape
 
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
@@ -158,7 +158,7 @@ def _swept(case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int,
 
     failures = {place(i): m["failure"] for i, m in members.items() if m["failure"]}
     series = {place(i): m["series"] for i, m in members.items()}
-    return Sweep(case, dict(axes), gathered(members, shape), failures, series)
+    return Sweep(case, dict(axes), over_members(members, shape), failures, series)
 
 
 def _in_processes(
@@ -267,7 +267,7 @@ def _progress(run: Path) -> tuple[bool, bool]:
     before it recorded such a member has nothing left to run."""
     try:
         file = RunFile.open(run)
-        return bool(file.checkpoint()), bool(file.results())
+        return file.has_checkpoint(), bool(file.results())
     except FileError:
         return False, False
 

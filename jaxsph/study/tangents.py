@@ -20,7 +20,7 @@ from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
 from jaxsph.model.tangents import TangentFilter
 from jaxsph.probes.devices import BodyProbe, ChamberProbe
-from jaxsph.run.chunks import replayed, search_settings, steps_per_chunk
+from jaxsph.run.chunks import advance_chunk, search_settings, steps_per_chunk
 from jaxsph.run.simulate import simulate
 from jaxsph.study.base import (
     SMOOTH,
@@ -76,7 +76,7 @@ class _ThroughLoop(AbstractMethod):
                     n_steps=n_steps,
                     sample_every=sample_every,
                 )
-                model, state, (d_state, read, slope) = replayed(
+                model, state, (d_state, read, slope) = advance_chunk(
                     case.name, model, advance, sample_every, bar.write
                 )
                 readings.append({k: np.asarray(v) for k, v in read.items()})

@@ -19,7 +19,7 @@ from jaxsph.output.plot.style import (
     WIDTH,
     _styled,
 )
-from jaxsph.output.sweep_file import SweepFile, gathered
+from jaxsph.output.sweep_file import SweepFile, over_members
 
 
 def plot_sweep(sweep: SweepFile | str | Path, folder: str | Path | None = None, of: str = "xi") -> list[Path]:
@@ -32,7 +32,7 @@ def plot_sweep(sweep: SweepFile | str | Path, folder: str | Path | None = None, 
     sweep = sweep if isinstance(sweep, SweepFile) else SweepFile(sweep)
     folder = Path(folder) if folder is not None else sweep.path.with_name(sweep.path.stem + "_plots")
     stored = sweep.read()
-    results = gathered(stored.members, stored.shape)
+    results = over_members(stored.members, stored.shape)
     if of not in results or len(stored.axes) > 2:
         return []
     if len(stored.axes) == 1:

@@ -1,0 +1,89 @@
+"""Samples over time in HDF5, as netCDF tools read them: groups, dimensions, positions of gauges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import h5py
+import numpy as np
+
+from jaxsph.output.hdf5 import Coordinates, Variable, dimension, scale
+
+GROUPS = ("series", "energy")
+
+
+def write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
+    """Positions along the dimensions other than time. **Raises** ValueError for what is no row."""
+    for name, (dim, values, units, long_name) in coordinates.items():
+        values = np.asarray(values)
+        if values.ndim != 1 or dim in (name, "time"):
+            raise ValueError(f"coordinate {name!r} is not a row over another dimension")
+        data = group.create_dataset(name, data=values)
+        data.attrs["units"], data.attrs["long_name"] = units, long_name
+        data.dims[0].attach_scale(scale(group, dim, len(values)))
+
+
+def time_of(file: h5py.File) -> h5py.Dataset | None:
+    """The times of the samples; None before the first."""
+    return file["series"].get("time")
+
+
+def over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
+    """ "time" once, then the series of every group."""
+    groups = [file[name] for name in GROUPS if name in file and "time" in file[name]]
+    if groups:
+        yield "time", groups[0]["time"]
+    for group in groups:
+        yield from ((name, data) for name, data in group.items() if _is_series(data))
+
+
+def extend_series(
+    file: h5py.File, series: Mapping[str, np.ndarray], variables: Mapping[str, Variable]
+) -> None:
+    """Adds samples to the groups that their variables name; makes the groups with the first ones."""
+    t = series["time"]
+    for name in GROUPS:
+        chosen = {k: series[k] for k in sorted(series) if k != "time" and variables[k].group == name}
+        if not chosen and name != "series":
+            continue
+        group = file.require_group(name)
+        if "time" not in group:
+            _create(group, t, chosen, variables)
+        old = len(group["time"])
+        for key, values in (chosen | {"time": t}).items():
+            group[key].resize(old + len(t), axis=0)
+            group[key][old:] = values
+
+
+def _create(
+    group: h5py.Group,
+    t: np.ndarray,
+    series: Mapping[str, np.ndarray],
+    variables: Mapping[str, Variable],
+) -> None:
+    described = {"time": Variable("s", "time")} | dict(variables)
+    for name, values in ({"time": t} | series).items():
+        row = values.shape[1:]
+        chunks = (512, *(max(1, k) for k in row))
+        data = group.create_dataset(name, (0, *row), values.dtype, maxshape=(None, *row), chunks=chunks)
+        data.attrs["units"] = described[name].units
+        data.attrs["long_name"] = described[name].long_name
+        if name == "time":
+            data.make_scale("time")
+            continue
+        data.dims[0].attach_scale(group["time"])
+        if row:
+            dim = described[name].dim or f"{name}_component"
+            data.dims[1].attach_scale(scale(group, dim, row[0]))
+            # CF's way to say which variables are positions along a dimension.
+            along = [n for n, d in group.items() if _is_coordinate(d, dim)]
+            if along:
+                data.attrs["coordinates"] = " ".join(along)
+
+
+def _is_series(data: h5py.Dataset) -> bool:
+    return data.is_scale is False and dimension(data, 0) == "time"
+
+
+def _is_coordinate(data: h5py.Dataset, dim: str) -> bool:
+    return not data.is_scale and len(data.dims[0]) > 0 and dimension(data, 0) == dim

@@ -1,0 +1,143 @@
+"""Changes that a run can take in its course: those that leave lattice, state and series what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.case.build import build
+from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.report import steps_per_sample
+from jaxsph.errors import CaseError
+from jaxsph.model.state import State
+from jaxsph.output.run_file import RunFile
+from jaxsph.run.chunks import search_settings, with_settings
+from jaxsph.run.recorder import Start, deciding_numbers
+
+CHANGEABLE = (
+    "t1",
+    "description",
+    "tank.height",
+    "output.sample_dt",
+    "output.snapshot_dt",
+    "output.periods",
+    "pto.K_dm",
+    "pto.P_a",
+    "body.pto.damping",
+    "body.pto.coulomb",
+    "sponge.strength",
+    "fluid.nu",
+    "scheme.alpha",
+    "scheme.delta",
+    "scheme.cfl",
+    "scheme.tolerance",
+    "scheme.solver",
+    "isph.cfl",
+    "isph.speed",
+    "isph.solver",
+    "isph.tolerance",
+    "isph.relaxation",
+    "isph.shifting",
+)
+"""What `resume` may set. The tank's walls are built anew; particles, solids and what they have exchanged are
+kept. Another time step counts from the last sample on."""
+
+REASONS = {
+    "dx": "it is the spacing of the particles that are there",
+    "g": "energies are counted over it from the start",
+    "precision": "the checkpoint's numbers have another",
+    "fluid.c0": "the water's density holds its pressure, by this speed of sound",
+    "fluid": "the particles' masses and pressures hold it",
+    "tank": "it moves the walls that the water stands against",
+    "waves": "the paddle would jump",
+    "device": "it moves the walls that the water stands against",
+    "body": "it moves the body, or its mass, under the water's forces",
+    "probes": "the series in the file have the columns of its probes",
+    "start": "it is of the initial state",
+    "scheme": "the state is that of the scheme as it was",
+    "isph": "the state is that of the scheme as it was",
+}
+"""Why not, by key or section."""
+
+
+def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> Start:
+    """The run with values of its case changed from its checkpoint on, and its file likewise.
+
+    **Raises** CaseError for a value that a run cannot change in its course; the file is then as it was.
+    """
+    case = amended_case(start.case, changes)
+    model, initial = build(case)
+    old_every, every = steps_per_sample(start.case, start.model), steps_per_sample(case, model)
+    t = int(start.state.step) / old_every * start.case.output.sample_dt
+    samples = t / case.output.sample_dt
+    if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
+        raise CaseError(
+            f"output.sample_dt = {case.output.sample_dt:g} s: the run is at {t:g} s, no multiple of it"
+        )
+    known, found = search_settings(start.model), search_settings(model)
+    model = with_settings(
+        model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
+    )
+    state = _carried(start.state, initial)
+    # the step is what time is counted by
+    state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(round(samples) * every, state.step.dtype))
+    file.amend(
+        _told(file.case_toml, start.case, case, changes, t),
+        search_settings(model),
+        deciding_numbers(model, initial),
+    )
+    return Start(case, model, initial, state)
+
+
+def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
+    """The case with values changed. **Raises** CaseError for those that a run must keep."""
+    for key in changes:
+        if key not in CHANGEABLE:
+            case.replace({key: changes[key]})  # an unknown key is the first thing to say
+            reason = REASONS.get(
+                key, REASONS.get(key.partition(".")[0], "the run depends on it from its start")
+            )
+            raise CaseError(
+                f"{key}: cannot change in the course of a run: {reason}. Run the case anew with --set, or "
+                f"change one of {', '.join(CHANGEABLE)}"
+            )
+    new = case.replace(dict(changes))
+    old_law, law = ((c.pto is not None and c.pto.K_dm is not None) for c in (case, new))
+    if old_law != law:
+        raise CaseError("pto: cannot change from a damping to a pressure in the course of a run, nor back")
+    height, before = Geometry.of(new).height, Geometry.of(case).height
+    if "tank.height" in changes and not height > before:
+        raise CaseError(
+            f"tank.height = {changes['tank.height']!r}: must be higher than the {before:g} m of the run, "
+            "up to which there may be water"
+        )
+    return new
+
+
+def _carried(state: State, initial: State) -> State:
+    """The state, where one of the amended case has the same arrays."""
+    old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
+    if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:
+        raise CaseError("the changed case has another state than the run: run it anew with --set")
+    return state
+
+
+def _told(text: str, before: Case, case: Case, changes: Mapping[str, Any], t: float) -> str:
+    """The case's text, with what was changed and since when on top."""
+    notes = [line for line in text.splitlines() if line.startswith("# since t = ")]
+    for key in changes:
+        old, new = _value(before, key), _value(case, key)
+        notes.append(f"# since t = {t:.6g} s: {key} = {new!r}, which was {old!r}")
+    return "\n".join([*notes, case.to_toml()])
+
+
+def _value(case: Case, key: str) -> Any:
+    place: Any = case
+    for name in key.split("."):
+        place = getattr(place, name, None)
+    return place

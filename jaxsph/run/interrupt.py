@@ -1,0 +1,132 @@
+"""Ctrl-C: heard between chunks, where nothing is half done, and never inside JAX.
+
+An exception that is raised while JAX compiles or runs can end the interpreter in a crash. So an interrupt is
+noted here, and a run looks at it after every chunk; the second interrupt does not wait.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+
+CODE = 130
+"""Exit status of an interrupted program: 128 and the signal's number."""
+
+STOPPING = "\njaxsph: stopping at the end of this chunk; Ctrl-C again stops at once"
+
+
+class Interrupt:
+    """Whether a run is asked to stop."""
+
+    def __init__(self) -> None:
+        """Not yet."""
+        self.asked = False
+        self.has_saved = False
+        """Whether the run has saved a chunk: before, there is nothing to wait for."""
+
+    def saved(self) -> None:
+        """Says that a chunk was saved. **Raises** KeyboardInterrupt where the run is asked to stop."""
+        self.has_saved = True
+        if self.asked:
+            raise KeyboardInterrupt
+
+
+_runs: list[Interrupt] = []
+"""Runs that look, the innermost last."""
+_watched = False
+"""Whether `ending_at_once` hears the interrupts of this process."""
+
+
+@contextlib.contextmanager
+def heard() -> Iterator[Interrupt]:
+    """An interrupt that the run inside looks at. Outside the main thread there is none to hear."""
+    interrupt = Interrupt()
+    _runs.append(interrupt)
+    ours = (
+        not _watched
+        and threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+
+    def note(number: int, frame: object) -> None:
+        if interrupt.asked:
+            raise KeyboardInterrupt
+        interrupt.asked = True
+        print(STOPPING, file=sys.stderr, flush=True)
+
+    if ours:
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield interrupt
+    finally:
+        _runs.remove(interrupt)
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextlib.contextmanager
+def ending_at_once(words: Callable[[], str]) -> Iterator[None]:
+    """For a program that is nothing but one run: an interrupt that need not or will not wait ends it.
+
+    It is heard by a thread, also while the main thread is busy in a compiler. **Arguments**: what to say.
+    """
+    global _watched
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ear, mouth = socket.socketpair()
+    mouth.setblocking(False)
+    before = signal.signal(signal.SIGINT, lambda number, frame: None)
+    fd_before = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+    thread = threading.Thread(target=_listen, args=(ear, words), daemon=True)
+    _watched = True
+    thread.start()
+    try:
+        yield
+    finally:
+        _watched = False
+        signal.set_wakeup_fd(fd_before)
+        signal.signal(signal.SIGINT, before)
+        mouth.close()
+        thread.join()
+        ear.close()
+
+
+def _listen(ear: socket.socket, words: Callable[[], str]) -> None:
+    while heard_ := ear.recv(1):
+        if heard_[0] != signal.SIGINT:
+            continue
+        run = _runs[-1] if _runs else None
+        if run is not None and run.has_saved and not run.asked:
+            run.asked = True
+            print(STOPPING, file=sys.stderr, flush=True)
+        else:
+            end(words())
+
+
+def _end_early(number: int, frame: object) -> None:
+    end("\njaxsph: interrupted before anything was begun")
+
+
+def end_early() -> None:
+    """For a program that has just begun: an interrupt ends it, whatever is being imported."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end_early)
+
+
+def raise_again() -> None:
+    """Interrupts are exceptions again, as Python has them."""
+    if signal.getsignal(signal.SIGINT) is _end_early:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def end(words: str) -> None:
+    """Ends the program with these words, and without the interpreter's own end."""
+    print(words, file=sys.stderr, flush=True)
+    sys.stdout.flush()
+    os._exit(CODE)
