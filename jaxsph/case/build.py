@@ -15,130 +15,26 @@ import numpy as np
 
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.case import Case
-from jaxsph.case.geometry import Geometry, _layers, _smoothing_length, _thin_wall
-from jaxsph.case.initial import _initial_head, _initial_velocity, _outside, _speed_scale, _water
-from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
+from jaxsph.case.geometry import Geometry, thin_wall
+from jaxsph.case.initial import initial_head, initial_velocity, outside_body, water
+from jaxsph.case.parts import make_body, make_wavemaker
+from jaxsph.case.scheme import make_scheme
+from jaxsph.case.speeds import speed_scale
 from jaxsph.errors import CaseError
 from jaxsph.model.background import Background
 from jaxsph.model.interfaces import AbstractPTO, Model
-from jaxsph.model.shifting import Shifting
-from jaxsph.model.state import BodyState, State
-from jaxsph.model.viscosity import ArtificialViscosity, PhysicalViscosity
-from jaxsph.parts.body import RigidBody, RotationalPTO
+from jaxsph.model.state import State
 from jaxsph.parts.chamber import Chamber
-from jaxsph.parts.paddle import Wavemaker, column_depth
+from jaxsph.parts.paddle import column_depth
 from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
 from jaxsph.parts.sponge import Sponge
-from jaxsph.schemes import incompressible, weakly_compressible
-from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.schemes.incompressible import ISPH
-from jaxsph.schemes.integrators import PredictorCorrector, SymplecticEuler
-from jaxsph.schemes.poisson import BiCGStab, EmptyNeighbours, Explicit, SurfaceParticles
-from jaxsph.schemes.weakly_compressible import DeltaSPH
 from jaxsph.solids.box import Box, FreeSlip, NoSlip
 from jaxsph.solids.filling import DummyParticles, MirrorNodes
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves import theory
-from jaxsph.waves.absorption import ActiveAbsorption
-from jaxsph.waves.regular import RegularWaves, SecondOrderPiston
 
 LONG_STEP_SKIN = 0.5
 """The same for steps in which a particle goes as far as a fifth of a spacing."""
-
-
-def _kernel(case: Case) -> AbstractKernel:
-    return {"gaussian": Gaussian, "wendland": WendlandC2}[case.scheme.kernel]()
-
-
-def sound_speed(case: Case) -> float:
-    """Eq. 2: ten times the larger of the wave's and the dam-break speed scale, m/s."""
-    if case.fluid.c0 is not None:
-        return case.fluid.c0
-    return 10.0 * max(_speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
-
-
-def _scheme(case: Case, geometry: Geometry, dim: int, leaf: Any) -> tuple[AbstractParticleScheme, float]:
-    """The scheme, and the largest time step that it allows, s."""
-    dtype = np.dtype(case.precision)
-    if case.isph is not None:
-        section = case.isph
-        speed = section.speed or max(_speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
-        if section.speed is None and case.tank.column is not None:
-            speed = 1.5 * speed  # of the jet where the tip meets a wall
-        solver = {"bicgstab": BiCGStab(section.tolerance), "explicit": Explicit()}
-        surface = {
-            "empty_neighbours": EmptyNeighbours(),
-            "particles": SurfaceParticles(),
-        }
-        found = ISPH.of(
-            case.dx,
-            speed,
-            dim=dim,
-            rho0=case.fluid.rho0,
-            viscosity=PhysicalViscosity(case.fluid.nu),
-            h_over_dx=section.h_over_dx,
-            solver=solver[section.solver],
-            surface=surface[section.surface],
-            relaxation=section.relaxation,
-            shifting=None if section.shifting is None else Shifting(section.shifting),
-            dtype=dtype,
-        )
-        return found, incompressible.stable_dt(found, case.g, section.cfl, dim)
-    h, c0 = _smoothing_length(case), sound_speed(case)
-    integrator = {
-        "symplectic": SymplecticEuler,
-        "predictor_corrector": PredictorCorrector,
-    }[case.scheme.integrator]()
-    scheme = DeltaSPH.of(
-        case.dx,
-        c0,
-        rho0=case.fluid.rho0,
-        delta=case.scheme.delta,
-        viscosity=PhysicalViscosity(case.fluid.nu)
-        if case.scheme.alpha is None
-        else ArtificialViscosity(case.scheme.alpha),
-        kernel=_kernel(case),
-        h_over_dx=case.scheme.h_over_dx,
-        integrator=integrator,
-        dtype=dtype,
-        background=_background(case, geometry, leaf),
-    )
-    cfl = case.scheme.cfl if case.scheme.cfl is not None else integrator.cfl
-    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
-    return scheme, weakly_compressible.stable_dt(
-        scheme, case.g, cfl * case.scheme.h_over_dx * case.dx / h, dim
-    )
-
-
-def _body(case: Case, geometry: Geometry, leaf: Any) -> tuple[RigidBody | None, BodyState | None]:
-    section, solid = case.body, geometry.solid
-    if section is None:
-        return None, None
-    area, centroid, second = solid.moments()
-    mass = section.mass if section.density is None else section.density * area
-    centre = np.asarray(centroid if section.centre is None else section.centre)
-    pivot = centre if section.pivot is None else np.asarray(section.pivot)
-    inertia = section.inertia
-    if section.density is not None:
-        inertia = section.density * second + mass * float(np.sum((centre - pivot) ** 2))
-    pto = None
-    if section.pto is not None:
-        pto = RotationalPTO.of(**section.pto.model_dump(), dtype=np.dtype(case.precision))
-    try:
-        body = RigidBody(
-            free=tuple(name in section.free for name in ("surge", "heave", "pitch")),
-            shape=solid,
-            mass=leaf(mass or 1.0),  # what nothing moves needs no mass
-            inertia=leaf(inertia or 1.0),
-            pivot=leaf(pivot),
-            centre=leaf(centre),
-            release=leaf(section.release),
-            pto=pto,
-        )
-    except ValueError as error:
-        raise CaseError(f"body.{error}") from None
-    start = BodyState.at_rest(np.dtype(case.precision), section.velocity, (0.0, 0.0, section.angle))
-    return body, start
 
 
 def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
@@ -154,13 +50,13 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         )
     dtype = np.dtype(case.precision)
     geometry = Geometry.of(case)
-    dim = 2 if geometry.width is None else 3
+    dim = case.dim
     dx = case.dx
 
     def leaf(a: Any) -> jax.Array:
         return jnp.asarray(a, dtype)
 
-    scheme, dt_limit = _scheme(case, geometry, dim, leaf)
+    scheme, dt_limit = make_scheme(case, _background(case, geometry, leaf))
     stroke = 0.0
     if case.waves is not None:
         k = float(theory.wavenumber(2 * np.pi / case.waves.T, case.tank.depth, case.g))
@@ -170,7 +66,6 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         high = [geometry.length, geometry.width, geometry.height]
     box = Box((0.0,) * dim, tuple(high), case.waves is not None, 1.5 * stroke + 2 * dx)
     slip = FreeSlip() if case.tank.slip == "free_slip" else NoSlip()
-    thin_wall = _thin_wall(case.device) if geometry.plate is not None else None
     dummies = case.tank.walls == "dummy" or case.body is not None
     walls = Ghosts.build(
         box,
@@ -178,32 +73,32 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         scheme.smoothing,
         slip,
         geometry.plate,
-        thin_wall,
+        thin_wall(case.device) if geometry.plate is not None else None,
         dtype=dtype,
         platform=geometry.platform,
         filling=DummyParticles() if dummies else MirrorNodes(),
         solid=geometry.solid,
     )
-    body, body_state = _body(case, geometry, leaf)
-    x, volume = _water(geometry, dx)
+    body, body_state = make_body(case, geometry, leaf)
+    x, volume = water(geometry, dx)
     if body is not None:
-        outside = _outside(np.asarray(body.distance(jnp.asarray(x, dtype), body_state)) / dx)
+        outside = outside_body(np.asarray(body.distance(jnp.asarray(x, dtype), body_state)) / dx)
         x, volume = x[outside], volume[outside]
     g = np.zeros(dim)
     g[-1] = -case.g
-    wavemaker = _wavemaker(case, geometry, leaf, _smoothing_length(case))
+    wavemaker = make_wavemaker(case, geometry, leaf)
     sponge = None
     if case.sponge is not None:
         end = geometry.length
         sponge = Sponge(leaf(end - case.sponge.length), leaf(end + dx), leaf(case.sponge.strength))
     model, state = assemble(
         x,
-        _initial_velocity(case, geometry, x),
+        initial_velocity(case, geometry, x),
         scheme=scheme,
         walls=walls,
         dx=dx,
         sample_dt=case.output.sample_dt,
-        p=case.fluid.rho0 * case.g * _initial_head(geometry, x),
+        p=case.fluid.rho0 * case.g * initial_head(geometry, x),
         volume=volume,
         g=g,
         wavemaker=wavemaker,
@@ -211,9 +106,9 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         chamber=_chamber(case, geometry, leaf),
         body=body,
         body_state=body_state,
-        speed=_speed_scale(case),
+        speed=speed_scale(case),
         dt_most=dt_limit,
-        skin=SKIN if case.isph is None else LONG_STEP_SKIN,
+        skin=LONG_STEP_SKIN if case.scheme.kind == "incompressible" else SKIN,
         depth=geometry.depth,
         stroke=stroke,
         settings=settings,
@@ -251,7 +146,7 @@ def _chamber(case: Case, geometry: Geometry, leaf: Any) -> Chamber | None:
 
 def _background(case: Case, geometry: Geometry, leaf: Any) -> Background | None:
     plate = geometry.plate
-    if plate is None or not plate.is_thin(case.dx, _layers(case)):
+    if plate is None or not plate.is_thin(case.dx, case.layers):
         return None
     draught = geometry.depth - plate.tip
     # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
@@ -270,26 +165,3 @@ def _background(case: Case, geometry: Geometry, leaf: Any) -> Background | None:
         weight=leaf(case.fluid.rho0 * case.g),
         still=leaf(geometry.depth - min(max(0.3 * draught, fall), 0.5 * draught)),
     )
-
-
-def _wavemaker(case: Case, geometry: Geometry, leaf: Any, h: float) -> Wavemaker | None:
-    section = case.waves
-    if section is None:
-        return None
-    regular = RegularWaves(
-        leaf(section.H),
-        leaf(section.T),
-        leaf(geometry.depth),
-        leaf(case.g),
-        leaf(section.ramp_periods * section.T),
-        SecondOrderPiston() if section.second_order else None,
-    )
-    distance = 4.0 * h
-    absorption = None
-    if section.absorption:
-        # Slow against the waves, quick against the drift: with 0.01 omega the paddle crept 0.04 m back
-        # in ten periods, on the half millimetre by which the gauge's mean is off.
-        rate = 0.04 * float(regular.omega)
-        absorption = ActiveAbsorption.at_gauge(regular, distance, drift_rate=rate)
-        absorption = jax.tree.map(leaf, absorption)
-    return Wavemaker(regular, absorption, leaf(distance), leaf(0.0))
