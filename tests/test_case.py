@@ -153,6 +153,51 @@ def test_walls_stand_between_particles(dx, length, depth):
     assert plate.thickness == pytest.approx(case.device.wall_thickness, abs=1e-11)
 
 
+# --- the scheme
+
+
+INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
+
+
+def test_the_scheme_s_kind_decides_its_keys():
+    for name, changes in (("owc", INCOMPRESSIBLE), ("flap_2d", {"scheme.kind": "weakly_compressible"})):
+        case = js.load_case(name)
+        other = case.replace(changes)
+        assert other.scheme == type(other.scheme)() and type(other.scheme) is not type(case.scheme)
+        assert other.replace({"scheme.cfl": 0.2, "scheme.kind": case.scheme.kind}).scheme.cfl == 0.2
+        assert Case.from_dict(tomllib.loads(other.to_toml())) == other
+    assert OWC.replace({"scheme": {"cfl": 0.4}}).scheme.kind == "weakly_compressible"
+
+
+@pytest.mark.parametrize(
+    ("case", "changes", "message"),
+    [
+        ("flap_2d", {"scheme.alpha": 0.1}, r'scheme.alpha belongs to scheme.kind = "weakly_compressible"'),
+        ("owc", {"scheme.speed": 2.0}, r'scheme.speed belongs to scheme.kind = "incompressible"'),
+        ("owc", {"scheme.kind": "sph"}, r"scheme.kind = 'sph': must be \"weakly_compressible\" or"),
+        ("owc", {"scheme": "incompressible"}, r"scheme = 'incompressible': must be a section"),
+        ("flap_2d", {"scheme.sped": 2.0}, r"unknown key 'scheme.sped'; did you mean 'scheme.speed'"),
+        ("owc", {"isph.cfl": 0.1}, r'\[scheme\]\nkind = "incompressible"\ncfl = 0.1$'),
+        ("owc", {"isph": None}, r'Write .*\n\[scheme\]\nkind = "incompressible"$'),
+        ("owc", {"tank.widht": None}, r"unknown key 'tank.widht'; did you mean 'tank.width'"),
+    ],
+)
+def test_keys_of_the_other_kind_are_refused_with_what_to_write(case, changes, message):
+    with pytest.raises(CaseError, match=message):
+        js.load_case(case).replace(changes)
+
+
+def test_lattice_checks_use_the_kernel_s_own_reach():
+    """The Gaussian reaches 3.6 spacings and Wendland's kernel 4: 4 layers, or 3 where h is smaller."""
+    assert OWC.layers == OWC.replace(INCOMPRESSIBLE).layers == 4
+    narrow = OWC.replace(INCOMPRESSIBLE | {"scheme.h_over_dx": 1.5, "device.thin_wall": "regional"})
+    assert narrow.layers == 3 and narrow.pto.K_dm == 534.66
+    two = {"device.thin_wall": "multi_node", "device.wall_thickness": 0.04}
+    assert narrow.replace(two).device.thin_wall == "multi_node"  # which needs a layer less than the kernel
+    with pytest.raises(CaseError, match="multi-node ghosts need 3"):
+        OWC.replace(two)
+
+
 # --- replace and text
 
 

@@ -22,7 +22,7 @@ TANK = {
     "dx": 0.05,
     "t1": 1.0,
     "tank": {"length": 1.0, "depth": 0.5},
-    "isph": {},
+    "scheme": {"kind": "incompressible"},
     "output": {"sample_dt": 0.02},
 }
 FLOATING = TANK | {
@@ -79,7 +79,7 @@ def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
 
 def test_a_box_floats_in_weakly_compressible_water_too(advanced):
     """Over 0.2 s; sound rings in the force, so it is the mean that carries the weight: within 3 %."""
-    case = {k: v for k, v in FLOATING.items() if k != "isph"}
+    case = {k: v for k, v in FLOATING.items() if k != "scheme"}
     model, state = js.build(js.Case.from_dict(case))
     sample = 0.02
     found = js.march(model, state, 0.2, sample, (BodyProbe(jnp.float32(sample)),))
@@ -116,7 +116,7 @@ def test_gauges_read_the_surface_in_three_dimensions():
             "dx": 0.05,
             "t1": 1.0,
             "tank": {"length": 1.0, "width": 0.6, "depth": 0.3},
-            "isph": {},
+            "scheme": {"kind": "incompressible"},
             "waves": {"H": 0.05, "T": 1.0},
             "probes": {"gauges": [0.5], "surface": [[0.5, 0.3]]},
         }
@@ -216,7 +216,7 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
         "dx": 0.03,
         "precision": "float64",
         "tank": {"length": 1.2, "depth": 0.45},
-        "isph": {"tolerance": 1e-11},
+        "scheme": {"kind": "incompressible", "tolerance": 1e-11},
         "body": FLAP,
     }
     with enable_x64():
@@ -239,7 +239,10 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"scheme": {"alpha": 0.1}}, "takes the place"),
+        (
+            {"scheme": {"kind": "incompressible", "alpha": 0.1}},
+            'scheme.alpha belongs to scheme.kind = "weakly',
+        ),
         ({"body": FLOATING["body"] | {"release": 1.0, "velocity": [0.0, 0.1, 0.0]}}, "at rest until then"),
         ({"body": FLOATING["body"] | {"disc": {"centre": [0.5, 0.5], "radius": 0.1}}}, "exactly one"),
         ({"body": FLOATING["body"] | {"density": None}}, "density"),

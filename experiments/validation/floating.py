@@ -48,7 +48,7 @@ def sinking(dx: float) -> js.Case:
         dx=dx,
         t1=0.29,
         tank={"length": 0.15, "depth": depth, "height": 0.2},
-        isph={"cfl": 0.125},
+        scheme={"kind": "incompressible", "cfl": 0.125},
         body={
             "block": {"low": [0.075 - half, depth - BOX], "high": [0.075 + half, depth]},
             "density": 2120.0,
@@ -83,7 +83,9 @@ def swinging(dx: float) -> js.Case:
 
 
 def _case(what: str, **sections: object) -> js.Case:
-    return js.Case.from_dict({"name": what.replace(" ", "_"), "description": what, "isph": {}} | sections)
+    scheme = {"kind": "incompressible"}
+    named = {"name": what.replace(" ", "_"), "description": what, "scheme": scheme}
+    return js.Case.from_dict(named | sections)
 
 
 def extremes(t: np.ndarray, angle: np.ndarray) -> tuple[float, float]:

@@ -35,7 +35,7 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         case = case.replace(changes)
     suffix = "" if wavelengths == 4 else f"_{wavelengths}"
     if incompressible:
-        case, suffix = case.replace({"scheme": {}, "isph": {}}), f"{suffix}_incompressible"
+        case, suffix = case.replace({"scheme.kind": "incompressible"}), f"{suffix}_incompressible"
     file = solved(case, f"wave_tank_{dx:g}{suffix}")
     series, results = file.series(), file.results()
     t, x, eta = series["time"], np.asarray(case.probes.gauges), series["eta"]

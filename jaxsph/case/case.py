@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.sections import Sections
+from jaxsph.case.sections import SCHEMES, Sections, scheme_kind
 from jaxsph.errors import CaseError
 from jaxsph.waves import theory
 
@@ -20,7 +20,7 @@ class Case(Sections):
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Case:
         """Validates a mapping. **Raises** CaseError that names field, value and what is allowed."""
-        _known_keys(data, cls)
+        _check_keys(data)
         try:
             case = cls.model_validate(data)
         except ValidationError as error:
@@ -31,9 +31,18 @@ class Case(Sections):
         return case
 
     def replace(self, changes: dict[str, Any]) -> Case:
-        """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`."""
+        """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`.
+
+        None removes a field. Another `scheme.kind` starts from that kind's defaults: the numbers of one
+        scheme mean nothing in the other. A law of the PTO takes the place of the other law.
+        **Raises** CaseError as `from_dict`.
+        """
         data = self.model_dump(exclude_none=True, mode="json")
+        if changes.get("scheme.kind", self.scheme.kind) != self.scheme.kind:
+            data.pop("scheme")
         for key, value in changes.items():
+            if value is None and key not in _all_keys(Case):
+                _check_keys(_nested(key))  # what is not there is removed in silence only where it could be
             *path, last = key.split(".")
             place = data
             for part in path:
@@ -70,22 +79,73 @@ class Case(Sections):
         return notes
 
 
-def _known_keys(data: dict[str, Any], section: type[BaseModel], prefix: str = "") -> None:
+def _check_keys(data: dict[str, Any]) -> None:
+    """**Raises** CaseError for the first key that no section has, with the nearest that there is."""
+    if "isph" in data:
+        raise CaseError(_instead_of_isph(data["isph"]))
+    _check_section(data, Case, "")
+
+
+def _nested(key: str) -> dict[str, Any]:
+    """Mapping with an empty section at a dotted key."""
+    first, _, rest = key.partition(".")
+    return {first: _nested(rest) if rest else {}}
+
+
+def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) -> None:
     for key, value in data.items():
         fields = section.model_fields
         if key not in fields:
-            everything = _all_keys(Case)
-            near = [k for k in everything if k.lower() == (prefix + key).lower()]
-            near = near or difflib.get_close_matches(prefix + key, everything, n=1, cutoff=0.5)
-            near = near or [k for k in everything if k.rsplit(".", 1)[-1] == key]
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise CaseError(f"unknown key {prefix + key!r}{hint} (keys here: {', '.join(sorted(fields))})")
+            raise CaseError(_unknown_key(key, section, prefix))
         inner = _section_type(fields[key].annotation)
+        if prefix + key == "scheme":
+            inner = _scheme_type(value)
         if inner is not None and isinstance(value, dict):
-            _known_keys(value, inner, f"{prefix}{key}.")
+            _check_section(value, inner, f"{prefix}{key}.")
+
+
+def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
+    """Words for a key that a section does not have."""
+    here = ", ".join(sorted(section.model_fields))
+    if section in SCHEMES.values():
+        kind = section.model_fields["kind"].default
+        for other, keys in SCHEMES.items():
+            if other != kind and key in keys.model_fields:
+                return (
+                    f'{prefix}{key} belongs to scheme.kind = "{other}", and this case has "{kind}": '
+                    f"remove the key, or change the kind (keys here: {here})"
+                )
+    everything = _all_keys(Case)
+    near = [k for k in everything if k.lower() == (prefix + key).lower()]
+    near = near or difflib.get_close_matches(prefix + key, everything, n=1, cutoff=0.5)
+    near = near or [k for k in everything if k.rsplit(".", 1)[-1] == key]
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"unknown key {prefix + key!r}{hint} (keys here: {here})"
+
+
+def _scheme_type(data: Any) -> type[BaseModel]:
+    """Section of the scheme's kind. **Raises** CaseError for a kind that there is not."""
+    if not isinstance(data, dict):
+        raise CaseError(f"scheme = {data!r}: must be a section, [scheme]")
+    kind = scheme_kind(data)
+    if not isinstance(kind, str) or kind not in SCHEMES:
+        allowed = " or ".join(f'"{name}"' for name in SCHEMES)
+        raise CaseError(f"scheme.kind = {kind!r}: must be {allowed}")
+    return SCHEMES[kind]
+
+
+def _instead_of_isph(section: Any) -> str:
+    """What to write in the place of a section `isph`, as cases had it before the scheme had a kind."""
+    keys = section if isinstance(section, dict) else {}
+    own = "".join(f"{key} = {_toml_value(value)}\n" for key, value in keys.items())
+    return (
+        "isph: a case has one section for its scheme. Write in the place of [isph] and [scheme]:\n"
+        f'[scheme]\nkind = "incompressible"\n{own}'.rstrip()
+    )
 
 
 def _section_type(annotation: Any) -> type[BaseModel] | None:
+    """Section in the annotation of an optional or required field; None for a value."""
     for option in getattr(annotation, "__args__", (annotation,)):
         if isinstance(option, type) and issubclass(option, BaseModel):
             return option
@@ -93,10 +153,14 @@ def _section_type(annotation: Any) -> type[BaseModel] | None:
 
 
 def _all_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
+    """Dotted names of all keys of a section and of those in it."""
     keys = []
     for name, field in section.model_fields.items():
-        inner = _section_type(field.annotation)
         keys.append(prefix + name)
+        if prefix + name == "scheme":
+            keys += dict.fromkeys(f"scheme.{key}" for kind in SCHEMES.values() for key in kind.model_fields)
+            continue
+        inner = _section_type(field.annotation)
         if inner is not None:
             keys += _all_keys(inner, f"{prefix}{name}.")
     return keys
@@ -105,7 +169,9 @@ def _all_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
 def _readable(error: ValidationError) -> str:
     lines = []
     for item in error.errors():
-        field = ".".join(str(part) for part in item["loc"]) or "case"
+        # the scheme's kind stands in the place of its field, and is none
+        path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] != "scheme"]
+        field = ".".join(str(part) for part in path) or "case"
         value = (
             "" if item["type"] == "missing" or isinstance(item["input"], dict) else (f" = {item['input']!r}")
         )

@@ -11,10 +11,9 @@ import numpy as np
 from jaxsph.case.sections import (
     BodySection,
     Device,
-    SchemeSection,
+    Sections,
 )
 from jaxsph.errors import CaseError
-from jaxsph.schemes.incompressible import H_OVER_DX
 from jaxsph.solids.box import Platform, WallPlate
 from jaxsph.solids.divisions import (
     AbstractThinWall,
@@ -90,11 +89,6 @@ class Geometry:
         return geometry
 
     def _body(self, case: Sections) -> None:
-        if case.isph is not None:
-            if case.scheme != SchemeSection():
-                raise CaseError("isph takes the place of scheme: remove one of the sections")
-            if case.device is not None:
-                raise CaseError("device: an OWC needs the scheme of the section scheme: remove isph")
         if case.body is None:
             return
         if case.device is not None:
@@ -102,7 +96,7 @@ class Geometry:
         if case.tank.walls == "mirror":
             raise CaseError('tank.walls = "mirror": a body needs "dummy" walls')
         self.solid = solid = _shape(case.body)
-        points = solid.dummies(self.dx, _layers(case))
+        points = solid.dummies(self.dx, case.layers)
         dim = 2 if self.width is None else 3
         if points.shape[1] != dim:
             raise CaseError(f"body: its shape has {points.shape[1]} dimensions, and the tank {dim}")
@@ -156,10 +150,10 @@ class Geometry:
                 f"device.draught = {device.draught:g} m: the plate must leave at least two spacings "
                 f"of water below it, so at most {self.depth - 2 * self.dx:g} m here"
             )
-        wall = _thin_wall(device)
+        wall = thin_wall(device)
         thickness = device.wall_thickness
         try:
-            wall.check(WallPlate(0.0, thickness, 0.0), self.dx, _layers(case))
+            wall.check(WallPlate(0.0, thickness, 0.0), self.dx, case.layers)
         except ValueError as error:
             raise CaseError(f"device.{error}") from None
         x1 = float(np.round(self.length - self.chamber_length, 12))
@@ -210,7 +204,8 @@ class Geometry:
             raise CaseError("start and waves exclude each other: remove one of the sections")
 
 
-def _thin_wall(device: Device) -> AbstractThinWall:
+def thin_wall(device: Device) -> AbstractThinWall:
+    """Way in which the ghosts of a device's plate are placed."""
     division = {
         "a": DiagonalDivision,
         "b": HorizontalDivision,
@@ -228,21 +223,3 @@ def _shape(body: BodySection) -> AbstractShape:
     if body.polygon is not None:
         return Polygon(body.polygon)
     return Disc(body.disc.centre, body.disc.radius)
-
-
-def _smoothing_length(case: Sections) -> float:
-    """h, m. For Wendland's kernel h is half the support; the support is the same 3 h_over_dx dx."""
-    if case.isph is not None:
-        return _isph_ratio(case) * case.dx
-    h = case.scheme.h_over_dx * case.dx
-    return h if case.scheme.kernel == "gaussian" else 1.5 * h
-
-
-def _isph_ratio(case: Sections) -> float:
-    """h over dx of the incompressible scheme."""
-    return case.isph.h_over_dx or H_OVER_DX[2 if case.tank.width is None else 3]
-
-
-def _layers(case: Sections) -> int:
-    reach = 3.0 * case.scheme.h_over_dx if case.isph is None else 2.0 * _isph_ratio(case)
-    return int(np.ceil(reach - 0.5))

@@ -9,45 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.sections import Sections
 from jaxsph.solids.placement import lattice
-from jaxsph.waves import theory
 
 
-def _speed_scale(case: Sections) -> float:
-    """Largest speed to expect, m/s."""
-    shallow = float(np.sqrt(case.g * case.tank.depth))
-    if case.tank.column is not None:
-        return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
-    if case.body is not None and any(case.body.velocity[:2]):
-        # the jet of a wedge of 30 degrees: twice its spray root's speed, pi/2 V/tan(30 degrees)
-        return 6.0 * float(np.hypot(*case.body.velocity[:2]))
-    if case.start is not None:
-        return 0.1 * shallow
-    if case.waves is None:
-        pressure = abs(case.pto.P_a) if case.pto is not None and case.pto.P_a else 0.0
-        # a level suddenly pushed down by P_a/(rho g) swings with at most g A / omega ~ sqrt(P/rho)
-        return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
-    omega = 2 * np.pi / case.waves.T
-    k = float(theory.wavenumber(omega, case.tank.depth, case.g))
-    surface = 0.5 * case.waves.H * omega / np.tanh(k * case.tank.depth)
-    return float(surface * (2.5 if case.device is not None else 1.5))
-
-
-def _search_speed(case: Sections) -> float:
-    """Largest speed to expect (m/s), from which the steps between two searches follow.
-
-    Their number is the length of a loop, which waves of another height should not change. Speeds of waves are
-    therefore rounded to 0.13 sqrt(g d), or that times a whole power of sqrt(2): by at most a fifth of what is
-    an estimate. A table that goes stale for it is noticed and searched more often.
-    """
-    speed = _speed_scale(case)
-    if case.waves is None:
-        return speed
-    least = 0.13 * float(np.sqrt(case.g * case.tank.depth))
-    return least * 2.0 ** (0.5 * max(round(2.0 * float(np.log2(speed / least))), 0))
-
-
-def _initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
+def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
     u = np.zeros_like(x)
     if case.start is None:
         return u
@@ -59,7 +25,7 @@ def _initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.n
     return u
 
 
-def _water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
+def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (m) and volumes (m3, m2 in 2-D) of the particles at the start."""
     across = () if geometry.width is None else (geometry.width,)
     low = (0.0,) * (2 + len(across))
@@ -76,7 +42,7 @@ def _water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([x, rest]), np.concatenate([volume, more])
 
 
-def _outside(away: np.ndarray) -> np.ndarray:
+def outside_body(away: np.ndarray) -> np.ndarray:
     """Which particles are not in the place of a body, by their distances from its surface over dx.
 
     The lattice need not fit the body. As much water gives way as the body has volume in it, counted by the
@@ -91,7 +57,7 @@ def _outside(away: np.ndarray) -> np.ndarray:
     return away > min(max(most, -0.3), 0.45)
 
 
-def _initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
+def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     """Pressure at t = 0 over rho0 g, m: hydrostatic, or that of a column in the instant of its release.
 
     Taking the gate away makes p = 0 on the released face at once: in incompressible water the pressure is

@@ -1,17 +1,17 @@
-"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
+"""Sections of a case file: every key with its type, range, default and meaning, in SI units.
 
-Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
-spacing dx, and `Case.notices` says what became of each.
+What follows from several sections, and from the lattice of spacing dx, is checked in `geometry` and `limits`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from jaxsph.schemes.incompressible import RELAXATION
+from jaxsph.schemes.incompressible import H_OVER_DX, RELAXATION
 
 
 class _Section(BaseModel):
@@ -29,22 +29,34 @@ class Fluid(_Section):
     """Numerical speed of sound, m/s; by default from Eq. 2."""
 
 
-class SchemeSection(_Section):
-    """Delta-SPH and its closures."""
+class WeaklyCompressible(_Section):
+    """Delta-SPH and its closures: `kind = "weakly_compressible"`, or no kind."""
 
+    kind: Literal["weakly_compressible"] = "weakly_compressible"
     kernel: Literal["gaussian", "wendland"] = "gaussian"
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
+    """Smoothing length of the Gaussian over dx; the support is three times as wide with either kernel."""
     delta: float = Field(0.1, ge=0, le=1)
+    """Factor of the density's diffusion (Eq. 8)."""
     alpha: float | None = Field(None, ge=0, le=1)
-    """Artificial viscosity of Eq. 4 in the place of nu."""
+    """Artificial viscosity of Eq. 4 in the place of fluid.nu."""
     integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
     cfl: float | None = Field(None, gt=0, le=1.5)
     """Share of h/c0 for the time step; by default the integrator's own."""
 
+    def support(self, dim: int) -> float:
+        """Radius of the kernel's support over dx, in `dim` dimensions."""
+        return 3.0 * self.h_over_dx
 
-class ISPHSection(_Section):
-    """Incompressible SPH in the place of `scheme` (Yeylaghi et al. 2016)."""
+    def smoothing_length(self, dim: int) -> float:
+        """Smoothing length of the kernel over dx: of Wendland's it is half the support."""
+        return self.h_over_dx * (1.0 if self.kernel == "gaussian" else 1.5)
 
+
+class Incompressible(_Section):
+    """Incompressible SPH by projection (Yeylaghi et al. 2016): `kind = "incompressible"`."""
+
+    kind: Literal["incompressible"] = "incompressible"
     h_over_dx: float | None = Field(None, ge=1.2, le=2.5)
     """Of Wendland's kernel, which reaches 2 h; by default 2 in two and 1.5 in three dimensions."""
     cfl: float = Field(0.25, gt=0, le=0.5)
@@ -60,6 +72,34 @@ class ISPHSection(_Section):
     """Strength of particle shifting."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
     """Where the pressure is zero: beyond the surface, or at its particles (Eq. 23-24)."""
+
+    def support(self, dim: int) -> float:
+        """Radius of the kernel's support over dx, in `dim` dimensions."""
+        return 2.0 * self.smoothing_length(dim)
+
+    def smoothing_length(self, dim: int) -> float:
+        """Smoothing length of the kernel over dx."""
+        return H_OVER_DX[dim] if self.h_over_dx is None else self.h_over_dx
+
+
+SCHEMES = {"weakly_compressible": WeaklyCompressible, "incompressible": Incompressible}
+"""Sections of the schemes by `scheme.kind`; the first where none is given."""
+DEFAULT_SCHEME = next(iter(SCHEMES))
+
+
+def scheme_kind(section: Any) -> Any:
+    """The `kind` of a scheme's section, or of the mapping it is validated from."""
+    if isinstance(section, Mapping):
+        return section.get("kind", DEFAULT_SCHEME)
+    return getattr(section, "kind", None)
+
+
+SchemeSection = Annotated[
+    Annotated[WeaklyCompressible, Tag("weakly_compressible")]
+    | Annotated[Incompressible, Tag("incompressible")],
+    Discriminator(scheme_kind),
+]
+"""The scheme: one section, whose `kind` says which keys it has."""
 
 
 class Tank(_Section):
@@ -265,14 +305,28 @@ class Sections(_Section):
     g: float = Field(9.81, ge=0)
     precision: Literal["float32", "float64"] = "float32"
     fluid: Fluid = Fluid()
-    scheme: SchemeSection = SchemeSection()
+    scheme: SchemeSection = WeaklyCompressible()
     tank: Tank
     waves: WavesSection | None = None
     sponge: SpongeSection | None = None
     device: Device | None = None
     pto: PTOSection | None = None
     start: StandingWave | None = None
-    isph: ISPHSection | None = None
     body: BodySection | None = None
     probes: ProbesSection = ProbesSection()
     output: Output = Output()
+
+    @property
+    def dim(self) -> int:
+        """Dimensions: three where the tank has a width."""
+        return 2 if self.tank.width is None else 3
+
+    @property
+    def smoothing_length(self) -> float:
+        """Smoothing length h of the scheme's kernel, m."""
+        return self.scheme.smoothing_length(self.dim) * self.dx
+
+    @property
+    def layers(self) -> int:
+        """Layers of ghosts, a spacing apart, that the kernel of a particle at a wall reaches."""
+        return math.ceil(self.scheme.support(self.dim) - 0.5)

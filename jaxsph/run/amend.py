@@ -35,14 +35,11 @@ CHANGEABLE = (
     "scheme.alpha",
     "scheme.delta",
     "scheme.cfl",
-    "scheme.tolerance",
+    "scheme.speed",
     "scheme.solver",
-    "isph.cfl",
-    "isph.speed",
-    "isph.solver",
-    "isph.tolerance",
-    "isph.relaxation",
-    "isph.shifting",
+    "scheme.tolerance",
+    "scheme.relaxation",
+    "scheme.shifting",
 )
 """What `resume` may set. The tank's walls are built anew; particles, solids and what they have exchanged are
 kept. Another time step counts from the last sample on."""

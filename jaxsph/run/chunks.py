@@ -91,7 +91,6 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
 
 def failure_error(name: str, model: Model, state: State) -> SimulationError:
     """The first failure in words: what, where, when, and what to change."""
-    section = model.scheme.section
     failed = Failure(int(state.status.bits))
     step = int(state.status.step)
     t = step * float(model.dt)
@@ -105,21 +104,14 @@ def failure_error(name: str, model: Model, state: State) -> SimulationError:
         )
     elif failed & Failure.THROUGH_WALL:
         what = "a particle has gone through a wall"
-        remedy = f"a smaller {section}.cfl or dx"
-    elif failed & Failure.TOO_FAST and section == "isph":
-        what = "a particle goes farther than half a smoothing length in a step"
-        remedy = "raise isph.speed, or reduce isph.cfl"
+        remedy = "a smaller scheme.cfl or dx"
     elif failed & Failure.TOO_FAST:
-        what = "a particle is faster than a third of the speed of sound"
-        remedy = "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which"
+        what, remedy = model.scheme.too_fast
     elif failed & Failure.NON_FINITE:
-        what = "a value is no longer finite"
-        remedy = f"reduce {section}.cfl, or raise " + (
-            "scheme.alpha (0.01 to 0.05)" if section == "scheme" else "isph.speed"
-        )
+        what, remedy = "a value is no longer finite", model.scheme.steadier
     else:
         what = f"the neighbour tables cannot be kept ({failed.name})"
-        remedy = f"reduce {section}.cfl or dx"
+        remedy = "reduce scheme.cfl or dx"
     return SimulationError(
         f"case {name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
         f"What to change: {remedy}.",

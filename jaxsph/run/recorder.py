@@ -22,6 +22,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.run.chunks import sample_times, search_settings, steps_per_chunk
 from jaxsph.run.results import run_results
 
+
 class Start:
     """A case that is built, once: what it begins with, and where a run of it is now."""
 

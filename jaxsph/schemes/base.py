@@ -128,8 +128,10 @@ class AbstractParticleScheme(AbstractScheme):
 
     smoothing: eqx.AbstractVar[Smoothing]
     rho0: eqx.AbstractVar[Scalar]
-    section: eqx.AbstractClassVar[str]
-    """Section of a case that describes the scheme: where a user changes what does not work."""
+    too_fast: eqx.AbstractClassVar[tuple[str, str]]
+    """Words for a particle beyond `fastest`: what happened, and which keys of a case to change."""
+    steadier: eqx.AbstractClassVar[str]
+    """Words for values that are no longer finite: which keys of a case to change."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:

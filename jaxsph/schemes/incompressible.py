@@ -103,7 +103,11 @@ class Changes(NamedTuple):
 class ISPH(AbstractParticleScheme):
     """Projection onto velocities without divergence."""
 
-    section: ClassVar[str] = "isph"
+    too_fast: ClassVar[tuple[str, str]] = (
+        "a particle goes farther than half a smoothing length in a step",
+        "raise scheme.speed, or reduce scheme.cfl",
+    )
+    steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.speed"
     smoothing: Smoothing
     rho0: Scalar
     speed: Scalar

@@ -33,7 +33,11 @@ from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, R
 class DeltaSPH(AbstractRateScheme):
     """Eq. 17 with its closures; the integrator is an object of its own."""
 
-    section: ClassVar[str] = "scheme"
+    too_fast: ClassVar[tuple[str, str]] = (
+        "a particle is faster than a third of the speed of sound",
+        "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which",
+    )
+    steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
     smoothing: Smoothing
     c0: Scalar
     rho0: Scalar

@@ -1,0 +1,61 @@
+"""Speeds to expect in a case, m/s: they set the numerical speed of sound, the time step and the search."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxsph.case.sections import Sections
+from jaxsph.waves import theory
+
+
+def speed_scale(case: Sections) -> float:
+    """Largest speed of the water that the case leads to expect, m/s."""
+    shallow = float(np.sqrt(case.g * case.tank.depth))
+    if case.tank.column is not None:
+        return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
+    if case.body is not None and any(case.body.velocity[:2]):
+        # the jet of a wedge of 30 degrees: twice its spray root's speed, pi/2 V/tan(30 degrees)
+        return 6.0 * float(np.hypot(*case.body.velocity[:2]))
+    if case.start is not None:
+        return 0.1 * shallow
+    if case.waves is None:
+        pressure = abs(case.pto.P_a) if case.pto is not None and case.pto.P_a else 0.0
+        # a level suddenly pushed down by P_a/(rho g) swings with at most g A / omega ~ sqrt(P/rho)
+        return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
+    omega = 2 * np.pi / case.waves.T
+    k = float(theory.wavenumber(omega, case.tank.depth, case.g))
+    surface = 0.5 * case.waves.H * omega / np.tanh(k * case.tank.depth)
+    return float(surface * (2.5 if case.device is not None else 1.5))
+
+
+def search_speed(case: Sections) -> float:
+    """Largest speed to expect (m/s), from which the steps between two searches follow.
+
+    Their number is the length of a loop, which waves of another height should not change. Speeds of waves are
+    therefore rounded to 0.13 sqrt(g d), or that times a whole power of sqrt(2): by at most a fifth of what is
+    an estimate. A table that goes stale for it is noticed and searched more often.
+    """
+    speed = speed_scale(case)
+    if case.waves is None:
+        return speed
+    least = 0.13 * float(np.sqrt(case.g * case.tank.depth))
+    return least * 2.0 ** (0.5 * max(round(2.0 * float(np.log2(speed / least))), 0))
+
+
+def sound_speed(case: Sections) -> float:
+    """Numerical speed of sound, m/s: ten times the largest speed to expect or the shallow-water wave's
+    (Zhu et al. 2020, Eq. 2), unless the case gives its own."""
+    return case.fluid.c0 if case.fluid.c0 is not None else 10.0 * _largest(case)
+
+
+def projection_speed(case: Sections) -> float:
+    """Largest speed that the incompressible scheme's time step allows for, m/s."""
+    if case.scheme.speed is not None:
+        return case.scheme.speed
+    # a column's: of the jet where the tip meets a wall
+    return (1.5 if case.tank.column is not None else 1.0) * _largest(case)
+
+
+def _largest(case: Sections) -> float:
+    """Larger of the speed to expect and of shallow-water waves, m/s; never zero."""
+    return max(speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
