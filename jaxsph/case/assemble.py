@@ -62,8 +62,8 @@ def assemble(
     `p` `[N]`, the gauge pressure (Pa), by default none. `volume` (m3; m2 in 2-D): each particle's, by
     default dx^D.
     `walls`: `Ghosts.build` of a `Box`, whose `period` the scheme's smoothing must have.
-    `g` `[D]` (m/s2), by default none. Parts: `moving` walls, the first of them the `paddle` of the box where
-    it has one; `bodies`, in the order of the walls' `shapes`; `chambers`; `dampers`; `forces` beside g. (One
+    `g` `[D]` (m/s2), by default none. Parts: `moving` walls (the `paddle` of the box where it has one; driven
+    solids); `bodies`; `chambers`; `dampers`; `forces` beside g. (One
     argument for each kind of part and each number: they are all keywords.)
     `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
@@ -147,16 +147,12 @@ def _check_parts(model: Model) -> None:
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
             raise ValueError(f"parts share the {what} {', '.join(twice)}: give each a name of its own")
-    rows = tuple(body.rows for body in model.bodies)
-    if rows != model.walls.dummies:
+    given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
+    needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
+    if given != needed:
         raise ValueError(
-            f"bodies stand in the ghosts {rows}, and the walls have dummies in {model.walls.dummies}: give a "
-            "body for each of the walls' shapes, in their order"
-        )
-    first = tuple(wall.rows for wall in model.moving[:1])
-    if first != ((model.walls.paddle,) if model.walls.paddle else ()):
-        raise ValueError(
-            f"the first moving wall has the ghosts {first}, and the paddle of the box {model.walls.paddle}"
+            f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle for "
+            "a box with one, and for each of the walls' shapes a body or a driven solid with its `dummies`"
         )
 
 

@@ -6,11 +6,16 @@ spacing dx, and `Case.notices` says what became of each.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.solids.placement import lattice
+from jaxsph.solids.shapes import AbstractShape
+from jaxsph.solids.walls import Ghosts
 
 
 def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
@@ -83,3 +88,16 @@ def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     released = (2 / (H * k**2) * a) @ np.cos(np.outer(k, zs))
     head = H - z - released[column, row]
     return np.where(x[:, 0] < L, head, np.maximum(geometry.layer - z, 0.0))
+
+
+def still_water(
+    walls: Ghosts, level: float, dx: float, shapes: Sequence[AbstractShape] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles of water that fills a tank to a
+    level (m), around its plates, over its platform and around solids of these shapes."""
+    regions = walls.regions
+    x, volume = lattice(walls.low, (*walls.high[:-1], level), dx, regions.plates, regions.platform)
+    for shape in shapes:
+        outside = outside_body(np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx)
+        x, volume = x[outside], volume[outside]
+    return x, volume

@@ -6,8 +6,6 @@ spacing dx, and `Case.notices` says what became of each.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,20 +13,18 @@ from jaxsph.case.build import (
     build,
 )
 from jaxsph.case.case import Case
-from jaxsph.model.interfaces import Model
+from jaxsph.model.interfaces import AbstractProbe, Model
 from jaxsph.model.state import State
-from jaxsph.probes.devices import BodyProbe, ChamberProbe, PaddleProbe
-from jaxsph.probes.energy import EnergyProbe
+from jaxsph.probes.default import default_probes
 from jaxsph.probes.gauges import InterpolatedGauge, ParticleGauge, WaveGauge
 from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProbe
 from jaxsph.waves import theory
 
 
-def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
+def make_probes(case: Case, model: Model, state: State) -> tuple[AbstractProbe, ...]:
     """The probes that a case asks for, zeroed in its initial state."""
     dtype = model.dt.dtype
-    sample_dt = jnp.asarray(case.output.sample_dt, dtype)
-    found: list[Any] = [EnergyProbe.over(model, state, sample_dt)]
+    found: list[AbstractProbe] = [*default_probes(model, state, case.output.sample_dt)]
     if case.probes.gauges:
         at = jnp.asarray(case.probes.gauges, dtype)
         gauge = WaveGauge(at, jnp.zeros_like(at))
@@ -44,11 +40,6 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[Any, ...]:
         found.append(PressureProbe(jnp.asarray(case.probes.pressure, dtype)))
     if case.probes.velocity:
         found.append(VelocityProbe(jnp.asarray(case.probes.velocity, dtype)))
-    found += [PaddleProbe(which) for which in range(len(model.moving))]
-    for which, chamber in enumerate(model.chambers):
-        found.append(ChamberProbe(sample_dt, which, chamber.name.removeprefix("chamber")))
-    for which, body in enumerate(model.bodies):
-        found.append(BodyProbe(sample_dt, which, body.name.removeprefix("body"), len(model.g)))
     if model.bodies and case.body.sensors:
         found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
     return tuple(found)

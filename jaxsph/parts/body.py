@@ -7,6 +7,7 @@ and, for pitch, from z towards x: landward for a flap. Forces go with them: N, N
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -17,11 +18,11 @@ import numpy as np
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
 from jaxsph.model.state import Tally
-from jaxsph.parts.pto import AbstractRotationalPTO
+from jaxsph.parts.pto import AbstractRotationalPTO, FreeHinge
 from jaxsph.solids.contact import TOUCH, spring
 from jaxsph.solids.shapes import AbstractShape
 
-__all__ = ["BodyMotion", "RigidBody", "advance_body"]
+__all__ = ["BodyMotion", "RigidBody", "advance_body", "spread", "turn"]
 
 
 class BodyMotion(eqx.Module):
@@ -78,6 +79,39 @@ class RigidBody(AbstractBody):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
                 raise ValueError("pivot: must be the centre of mass where pitch and another motion are free")
 
+    @classmethod
+    def of(
+        cls,
+        shape: AbstractShape,
+        rows: tuple[int, int],
+        free: Sequence[str],
+        *,
+        density: float,
+        pivot: tuple[float, float] | None = None,
+        pto: AbstractRotationalPTO | None = None,
+        name: str = "body",
+        dtype: Any = jnp.float32,
+    ) -> RigidBody:
+        """A body of even density (kg/m3), at rest.
+
+        **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `free`: any of
+        "surge", "heave" and "pitch"; `pivot` (x, z): the hinge (m), by default the centre of mass; `pto`: on
+        its pitch. (An argument for each property of the body.)
+        """
+        area, centre, second = shape.moments()
+        pivot = centre if pivot is None else pivot
+        arm2 = float(np.sum((np.asarray(centre) - np.asarray(pivot)) ** 2))
+        numbers = {"mass": density * area, "inertia": density * (second + area * arm2), "release": 0.0}
+        places = {"pivot": pivot, "centre": centre}
+        return cls(
+            shape=shape,
+            rows=rows,
+            free=tuple(motion in free for motion in ("surge", "heave", "pitch")),
+            pto=FreeHinge() if pto is None else pto,
+            name=name,
+            **{key: jnp.asarray(value, dtype) for key, value in (numbers | places).items()},
+        )
+
     def start(self, dtype: Any) -> BodyMotion:
         """See `AbstractMovingSolid`."""
         return BodyMotion.at_rest(dtype, self.initial_velocity, (0.0, 0.0, self.initial_pitch))
@@ -108,7 +142,7 @@ class RigidBody(AbstractBody):
 
     def carry(self, own: BodyMotion, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Places (m) in the body's pose of points x of the body at rest."""
-        return self._turned(x - self._spread(x, self.pivot), own.pose[2]) + self._at(x, own)
+        return turn(x - spread(x, self.pivot), own.pose[2]) + self._at(x, own)
 
     def place(self, own, x, nodes):
         """See `AbstractMovingSolid`: a body's ghosts are their own nodes."""
@@ -144,7 +178,7 @@ class RigidBody(AbstractBody):
     def external(self, own, g):
         """See `AbstractBody`: weight, friction, spring and stops."""
         arm = jnp.zeros((1, 2), g.dtype).at[0].set(self.centre - self.pivot)
-        arm = self._turned(arm, own.pose[2])[0]
+        arm = turn(arm, own.pose[2])[0]
         weight = self.mass * g[jnp.array([0, -1])]
         moment = arm[1] * weight[0] - arm[0] * weight[1]
         moment = moment + self.pto.moment(own.pose[2], own.velocity[2])
@@ -165,18 +199,18 @@ class RigidBody(AbstractBody):
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)
-        return self._turned(normal, own.pose[2])
+        return turn(normal, own.pose[2])
 
     def energy(self, own, g):
         """See `AbstractBody`."""
         kinetic = 0.5 * jnp.sum(self.generalised_mass() * own.velocity**2)
-        arm = self._turned((self.centre - self.pivot)[None], own.pose[2])[0] - (self.centre - self.pivot)
+        arm = turn((self.centre - self.pivot)[None], own.pose[2])[0] - (self.centre - self.pivot)
         potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (own.pose[:2] + arm))
         return kinetic, potential + self.pto.stored(own.pose[2])
 
     def distance(self, own, x):
         """See `AbstractBody`."""
-        at_rest = self._turned(x - self._at(x, own), -own.pose[2]) + self._spread(x, self.pivot)
+        at_rest = turn(x - self._at(x, own), -own.pose[2]) + spread(x, self.pivot)
         return self.shape.distance(at_rest)
 
     def push(self, own, x, dx, c0):
@@ -195,17 +229,18 @@ class RigidBody(AbstractBody):
 
     def _at(self, x: Float[Array, "N D"], own: BodyMotion) -> Float[Array, " D"]:
         """Place of the pivot, m."""
-        return self._spread(x, self.pivot + own.pose[:2])
+        return spread(x, self.pivot + own.pose[:2])
 
-    @staticmethod
-    def _spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
-        """A point (x, z) of the plane of motion, with as many coordinates as x."""
-        return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
 
-    @staticmethod
-    def _turned(r: Float[Array, "N D"], angle: Scalar) -> Float[Array, "N D"]:
-        c, s = jnp.cos(angle), jnp.sin(angle)
-        return r.at[:, 0].set(c * r[:, 0] + s * r[:, -1]).at[:, -1].set(c * r[:, -1] - s * r[:, 0])
+def spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
+    """A vector (x, z) of the plane of motion, with as many components as x has."""
+    return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
+
+
+def turn(r: Float[Array, "N D"], angle: Scalar) -> Float[Array, "N D"]:
+    """Vectors r turned in the x-z plane by an angle (rad), positive from z towards x."""
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    return r.at[:, 0].set(c * r[:, 0] + s * r[:, -1]).at[:, -1].set(c * r[:, -1] - s * r[:, 0])
 
 
 def advance_body(own: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:

@@ -99,6 +99,31 @@ class Chamber(AbstractChamber):
     grip: AbstractGrip = SurfaceGrip()
     name: str = eqx.field(static=True, default="chamber", kw_only=True)
 
+    @classmethod
+    def of(
+        cls,
+        pto: AbstractPTO,
+        *,
+        between: tuple[float, float],
+        tip: float,
+        level: float,
+        dx: float,
+        grip: AbstractGrip | None = None,
+        name: str = "chamber",
+        dtype: Any = jnp.float32,
+    ) -> Chamber:
+        """A chamber from plain numbers.
+
+        **Arguments**: `between`: inner faces of its front and back wall, m; `tip`: level of the front wall's
+        tip, and `level` of still water, m; `dx`: spacing, m; `grip`: `SurfaceGrip` for the weakly
+        compressible scheme (the default), `BodyForceGrip` for the incompressible one. (An argument for each
+        property of the chamber.)
+        """
+        numbers = {"x0": between[0], "x1": between[1], "still": level, "beyond": 0.5 * dx}
+        numbers |= {"fade_low": tip, "fade_high": tip + 0.5 * (level - tip)}
+        leaves = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
+        return cls(pto=pto, grip=SurfaceGrip() if grip is None else grip, name=name, **leaves)
+
     def start(self, dtype: Any) -> Air:
         """See `AbstractChamber`: at rest."""
         zero = jnp.zeros((), dtype)

@@ -97,14 +97,14 @@ class BodyProbe(AbstractProbe):
 class PaddleProbe(AbstractProbe):
     """Displacement of a piston wavemaker."""
 
-    which: int = eqx.field(static=True, default=0)
-    """Place of the paddle in `Model.moving`."""
+    name: str = eqx.field(static=True, default="paddle")
+    """Name of the paddle."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        wall = model.moving[self.which]
-        return {wall.name: state.own[wall.name].X}
+        del model, tables
+        return {self.name: state.own[self.name].X}
 
     def describe(self):
         """See `AbstractProbe`."""
-        return {"paddle": Reading("m", "displacement of the paddle")}
+        return {self.name: Reading("m", f"displacement of the {self.name}")}

@@ -70,6 +70,9 @@ class BiCGStab(AbstractSolver):
         # An unknown that is its own right-hand side tells the iteration the size of b. Of a tangent it is
         # zero, and there the right-hand side itself is the measure.
         size = jax.lax.stop_gradient(_norm(b))
+        # Transposition wants every part of the right-hand side to depend on what is differentiated.
+        nothing = sum(0.0 * jnp.ravel(a)[0] for a in jax.tree.leaves(rest))
+        rest, size = jax.tree.map(lambda a: a + nothing, (rest, size))
 
         def extended(unknown):
             return operator(unknown[0]), unknown[1]

@@ -1,0 +1,28 @@
+"""Probes that go with the parts of a model, whatever it was made from."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.state import State
+from jaxsph.parts.paddle import Paddle
+from jaxsph.probes.devices import BodyProbe, ChamberProbe, PaddleProbe
+from jaxsph.probes.energy import EnergyProbe
+
+__all__ = ["default_probes"]
+
+
+def default_probes(model: Model, state: State, sample_dt: float) -> tuple[AbstractProbe, ...]:
+    """Probes of a model's energies, paddles, chambers and bodies, counted from this state.
+
+    `sample_dt`: time between samples, s. Readings of parts beyond the first end with their names.
+    """
+    every = jnp.asarray(sample_dt, model.dt.dtype)
+    found: list[AbstractProbe] = [EnergyProbe.over(model, state, every)]
+    found += [PaddleProbe(wall.name) for wall in model.moving if isinstance(wall, Paddle)]
+    for k, chamber in enumerate(model.chambers):
+        found.append(ChamberProbe(every, k, chamber.name.removeprefix("chamber")))
+    for k, body in enumerate(model.bodies):
+        found.append(BodyProbe(every, k, body.name.removeprefix("body"), len(model.g)))
+    return tuple(found)
