@@ -23,7 +23,7 @@ def main(dx: float = 0.02, lanes: int = 8, blocks: int = 8, turns: int = 5, thre
     K = jnp.geomspace(200.0, 2000.0, lanes)
 
     def run(K_dm, state):
-        changed = eqx.tree_at(lambda m: m.chamber.pto.K_dm, model, K_dm)
+        changed = eqx.tree_at(lambda m: m.chambers[0].pto.K_dm, model, K_dm)
         return js.simulate(changed, state, n_steps=n_steps)[0]
 
     alone = jax.jit(run).lower(K[0], state).compile()

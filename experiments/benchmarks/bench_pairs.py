@@ -89,7 +89,7 @@ def right_hand_side(given: dict[str, np.ndarray]):
         "V": field["volume"],
         "u": columns(u),
     }
-    tables = Tables(table.indices, None, None, None, x)
+    tables = Tables(table.indices, jnp.zeros((0, 0), jnp.int32), {}, {}, x)
     model = types.SimpleNamespace(g=jnp.zeros(2, jnp.float32))
 
     @jax.jit

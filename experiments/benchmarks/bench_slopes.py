@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 import jaxsph as js
 from experiments.common import Report, use_threads
+from jaxsph.model.interfaces import ExactTangents
 
 
 def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True) -> None:
@@ -21,15 +22,16 @@ def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True
     # a push along the tank, so that the chamber breathes from the start
     state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u.at[:, 0].add(0.05))
     every = model.search.rebuild_every
-    K = model.chamber.pto.K_dm
+    K = model.chambers[0].pto.K_dm
     n = state.particles.x.shape[0]
 
-    def absorbed(n_steps, tangents=None):
+    def absorbed(n_steps, tangents):
         changed = dataclasses.replace(model, tangents=tangents)
 
         def of(K_dm, state):
-            wider = eqx.tree_at(lambda m: m.chamber.pto.K_dm, changed, K_dm)
-            return js.simulate(wider, state, n_steps=n_steps, sample_every=n_steps)[0].work.pto
+            wider = eqx.tree_at(lambda m: m.chambers[0].pto.K_dm, changed, K_dm)
+            new, _ = js.simulate(wider, state, n_steps=n_steps, sample_every=n_steps)
+            return new.ledger["pto"].total - state.ledger["pto"].total
 
         return of
 
@@ -38,7 +40,7 @@ def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True
 
     few = blocks * every
     period = round(case.waves.T / float(model.dt) / every) * every
-    value = absorbed(few)
+    value = absorbed(few, ExactTangents())
     ways = {"exact": forward(value), "filtered": forward(absorbed(few, js.TangentFilter()))}
     run = Compiled(value, K, state)
     with Report("bench_slopes", f"Cost of derivatives, OWC of {n} particles, one thread", dx) as report:

@@ -7,12 +7,12 @@ import statistics
 import time
 
 import jax
-import jax.numpy as jnp
 
 import jaxsph as js
 from experiments.common import Report, timed, use_threads
 from jaxsph.case.report import steps_per_sample
 from jaxsph.model.state import Failure
+from jaxsph.schemes.base import at_rest
 
 
 def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
@@ -62,9 +62,10 @@ def pair_passes(model, state):
     @jax.jit
     def prepared(state):
         state, tables = scheme.prepare(model, state)
-        ghosts = scheme.ghosts(model, state, tables, jnp.zeros_like(model.dt))
-        sources = scheme.sources(ghosts, state.particles, state.particles.u, ghosts.u)
-        return state.particles, sources, tables
+        p = state.particles
+        ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
+        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts, p.u)
+        return p, scheme.sources(ghosts, p, p.u, ghosts.u), tables
 
     @jax.jit
     def passes(particles, sources, tables):

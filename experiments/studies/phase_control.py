@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import Report
 from experiments.owc_tank import T, short_case
+from jaxsph.model.interfaces import ExactTangents
 from jaxsph.study.base import incident_power
 
 
@@ -34,13 +35,12 @@ def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, ra
     n_steps = round(T / float(model.dt) / every) * every
 
     def wave(phase, state, tangents):
-        changed = eqx.tree_at(lambda m: m.chamber.pto.phase, model, phase)
+        changed = eqx.tree_at(lambda m: m.chambers[0].pto.phase, model, phase)
         changed = dataclasses.replace(changed, tangents=tangents)
         new, _ = js.simulate(changed, state, n_steps=n_steps, sample_every=n_steps)
-        # the reading at its start has emptied the work done before
-        return new.work.pto, new
+        return new.ledger["pto"].total - state.ledger["pto"].total, new
 
-    run = jax.jit(functools.partial(wave, tangents=None))
+    run = jax.jit(functools.partial(wave, tangents=ExactTangents()))
     slope = jax.jit(jax.value_and_grad(functools.partial(wave, tangents=js.TangentFilter()), has_aux=True))
     constant = phase = jnp.zeros(4)
     for _ in range(before):

@@ -107,7 +107,7 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
     )
     model = eqx.tree_at(lambda m: m.search, model, search)
     if not background:
-        model = eqx.tree_at(lambda m: m.scheme.background, model, None)
+        model = eqx.tree_at(lambda m: m.scheme.background, model, ())
     probes = js.make_probes(case, model, state)
     per_chunk = round(0.2 / case.output.sample_dt) * every
     advance = jax.jit(lambda m, s: js.simulate(m, s, n_steps=per_chunk, sample_every=every, probes=probes))

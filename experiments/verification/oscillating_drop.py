@@ -22,7 +22,7 @@ import jaxsph as js
 from experiments.common import Report, lattice
 from jaxsph.model import laws
 from jaxsph.model.forces import CentralForce
-from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.model.interfaces import AbstractProbe, Reading
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.weakly_compressible import DeltaSPH
@@ -76,9 +76,9 @@ class DropProbe(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {
-            "axes": ("m", "semi-axes along x and y"),
-            "sigma": ("s-1", "rate of strain"),
-            "p_centre": ("Pa", "pressure at the centre"),
+            "axes": Reading("m", "semi-axes along x and y"),
+            "sigma": Reading("s-1", "rate of strain"),
+            "p_centre": Reading("Pa", "pressure at the centre"),
         }
 
 
@@ -96,7 +96,7 @@ def built(n: int, c0: float = 15.0, strength: float | None = None):
     # the lattice's own circle: its area is that of the particles
     p = 0.5 * RHO * (SIGMA0**2 + OMEGA**2) * (len(x) * dx**2 / np.pi - np.sum(x**2, axis=1))
     force = CentralForce(jnp.float32(OMEGA), jnp.zeros(2, jnp.float32))
-    given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, force=force)
+    given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, forces=(force,))
     return js.assemble(x, u, **given, speed=0.8, skin=0.4)
 
 

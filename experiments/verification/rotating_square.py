@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import Report, lattice
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.model.interfaces import AbstractProbe, Reading
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.weakly_compressible import DeltaSPH
@@ -51,8 +51,8 @@ class PatchProbe(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {
-            "angular_momentum": ("kg m s-1", "angular momentum about the origin"),
-            "p_centre": ("Pa", "pressure at the centre"),
+            "angular_momentum": Reading("kg m s-1", "angular momentum about the origin"),
+            "p_centre": Reading("Pa", "pressure at the centre"),
         }
 
 

@@ -17,7 +17,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
         for label, background in (("as it is", True), ("without the background", False)):
             model, state = js.build(case)
             if not background:
-                model = eqx.tree_at(lambda m: m.scheme.background, model, None)
+                model = eqx.tree_at(lambda m: m.scheme.background, model, ())
             speeds = list(_speeds(model, state, t1))
             for part, index in (("a quarter", len(speeds) // 4), ("half", len(speeds) // 2), ("all", -1)):
                 last = background and index == -1

@@ -1,0 +1,35 @@
+"""A slope: how the energy that the turbine takes changes with its damping, by differentiating the program itself.
+
+Such a slope is right to round-off, but after a second or so of steps it follows single particles and speaks of
+ever smaller changes. For efficiencies of settled waves take `js.derivative(case, "pto.K_dm")`, which fits runs.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+import jaxsph as js
+
+case = js.load_case("owc").replace(
+    {
+        "dx": 0.04,  # m, the spacing of the particles
+        "tank.length": 1.2,
+        "device.wall_thickness": 0.04,
+        "probes": {"gauges": [0.5]},
+        "waves.ramp_periods": 0.5,
+    }
+)
+solution = js.run(case, t1=3.6, progress=False)
+model, state = solution.model, solution.state
+
+
+def absorbed(K_dm):  # J/m that the PTO takes in the next 180 steps: a pure function
+    changed = eqx.tree_at(lambda m: m.chambers[0].pto.K_dm, model, K_dm)
+    new, _ = js.simulate(changed, state, n_steps=180)
+    return new.ledger["pto"].total - state.ledger["pto"].total
+
+
+absorbed = jax.jit(absorbed)
+for K_dm in jnp.array([150.0, 300.0, 600.0]):
+    energy, slope = jax.jvp(absorbed, (K_dm,), (jnp.ones_like(K_dm),))
+    print(f"K_dm = {K_dm:5.1f}   energy {energy:.4g} J/m   slope {slope:+.3g}")
