@@ -1,7 +1,7 @@
-"""A slope: how the energy that the turbine takes changes with its damping, by differentiating the program itself.
+"""A slope: the energy that the turbine takes and its derivative over the damping, through the program itself.
 
-Such a slope is right to round-off, but after a second or so of steps it follows single particles and speaks of
-ever smaller changes. For efficiencies of settled waves take `js.derivative(case, "pto.K_dm")`, which fits runs.
+It is right to round-off, but after a second or so of steps it follows single particles and speaks of ever
+smaller changes. For efficiencies of settled waves take `js.derivative(case, "pto.K_dm")`, a fit through runs.
 """
 
 import equinox as eqx
