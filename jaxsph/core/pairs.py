@@ -211,8 +211,8 @@ LEAST_DETERMINANT = 0.05
 
 In two dimensions neighbours that fill a wedge of angle a give M the eigenvalues (a +- sin a)/(2 pi), in three
 a/(2 pi) besides: a determinant of 1 in the water, 1/4 and 1/8 at a flat surface, 0.037 and 0.009 in a corner
-of 90 degrees. The threshold is a wedge of 98 and of 137 degrees: every surface is corrected, and errors of the
-uncorrected gradient grow to no more than 8.6 and 3.7 times by it (the inverse of the least eigenvalue).
+of 90 degrees. The threshold is a wedge of 98 and of 137 degrees: every surface is corrected, and errors of
+the uncorrected gradient grow to no more than 8.6 and 3.7 times by it (the inverse of the least eigenvalue).
 """
 
 
