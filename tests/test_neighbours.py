@@ -1,16 +1,22 @@
 """The neighbour search against brute force and against jax-md's."""
 
 import functools
+import sys
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import advance, coarse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import jaxsph as js
 from jaxsph.core.search import cells
-from jaxsph.core.search.cells import Grid, cell_order, grid_over, needed_capacity, search, wrapped
+from jaxsph.core.search.base import Grid, needed_capacity
+from jaxsph.core.search.cells import Cells, cell_order, grid_over, search, wrapped
+from jaxsph.core.search.jax_md import JaxMD
+from jaxsph.run.host import run
 
 N, M, RADIUS = 60, 90, 0.45
 search_ = jax.jit(search, static_argnames=("grid", "capacity", "same"))
@@ -211,3 +217,94 @@ def test_grid_covers_its_box(radius):
     grid = grid_over(np.array([-1.0, 0.0]), np.array([2.0, 0.3]), radius)
     assert isinstance(grid, Grid) and grid.radius == pytest.approx(radius)
     assert all(n * grid.cell >= span - 1e-12 for n, span in zip(grid.shape, (3.0, 0.3), strict=True))
+
+
+# --- by jax-md
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), dim=st.sampled_from([2, 3]), same=st.booleans())
+def test_jax_md_s_table_is_the_default_s(seed, dim, same):
+    """Masks and targets that are no sources included; slots in the order of the sources' indices."""
+    rng = np.random.default_rng(seed)
+    sources = rng.uniform(-1, 1, (M, dim))
+    targets = sources[:N] if same else rng.uniform(-1, 1, (N, dim))
+    sees, kind = rng.integers(1, 4, N).astype(np.int32), (1 << rng.integers(0, 2, M)).astype(np.int32)
+    # room for all: cells are then of one size, and compiled once for each dimension
+    method = JaxMD.of(GRIDS[dim], *np.zeros((2, 20, dim)))
+    targets, sources = jnp.asarray(targets, jnp.float32), jnp.asarray(sources, jnp.float32)
+    found = table_(method, targets, sources, M, sees, kind, same)
+    assert not found.overflow
+    indices = np.asarray(found.indices)
+    assert np.all(np.diff(indices, axis=0) >= 0)
+    r = np.linalg.norm(np.asarray(targets)[:, None] - np.asarray(sources)[None], axis=-1)
+    clear = np.abs(r / RADIUS - 1.0) > 1e-5  # rounding, as above
+    expected = _find(targets, sources, GRIDS[dim], M, sees, kind, same)
+    np.testing.assert_array_equal(_matrix(found, M)[clear], _matrix(expected, M)[clear])
+    assert int(found.most) == np.max(np.sum(indices < M, axis=0))
+
+
+table_ = jax.jit(lambda method, *a: method.table(*a), static_argnums=(3, 6))
+
+
+def test_jax_md_s_overflows_are_flagged():
+    """Of the table, and of a cell: more of both is what both want."""
+    x = jnp.asarray(0.05 * np.random.default_rng(1).normal(size=(30, 2)), jnp.float32)
+    every = jnp.ones(30, jnp.int32)
+    method = JaxMD.of(GRIDS[2], x, x)
+    assert not table_(method, x, x, 29, every, every, True).overflow
+    short = table_(method, x, x, 28, every, every, True)
+    assert short.overflow and int(short.most) == 29
+    small = JaxMD(method.origin, method.box, method.radius, (8, 8))
+    assert table_(small, x, x, 29, every, every, True).overflow
+    while min(small.cell_capacity) < 30:
+        small = small.grown()
+    assert not table_(small, x, x, 29, every, every, True).overflow
+    assert Cells(GRIDS[2]).grown() == Cells(GRIDS[2])
+
+
+def test_jax_md_refuses_a_period():
+    grid = grid_over(np.zeros(2), np.full(2, 4.0), RADIUS, (4.0, None))
+    with pytest.raises(ValueError, match=r'search = "jax_md" has no periodic axes'):
+        JaxMD.of(grid, *np.zeros((2, 1, 2)))
+
+
+def test_a_missing_jax_md_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "jax_md", None)
+    with pytest.raises(js.CaseError, match=r'search = "jax_md" .*pip install "jaxsph\[jax-md\]"'):
+        js.build(coarse("hydrostatic", {"search": "jax_md"}))
+
+
+def test_a_tank_at_rest_is_the_default_s():
+    """Ten steps: pressures within the order of summation, which float32 rounds to 1e-7 of each term."""
+    found = []
+    for name in ("cells", "jax_md"):
+        case = coarse("hydrostatic", {"search": name})
+        model, state = js.build(case)
+        state, _ = advance(case, model, state, 1)
+        assert not int(state.status.bits)
+        p = state.particles
+        found.append(np.asarray(model.scheme.pressure(p))[np.argsort(p.id)])
+    np.testing.assert_allclose(*found, atol=1e-4 * found[0].max())
+
+
+@pytest.mark.slow
+def test_a_wave_in_the_owc_is_the_default_s():
+    """The first wave through the coarse OWC, to 1e-4 of the wave.
+
+    Pressures at a point and the flow of an instant are those of single particles, which part exponentially
+    from what the order of summation leaves: 1e-4 holds until 0.4 s, and then 3e-2. A change of all positions
+    by 1e-7 m does more (2.5e-2).
+    """
+    found = []
+    for name in ("cells", "jax_md"):
+        case = coarse("owc", {"search": name})
+        solution = run(case, t1=case.waves.T, progress=False)
+        found.append({k: np.asarray(v) for k, v in solution.series.items()})
+    head, area = 1000.0 * 9.81 * case.waves.H, case.device.chamber_length * case.waves.H
+    for name, size in {"eta": case.waves.H, "chamber_level": case.waves.H, "P_a": head}.items():
+        np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-4 * size, err_msg=name)
+    for name, size in {"pressure": head, "flow": np.pi * area / case.waves.T}.items():
+        theirs, ours = found[1][name] / size, found[0][name] / size
+        np.testing.assert_allclose(theirs[:40], ours[:40], rtol=0, atol=1e-4, err_msg=name)
+        np.testing.assert_allclose(theirs, ours, rtol=0, atol=3e-2, err_msg=name)

@@ -17,6 +17,7 @@ from jaxsph.core.pairs import (
     symmetric_inverse,
     symmetric_product,
     trace_upper,
+    uncorrected,
     with_empty,
 )
 from jaxsph.model import laws
@@ -246,3 +247,26 @@ def test_derivatives_of_a_pair_sum():
         reverse = jnp.vdot(jax.grad(total)(x), v)
         # The same derivative, summed in another order.
         assert float(reverse) == pytest.approx(float(forward), rel=1e-10)
+
+
+@pytest.mark.parametrize(("dim", "limit"), [(2, 98.6), (3, 136.3)])
+def test_gradients_are_corrected_but_in_corners(dim, limit):
+    """Water in a wedge of so many degrees: on either side of the limit by two, and at a flat surface."""
+    kernel, n = WendlandC2(), 81 if dim == 3 else 401
+    at = np.linspace(-2.0, 2.0, n)
+    x = np.stack(np.meshgrid(*[at] * dim, indexing="ij"), -1).reshape(-1, dim)
+    F = np.asarray(kernel.slope(jnp.sum(jnp.square(x), 1), 1.0, dim), float) * (np.sum(x**2, 1) < 4.0)
+    angle = np.degrees(np.abs(np.arctan2(x[:, 1], x[:, 0])))
+
+    def wedge(degrees):
+        # the faces' own points count by half: turned a little off the lattice they are none
+        inside = angle < 0.5 * degrees
+        rows = [(a, b) for a in range(dim) for b in range(a, dim)]
+        return tuple(
+            jnp.asarray(-np.sum((F * x[:, a] * x[:, b])[inside]) * (at[1] - at[0]) ** dim) for a, b in rows
+        )
+
+    assert uncorrected(wedge(limit - 2.0)) and not uncorrected(wedge(limit + 2.0))
+    assert uncorrected(wedge(90.0)) and not uncorrected(wedge(180.0)) and not uncorrected(wedge(361.0))
+    one = symmetric_inverse(wedge(90.0))
+    assert [float(a) for a in one] == ([1, 0, 1] if dim == 2 else [1, 0, 0, 1, 0, 1])

@@ -25,7 +25,8 @@ from jaxsph.case.assemble import SKIN
 from jaxsph.core.arrays import columns
 from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing
-from jaxsph.core.search.cells import cell_order, grid_over, needed_capacity, search
+from jaxsph.core.search.base import needed_capacity
+from jaxsph.core.search.cells import cell_order, grid_over, search
 from jaxsph.model.state import Particles, Tables
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.integrators import SymplecticEuler

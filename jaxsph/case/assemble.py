@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.pairs import Smoothing
-from jaxsph.core.search.cells import Grid, grid_over, needed_capacity, search
+from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
+from jaxsph.core.search.cells import Cells, grid_over, search
 from jaxsph.model.interfaces import (
     AbstractBody,
     AbstractChamber,
@@ -55,6 +56,7 @@ def assemble(
     skin: float = SKIN,
     depth: float | None = None,
     settings: dict[str, int] | None = None,
+    search_by: type[AbstractSearch] = Cells,
 ) -> tuple[Model, State]:
     """Model and initial state from arrays: any fluid in any box, where `build` makes the tanks of cases.
 
@@ -70,7 +72,7 @@ def assemble(
     that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
     tables: a wider one costs pairs and saves searches, which pays where particles move far in a step.
     `depth` (m): for depth-averaged results, by default the box's height.
-    `settings`: as for `build`.
+    `settings`: as for `build`. `search_by`: who finds the neighbours, `Cells` or `JaxMD`.
     **Raises** ValueError for shapes that do not fit, another period than the walls', a
     period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
     """
@@ -124,7 +126,7 @@ def assemble(
         t0=leaf(0.0),
         depth=leaf(walls.high[-1] - walls.low[-1] if depth is None else depth),
         z0=leaf(x[:, -1]),
-        search=_search(walls, x, scheme.smoothing, skin, block, chambers, settings),
+        search=_search(walls, x, scheme.smoothing, skin, block, chambers, settings, search_by),
     )
     _check_parts(model)
     state = State(
@@ -183,6 +185,7 @@ def _search(
     block: int,
     chambers: Sequence[AbstractChamber],
     settings: dict[str, int] | None,
+    search_by: type[AbstractSearch],
 ) -> Search:
     radius = float(smoothing.radius) + skin
     everything = np.concatenate([np.asarray(walls.x), x])
@@ -204,6 +207,7 @@ def _search(
         found["rebuild_every"] = block
     return Search(
         grid=grid,
+        method=search_by.of(grid, everything, np.concatenate([np.asarray(walls.node), x])),
         capacity=int(found["capacity"]),
         node_capacity=int(found["node_capacity"]),
         chamber_capacity=int(found["chamber_capacity"]),

@@ -18,6 +18,9 @@ from jaxsph.case.initial import initial_head, initial_velocity, outside_body, wa
 from jaxsph.case.parts import make_background, make_bodies, make_chambers, make_paddle, make_sponges
 from jaxsph.case.scheme import make_scheme
 from jaxsph.case.speeds import search_speed
+from jaxsph.core.search import jax_md
+from jaxsph.core.search.base import AbstractSearch
+from jaxsph.core.search.cells import Cells
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
@@ -79,6 +82,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         skin=LONG_STEP_SKIN if case.scheme.kind == "incompressible" else SKIN,
         depth=geometry.depth,
         settings=settings,
+        search_by=_search_method(case),
     )
 
 
@@ -114,3 +118,14 @@ def _withdrawal(case: Case, geometry: Geometry) -> float:
     stroke = case.waves.H / float(theory.biesel(k, geometry.depth))
     # The drift and the absorption ask for more than half a stroke.
     return 1.5 * max(stroke, theory.largest_stroke(geometry.depth)) + 2 * case.dx
+
+
+def _search_method(case: Case) -> type[AbstractSearch]:
+    """Who finds the neighbours. **Raises** CaseError where what it needs is not installed."""
+    if case.search == "cells":
+        return Cells
+    try:
+        jax_md.partition()
+    except ImportError as error:
+        raise CaseError(str(error)) from None
+    return jax_md.JaxMD

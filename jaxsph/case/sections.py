@@ -304,6 +304,8 @@ class Sections(_Section):
     t1: float = Field(gt=0)
     g: float = Field(9.81, ge=0)
     precision: Literal["float32", "float64"] = "float32"
+    search: Literal["cells", "jax_md"] = "cells"
+    """Who finds the neighbours: the solver's own search, or jax-md's (the extra `jaxsph[jax-md]`)."""
     fluid: Fluid = Fluid()
     scheme: SchemeSection = WeaklyCompressible()
     tank: Tank

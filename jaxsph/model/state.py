@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar
-from jaxsph.core.search.cells import Grid
+from jaxsph.core.search.base import AbstractSearch, Grid
 
 __all__ = ["Failure", "Particles", "Search", "State", "Status", "Tables", "Tally", "settle"]
 
@@ -148,6 +148,9 @@ class Search(eqx.Module):
     """Shapes and cadence of the neighbour tables; found in `build`, grown by `run`."""
 
     grid: Grid
+    """Cells that the particles are sorted by."""
+    method: AbstractSearch
+    """Who finds the neighbours."""
     capacity: int = eqx.field(static=True)
     """Slots per fluid particle."""
     node_capacity: int = eqx.field(static=True)

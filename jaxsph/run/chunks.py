@@ -85,7 +85,10 @@ def larger_tables(model: Model, failed: Failure, sample_every: int) -> dict[str,
 def with_settings(model: Model, settings: dict[str, int]) -> Model:
     """The model with some of its `search_settings` changed."""
     search = model.search
-    values = {name: getattr(search, name) for name in ("grid", "skin")} | search_settings(model) | settings
+    values = {name: getattr(search, name) for name in ("grid", "method", "skin")}
+    values |= search_settings(model) | settings
+    if settings.keys() & {"capacity", "node_capacity"}:
+        values["method"] = search.method.grown()
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
 
 

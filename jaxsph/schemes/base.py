@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stacked
 from jaxsph.core.pairs import Pair, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
-from jaxsph.core.search.cells import cell_order, search, wrapped
+from jaxsph.core.search.cells import cell_order, wrapped
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
 from jaxsph.model.state import Failure, Particles, State, Tables, Tally
@@ -184,13 +184,14 @@ class AbstractParticleScheme(AbstractScheme):
         # an escaped particle must not poison the search: the failure is flagged below
         sources = jnp.concatenate([p.x, ghosts])
         kinds = jnp.concatenate([kind, walls.kind])
-        fluid = search(p.x, sources, s.grid, s.capacity, walls.regions.sees(region), kinds, same=True)
-        at_nodes = search(nodes, p.x, s.grid, s.node_capacity, walls.node_sees, kind, same=False)
+        find, sees = s.method.table, walls.regions.sees(region)
+        fluid = find(p.x, sources, s.capacity, sees, kinds, same=True)
+        at_nodes = find(nodes, p.x, s.node_capacity, walls.node_sees, kind, same=False)
         around, most_at_nodes = {}, at_nodes.most
         for wall in model.moving:
             first, last = wall.rows
             every = jnp.full(last - first, -1, jnp.int32)
-            found = search(ghosts[first:last], p.x, s.grid, s.node_capacity, every, kind, same=False)
+            found = find(ghosts[first:last], p.x, s.node_capacity, every, kind, same=False)
             around[wall.name], most_at_nodes = found.indices, jnp.maximum(most_at_nodes, found.most)
         chambers, most_in_chamber = {}, jnp.zeros((), jnp.int32)
         for chamber in model.chambers:

@@ -11,59 +11,35 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Bool, Float, Int
-from jaxsph.core.pairs import SPARE, Period, nearest_image
-
-WIDTH = 2
-"""Cells per search radius: five lines of half-radius cells hold 30 % fewer candidates than three whole."""
-
+from jaxsph.core.arrays import Array, Float, Int
+from jaxsph.core.pairs import Period, nearest_image
+from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid, Table
 
 LARGEST_INDEX = np.iinfo(np.int32).max
 
 
-class Grid(eqx.Module):
-    """A box of cells. Particles outside it are counted in the nearest cell, which loses no pair; along a
-    periodic axis they must have been `wrapped` into it."""
+class Cells(AbstractSearch):
+    """Search in cells of half the radius, `search`: the default."""
 
-    origin: tuple[float, ...] = eqx.field(static=True)
-    cell: float = eqx.field(static=True)
-    """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of them fits."""
-    shape: tuple[int, ...] = eqx.field(static=True)
-    period: Period = eqx.field(static=True, default=None)
+    grid: Grid
 
-    @property
-    def radius(self) -> float:
-        """Search radius (support plus skin), m."""
-        return WIDTH * self.cell
+    @classmethod
+    def of(cls, grid, water, nodes):
+        """See `AbstractSearch`."""
+        return cls(grid)
 
-    @property
-    def sides(self) -> tuple[float, ...]:
-        """Sides of a cell along every axis, m."""
-        period = self.period or (None,) * len(self.shape)
-        return tuple(
-            self.cell if length is None else length / n for n, length in zip(self.shape, period, strict=True)
-        )
+    def table(self, targets, sources, capacity, sees, kind, same):
+        """See `AbstractSearch`."""
+        return search(targets, sources, self.grid, capacity, sees, kind, same)
 
-
-class Table(NamedTuple):
-    """Neighbours of every target, and what is needed to trust them."""
-
-    indices: Int[Array, "K N"]
-    """Source of each slot; the number of sources itself (the empty source) where the slot is empty."""
-    most: Int[Array, ""]
-    """Largest number of neighbours found: above K, the table has overflowed."""
-
-    @property
-    def overflow(self) -> Bool[Array, ""]:
-        """Whether neighbours were lost."""
-        return self.most > self.indices.shape[0]
+    def grown(self):
+        """See `AbstractSearch`: nothing beside the tables has a size."""
+        return self
 
 
 def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = None) -> Grid:
@@ -247,8 +223,3 @@ def _slots(capacity: int, n: int) -> tuple[Int[Array, "..."], Callable]:
     if capacity * n <= LARGEST_INDEX:
         return jnp.zeros(capacity * n, jnp.int32), lambda rows, k, j: rows.at[k * n + target].set(j, **how)
     return jnp.zeros((capacity, n), jnp.int32), lambda rows, k, j: rows.at[k, target].set(j, **how)
-
-
-def needed_capacity(most: int, spare: float = SPARE) -> int:
-    """Slots for tables whose fullest target has `most` neighbours now: some spare, a multiple of four."""
-    return max(4, int(np.ceil(most * spare / 4)) * 4)

@@ -1,0 +1,116 @@
+"""Neighbour search by jax-md (Schoenholz & Cubuk 2020): `search = "jax_md"`, the extra `jaxsph[jax-md]`.
+
+jax-md lists every particle's neighbours in one set of particles, without masks and with coordinates that wrap
+at a box. Here targets and sources are searched as one set, the box is wider than they are, and what a target
+may not see is removed from its list afterwards; the slots are in the order of the sources' indices.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.core.arrays import Array, Float, Int
+from jaxsph.core.search.base import AbstractSearch, Grid, Table
+
+CROWDING = 1.25
+"""Room of a cell over the particles of the fullest in the initial state."""
+
+
+LISTED = 3
+"""Room of jax-md's lists over the slots of the table: they hold what a target does not see, too."""
+
+
+class JaxMD(AbstractSearch):
+    """Search by `jax_md.partition.neighbor_list`, of dense format."""
+
+    origin: tuple[float, ...] = eqx.field(static=True)
+    """Low corner of the box, m."""
+    box: tuple[float, ...] = eqx.field(static=True)
+    """Sides of the box, m: at least four cells, below which jax-md tries all pairs."""
+    radius: float = eqx.field(static=True)
+    """Search radius (support plus skin), m."""
+    cell_capacity: tuple[int, int] = eqx.field(static=True)
+    """Particles in a cell, at most: in a search for the water, and for other places."""
+
+    @classmethod
+    def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> JaxMD:
+        """See `AbstractSearch`; without periodic axes."""
+        if grid.period is not None:
+            raise ValueError(f'search = "jax_md" has no periodic axes, and here the period is {grid.period}')
+        md = partition()
+        # Two cells at both ends, so that all coordinates are positive and nothing is near its own image.
+        margin = 2.0 * grid.radius
+        low = np.asarray(grid.origin) - margin
+        box = np.asarray(grid.shape) * grid.cell + 2.0 * margin
+
+        def room(x: np.ndarray) -> int:
+            shifted = jnp.asarray(np.asarray(x, float) - low, jnp.float32)
+            count = md.count_cell_filling(shifted, box.reshape(1, -1), grid.radius)
+            return int(np.ceil(CROWDING * int(np.max(count))))
+
+        sides = tuple(float(a) for a in box)
+        return cls(tuple(float(a) for a in low), sides, grid.radius, (room(water), room(nodes)))
+
+    def table(self, targets, sources, capacity, sees, kind, same):
+        """See `AbstractSearch`."""
+        targets, sources = jax.lax.stop_gradient((targets, sources))
+        n, m = len(targets), len(sources)
+        everything = sources if same else jnp.concatenate([targets, sources])
+        found, lost = self._lists(everything, self.cell_capacity[0 if same else 1], LISTED * capacity)
+        source = found[:n] if same else found[:n] - n
+        # beyond the last: jax-md's empty slots
+        real = (source >= 0) & (source < m)
+        seen = (sees[:, None] & kind[jnp.clip(source, 0, m - 1)]) != 0
+        keep = real & seen
+        count = jnp.sum(keep, axis=1, dtype=jnp.int32)
+        slot = jnp.where(keep, jnp.cumsum(keep, axis=1, dtype=jnp.int32) - 1, capacity)
+        rows = jnp.full((n, capacity + 1), m, jnp.int32)
+        # the slot after the table takes the excess
+        rows = rows.at[jnp.arange(n)[:, None], jnp.minimum(slot, capacity)].set(source)[:, :capacity]
+        most = jnp.max(count, initial=0)
+        return Table(jnp.sort(rows, axis=1).T, jnp.where(lost, jnp.maximum(most, capacity + 1), most))
+
+    def grown(self):
+        """See `AbstractSearch`: room in the cells."""
+        room = tuple(int(1.25 * count) + 1 for count in self.cell_capacity)
+        return JaxMD(self.origin, self.box, self.radius, room)
+
+    def _lists(self, x: Float[Array, "N D"], room: int, most: int) -> tuple[Int[Array, "N L"], Array]:
+        """jax-md's lists of one set of particles, and whether they, or a cell, have overflowed."""
+        md = partition()
+        from jax_md import space
+
+        box, n = np.asarray(self.box), len(x)
+        displacement, _ = space.free()
+        functions = md.neighbor_list(displacement, box, self.radius)
+        # What `allocate` would find from the positions; it cannot be called in a compiled function.
+        width = min(most, 3 ** x.shape[1] * room)
+        lists = md.NeighborList(
+            idx=jnp.full((n, width), n, jnp.int32),
+            reference_position=x,
+            error=md.PartitionError(jnp.zeros((), jnp.uint8)),
+            cell_list_capacity=room,
+            max_occupancy=width,
+            format=md.NeighborListFormat.Dense,
+            cell_size=self.radius,
+            cell_list_fn=md.cell_list(box, self.radius),
+            update_fn=functions.update,
+        ).update(x - jnp.asarray(self.origin, x.dtype))
+        return lists.idx.astype(jnp.int32), lists.did_buffer_overflow != 0
+
+
+def partition() -> ModuleType:
+    """The part of jax-md that searches. **Raises** ImportError that names the extra."""
+    try:
+        from jax_md import partition
+    except ImportError as error:
+        raise ImportError(
+            'search = "jax_md" needs jax-md, which is not installed: pip install "jaxsph[jax-md]", or leave '
+            "the key out (the default search needs nothing)"
+        ) from error
+    return partition
