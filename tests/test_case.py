@@ -9,11 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
+from jaxsph.case import limits
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 
 OWC = js.load_case("owc")
+INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
 
 
 # --- bad input
@@ -36,10 +38,10 @@ OWC = js.load_case("owc")
         ({"dx": 0.3}, r"tank.depth = 0.42 m does not fit dx = 0.3 m: .* use dx of at most 0.105 m"),
         ({"dx": 0.05}, r"device.chamber_length = 0.13 m holds 2.6 spacings of dx = 0.05 m; three are"),
         # lengths
-        ({"dx": 0.0}, r"dx = 0.0: .*greater than 0"),
-        ({"tank.length": -1.0}, r"tank.length = -1.0: .*greater than 0"),
-        ({"tank.depth": 0.0}, r"tank.depth = 0.0: .*greater than 0"),
-        ({"device.draught": -0.1}, r"device.draught = -0.1: .*greater than 0"),
+        ({"dx": 0.0}, r"dx = 0.0: .*greater than or equal to 0"),
+        ({"tank.length": -1.0}, r"tank.length = -1.0: .*greater than or equal to 0"),
+        ({"tank.depth": 0.0}, r"tank.depth = 0.0: .*greater than or equal to 0"),
+        ({"device.draught": -0.1}, r"device.draught = -0.1: .*greater than or equal to 0"),
         ({"device.draught": 0.42}, r"device.draught = 0.42 m: .* at most 0.38 m"),
         ({"device.platform_height": 0.1}, r"both device.platform_length and device.platform_height, or"),
         (
@@ -110,7 +112,9 @@ def test_case_files(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "notice"),
     [
-        ({"waves.H": 0.3}, r"Miche's limit .* the wave breaks"),
+        ({"waves.H": 0.2}, r"waves.H = 0.2 m is near breaking, which begins at 0.243 m \(Miche's limit"),
+        ({"waves.H": 0.32, "waves.T": 4.0}, r"near breaking, which begins at 0.328 m \(0.78 of the depth"),
+        ({"fluid.c0": 1.0}, r"fluid.c0 = 1 m/s is less than three times the largest speed"),
         ({"waves.T": 30.0}, r"shallow water"),
         ({"waves.T": 0.5}, r"deep water"),
         ({"waves.H": 0.02}, r"waves.H = 0.02 m is only 1.0 spacings high"),
@@ -121,6 +125,148 @@ def test_theory_s_limits_are_told_not_refused(changes, notice):
 
     assert any(re.search(notice, note) for note in OWC.replace(changes).notices())
     assert not any(re.search(notice, note) for note in OWC.notices())
+
+
+# --- what no case may ask for
+
+
+TINY = js.load_case("hydrostatic").replace({"dx": 0.1, "probes": {}})
+SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        # wrong types and huge values
+        ({"dx": True}, r"dx = True: Input should be a valid number"),
+        ({"dx": "0.02"}, r"dx = '0.02': Input should be a valid number"),
+        ({"t1": 10**400}, r"t1 = 1000.*\(401 characters\): Input should be a valid number"),
+        ({"t1": 16**9000}, r"t1 = an integer of 36001 bits"),
+        ({"tank": 3}, r"tank = 3: must be a section"),
+        ({"probes.gauges": 0.3}, r"probes.gauges = 0.3: Input should be a list"),
+        ({"probes.gauges": [0.1] * 20_000}, r"probes.gauges .*at most 10000 items"),
+        ({"probes.gauges": ["a"] * 20}, r"probes.gauges.0 = 'a': (.|\n)*and 15 more"),
+        (
+            {"probes.gauges": [[[[[[[[[[[[0.1]]]]]]]]]]]]},
+            r"probes.gauges: lists or sections are nested too deep",
+        ),
+        ({"name": "../case"}, r"name = '../case': "),
+        # sizes
+        ({"tank.length": 1e9}, r"tank.length = 1000000000.0: .*less than or equal to 100000"),
+        ({"dx": 1e-5}, r"dx = 1e-05 m makes a lattice of 1.2e\+10 places .*: at most .*Use a larger dx"),
+        ({"tank.length": 1e5}, r"dx = 0.1 m: float32 tells .* apart by 0.012 m; .* at least 0.36 m"),
+        # steps
+        (
+            {"t1": 1e8},
+            r"t1 = 1e\+08 s takes .*e\+.* time steps of .* s, at most 1e\+08.*sound speed, 31.3 m/s",
+        ),
+        (
+            {"fluid.c0": 1e6, "t1": 1e3},
+            r"time steps .*the sound speed, 1e\+06 m/s: change fluid.c0, scheme.cfl",
+        ),
+        ({"fluid.nu": 1e3, "t1": 1e3}, r"time steps .*the viscosity, 1e\+03 m2/s: change fluid.nu or dx"),
+        ({"output.sample_dt": 1e-8}, r"time steps .*output.sample_dt = 1e-08 s: change it"),
+        ({"output.sample_dt": 10.0}, r"output.sample_dt = 10 s: must be at most t1 = 5 s"),
+        (
+            INCOMPRESSIBLE | {"scheme.speed": 5e-324},
+            r"scheme.speed = 5e-324: .*greater than or equal to 0.000001",
+        ),
+        (INCOMPRESSIBLE | {"scheme.speed": 1e6, "t1": 1e3}, r"time steps .*1e\+06 m/s: change scheme.speed"),
+        # waves
+        ({"waves": {"H": 9.0, "T": 2.0}}, r"waves.H = 9 m: .* break above 0.618 m \(Miche's limit"),
+        (
+            {"waves": {"H": 0.9, "T": 9.0}},
+            r"waves.H = 0.9 m: .* break above 0.78 m \(0.78 of the depth of 1 m",
+        ),
+        ({"waves": {"H": 0.01, "T": 0.3}}, r"waves.T = 0.3 s: waves of 0.141 m are less than four spacings"),
+        ({"waves": {"H": 0.7, "T": 9.0}}, r"stroke of 3.1\d m, more than half of the 1 m of water"),
+        ({"waves": {"H": 0.1, "T": 1.0}, "tank.length": 0.5}, r"tank.length = 0.5 m: .* gauge needs 0.68 m"),
+        ({"waves": {"H": 0.1, "T": 1.0}, "g": 0.0}, r"waves: need gravity, and g = 0"),
+        ({"g": 5e-324}, r"g = 5e-324: must be 0 or at least 0.001"),
+        (
+            {"start": {"amplitude": 0.01, "mode": 20}},
+            r"start.mode = 20: .*less than two spacings.* at most 5",
+        ),
+        ({"start": {"amplitude": 1.0}}, r"start.amplitude = 1 m: .*breaks; at most 0.218 m"),
+        # bodies
+        (
+            {"body": {"polygon": [*SQUARE, SQUARE[0]]}},
+            r"corners 4 and 0 stand at the same place.*closes by itself",
+        ),
+        ({"body": {"polygon": [SQUARE[i] for i in (0, 2, 1, 3)]}}, r"body.polygon: its sides must not cross"),
+        ({"body": {"polygon": [[0.1, 0.2], [0.5, 0.2], [0.9, 0.21]]}}, r"body.polygon: is nowhere a spacing"),
+        ({"body": {"polygon": [[0.1, 0.2], [0.5, 0.2], [0.9, 0.2]]}}, r"body.polygon: "),
+        ({"body": {"block": {"low": [0.3, 0.3], "high": [0.7, 0.31]}}}, r"body.block: is 0.01 m thin"),
+        (
+            {"body": {"disc": {"centre": [0.5, 0.5], "radius": 0.04}}},
+            r"body.disc.radius = 0.04 m: .*half",
+        ),
+        ({"body": {"polygon": SQUARE, "angle": 1.6, "pivot": [1.0, 0.0]}}, r"body: reaches out of the tank"),
+        ({"tank.column": 0.5, "tank.layer": 1.0}, r"tank.layer = 1 m: must be below the column's depth"),
+    ],
+    ids=lambda value: None if isinstance(value, str) else "+".join(value),
+)
+def test_what_cannot_be_is_refused_before_anything_is_made(changes, message):
+    with pytest.raises(CaseError, match=message):
+        TINY.replace(changes)
+
+
+@pytest.mark.parametrize(
+    ("P_a", "message"),
+    [
+        (
+            8e3,
+            r"pto.P_a = 8000 Pa would push the chamber's level .* plate ends 0.33 m .* at most 6\d\d\d",
+        ),
+        (-8e3, r"pto.P_a = -8000 Pa would pull the chamber's level .* m up, and the walls end 0.24 m"),
+    ],
+)
+def test_air_that_would_leave_its_chamber_is_refused(P_a, message):
+    with pytest.raises(CaseError, match=message):
+        js.load_case("vessel").replace({"pto.P_a": P_a})
+
+
+def test_memory_is_counted_before_anything_is_made(monkeypatch):
+    """The flap at 1/20 of its spacing: 6e7 particles of water in a tank of 6 x 0.8 x 0.36 m."""
+    fine = js.load_case("flap_3d").replace({"dx": 0.003, "t1": 1.0})
+    monkeypatch.setattr(limits, "machine_memory", lambda: 16e9)
+    words = (
+        r"dx = 0.003 m makes about 6.4\de\+07 particles of water .* of walls, .* need some 1\d\d GB .* 16 GB"
+    )
+    with pytest.raises(CaseError, match=words):
+        js.build(fine)
+    monkeypatch.undo()
+    assert 1e8 < limits.machine_memory() < 1e15
+
+
+@pytest.mark.parametrize("name", ["owc", "flap_2d", "dam_break_column", "wave_tank", "wedge_entry"])
+def test_particles_are_counted_from_the_geometry(name):
+    """Within a tenth, on a lattice so coarse that building it takes no time."""
+    coarser = {"dam_break_column": {"tank.layer": None}, "owc": {"device.wall_thickness": 0.04, "probes": {}}}
+    dx = {"wedge_entry": 0.05, "flap_2d": 0.06}.get(name, 0.04)
+    case = js.load_case(name).replace({"dx": dx} | coarser.get(name, {}))
+    model, state = js.build(case)
+    water, walls = limits.particle_counts(case, Geometry.of(case))
+    assert water == pytest.approx(state.particles.x.shape[0], rel=0.1)
+    assert walls == pytest.approx(model.walls.count, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"dx = 0.1 # \xff", r"mine.toml: not a text in UTF-8: byte 0xff at 11; save the file as UTF-8"),
+        (b"dx = " + b"[" * 5000, r"mine.toml: lists or tables are nested too deep"),
+        (b"dx = " + b"9" * 5000, r"mine.toml: a value cannot be read: .*4300"),
+        (b"dx = 0x" + b"f" * 5000, r"dx = an integer of 20000 bits: Input should be a valid number"),
+        (b"#" * 2_000_000, r"mine.toml: 2e\+06 bytes are no case file"),
+        (b"dx = \x00", r"mine.toml: not a TOML file"),
+    ],
+)
+def test_files_that_are_no_case(tmp_path, text, message):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(text)
+    with pytest.raises(CaseError, match=message):
+        js.load_case(path)
 
 
 # --- lattice
@@ -156,9 +302,6 @@ def test_walls_stand_between_particles(dx, length, depth):
 # --- the scheme
 
 
-INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
-
-
 def test_the_scheme_s_kind_decides_its_keys():
     for name, changes in (("owc", INCOMPRESSIBLE), ("flap_2d", {"scheme.kind": "weakly_compressible"})):
         case = js.load_case(name)
@@ -188,7 +331,7 @@ def test_keys_of_the_other_kind_are_refused_with_what_to_write(case, changes, me
 
 
 def test_lattice_checks_use_the_kernel_s_own_reach():
-    """The Gaussian reaches 3.6 spacings and Wendland's kernel 4: 4 layers, or 3 where h is smaller."""
+    """The Gaussian reaches 3.6 spacings, Wendland's kernel 4: four layers, and three where h is smaller."""
     assert OWC.layers == OWC.replace(INCOMPRESSIBLE).layers == 4
     narrow = OWC.replace(INCOMPRESSIBLE | {"scheme.h_over_dx": 1.5, "device.thin_wall": "regional"})
     assert narrow.layers == 3 and narrow.pto.K_dm == 534.66
@@ -219,7 +362,7 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
     description=TEXT,
     K_dm=st.floats(0.0, 1e6),
     H=st.floats(1e-6, 0.1),
-    c0=st.none() | st.floats(1e-3, 1e16),
+    c0=st.none() | st.floats(1e-3, 1e4),
     gauges=st.lists(st.floats(0.0, 7.84), max_size=4),
     absorption=st.booleans(),
 )

@@ -15,8 +15,9 @@ from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry, thin_wall
 from jaxsph.case.initial import initial_head, initial_velocity, outside_body, water
+from jaxsph.case.limits import check_memory
 from jaxsph.case.parts import make_background, make_bodies, make_chambers, make_paddle, make_sponges
-from jaxsph.case.scheme import make_scheme
+from jaxsph.case.scheme import make_scheme, stable_time_step
 from jaxsph.case.speeds import search_speed
 from jaxsph.core.search import jax_md
 from jaxsph.core.search.base import AbstractSearch
@@ -28,7 +29,6 @@ from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.box import Box, FreeSlip, NoSlip
 from jaxsph.solids.filling import DummyParticles, MirrorNodes
 from jaxsph.solids.walls import Ghosts
-from jaxsph.waves import theory
 
 LONG_STEP_SKIN = 0.5
 """The same for steps in which a particle goes as far as a fifth of a spacing."""
@@ -51,7 +51,8 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     def leaf(a: Any) -> jax.Array:
         return jnp.asarray(a, dtype)
 
-    scheme, dt_limit = make_scheme(case, make_background(case, geometry, leaf))
+    check_memory(case, geometry)
+    scheme = make_scheme(case, make_background(case, geometry, leaf))
     walls = _walls(case, geometry, scheme)
     bodies = make_bodies(case, geometry, walls, leaf)
     x, volume = water(geometry, case.dx)
@@ -59,6 +60,8 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         away = body.distance(body.start(dtype), jnp.asarray(x, dtype))
         outside = outside_body(np.asarray(away) / case.dx)
         x, volume = x[outside], volume[outside]
+    if not len(x):
+        raise CaseError("body: fills the whole tank, and leaves no water in it")
     g = np.zeros(case.dim)
     g[-1] = -case.g
     at_rest = (x, volume / walls.width)
@@ -78,7 +81,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         chambers=make_chambers(case, geometry, leaf),
         dampers=make_sponges(case, geometry, leaf),
         speed=search_speed(case),
-        dt_most=dt_limit,
+        dt_most=stable_time_step(case),
         skin=LONG_STEP_SKIN if case.scheme.kind == "incompressible" else SKIN,
         depth=geometry.depth,
         settings=settings,
@@ -88,10 +91,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
 
 def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
     """Ghosts of the tank's walls, of its device's plate and platform, and of its body."""
-    high = [geometry.length, geometry.height]
-    if geometry.width is not None:
-        high = [geometry.length, geometry.width, geometry.height]
-    box = Box((0.0,) * case.dim, tuple(high), case.waves is not None, _withdrawal(case, geometry))
+    box = Box((0.0,) * case.dim, tuple(geometry.upper), case.waves is not None, geometry.withdrawal)
     dummies = case.tank.walls == "dummy" or case.body is not None
     return Ghosts.build(
         box,
@@ -105,19 +105,6 @@ def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Gh
         filling=DummyParticles() if dummies else MirrorNodes(),
         shapes=() if geometry.solid is None else (geometry.solid,),
     )
-
-
-def _withdrawal(case: Case, geometry: Geometry) -> float:
-    """Distance (m) behind the paddle's place at rest to which the bed goes on.
-
-    It follows from the depth, so that another wave within the limits of the theory makes no other shapes.
-    """
-    if case.waves is None:
-        return 0.0
-    k = float(theory.wavenumber(2 * np.pi / case.waves.T, geometry.depth, case.g))
-    stroke = case.waves.H / float(theory.biesel(k, geometry.depth))
-    # The drift and the absorption ask for more than half a stroke.
-    return 1.5 * max(stroke, theory.largest_stroke(geometry.depth)) + 2 * case.dx
 
 
 def _search_method(case: Case) -> type[AbstractSearch]:

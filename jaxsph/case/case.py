@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.limits import check_limits, limit_notices
 from jaxsph.case.sections import SCHEMES, Sections, scheme_kind
 from jaxsph.errors import CaseError
-from jaxsph.waves import theory
 
 
 class Case(Sections):
@@ -19,15 +19,17 @@ class Case(Sections):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Case:
-        """Validates a mapping. **Raises** CaseError that names field, value and what is allowed."""
+        """Case from a mapping, as a TOML file gives it. **Raises** CaseError that names field, value and what
+        is allowed."""
+        if not isinstance(data, dict):
+            raise CaseError(f"a case is a mapping of keys and sections, not {_shown(data)}")
+        data = _plain(data)
         _check_keys(data)
         try:
             case = cls.model_validate(data)
         except ValidationError as error:
             raise CaseError(_readable(error)) from None
-        if case.pto is not None and case.pto.phase is not None and case.waves is None:
-            raise CaseError(f"pto.phase = {case.pto.phase}: is over the phase of waves, and there are none")
-        Geometry.of(case)  # refuses what does not fit the lattice
+        check_limits(case, Geometry.of(case))
         return case
 
     def replace(self, changes: dict[str, Any]) -> Case:
@@ -68,15 +70,34 @@ class Case(Sections):
 
     def notices(self) -> list[str]:
         """What was adjusted to the lattice, and limits of theory that the case oversteps."""
-        notes = list(Geometry.of(self).notices)
-        if self.waves is not None:
-            notes += theory.theory_limits(self.waves.H, self.waves.T, self.tank.depth, self.g)
-        if self.waves is not None and self.waves.H < 3 * self.dx:
-            notes.append(
-                f"waves.H = {self.waves.H:g} m is only {self.waves.H / self.dx:.1f} spacings high; "
-                "expect visible decay along the tank (five or more are usual)"
-            )
-        return notes
+        geometry = Geometry.of(self)
+        return [*geometry.notices, *limit_notices(self, geometry)]
+
+
+def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
+    """A value with lists as tuples and numpy's scalars and arrays as Python's, which the sections ask for."""
+    if depth > 10:
+        raise CaseError(f"{name}: lists or sections are nested too deep for a case")
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise CaseError(f"{_shown(key)}: the name of a key must be text")
+        inner = "" if depth == 0 else f"{name}."
+        return {key: _plain(part, inner + key[:100], depth + 1) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_plain(part, name, depth + 1) for part in value)
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist(), name, depth + 1)
+    return value
+
+
+def _shown(value: Any) -> str:
+    """A value in an error's words, cut where it is long."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # of lists in lists, and of an integer of thousands of digits
+        text = f"an integer of {value.bit_length()} bits" if isinstance(value, int) else "..."
+    return text if len(text) <= 120 else f"{text[:100]}... ({len(text)} characters)"
 
 
 def _check_keys(data: dict[str, Any]) -> None:
@@ -116,21 +137,22 @@ def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
                     f"remove the key, or change the kind (keys here: {here})"
                 )
     everything = _all_keys(Case)
+    name = _shown(prefix + key)
     near = [k for k in everything if k.lower() == (prefix + key).lower()]
-    near = near or difflib.get_close_matches(prefix + key, everything, n=1, cutoff=0.5)
+    near = near or difflib.get_close_matches((prefix + key)[:100], everything, n=1, cutoff=0.5)
     near = near or [k for k in everything if k.rsplit(".", 1)[-1] == key]
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"unknown key {prefix + key!r}{hint} (keys here: {here})"
+    return f"unknown key {name}{hint} (keys here: {here})"
 
 
 def _scheme_type(data: Any) -> type[BaseModel]:
     """Section of the scheme's kind. **Raises** CaseError for a kind that there is not."""
     if not isinstance(data, dict):
-        raise CaseError(f"scheme = {data!r}: must be a section, [scheme]")
+        raise CaseError(f"scheme = {_shown(data)}: must be a section, [scheme]")
     kind = scheme_kind(data)
     if not isinstance(kind, str) or kind not in SCHEMES:
         allowed = " or ".join(f'"{name}"' for name in SCHEMES)
-        raise CaseError(f"scheme.kind = {kind!r}: must be {allowed}")
+        raise CaseError(f"scheme.kind = {_shown(kind)}: must be {allowed}")
     return SCHEMES[kind]
 
 
@@ -168,15 +190,28 @@ def _all_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
 
 def _readable(error: ValidationError) -> str:
     lines = []
-    for item in error.errors():
+    found = error.errors()
+    for item in found[:5]:
         # the scheme's kind stands in the place of its field, and is none
         path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] != "scheme"]
         field = ".".join(str(part) for part in path) or "case"
         value = (
-            "" if item["type"] == "missing" or isinstance(item["input"], dict) else (f" = {item['input']!r}")
+            ""
+            if item["type"] == "missing" or isinstance(item["input"], dict)
+            else f" = {_shown(item['input'])}"
         )
-        lines.append(f"{field}{value}: {item['msg']}")
+        lines.append(f"{field}{value}: {_in_toml_words(item['msg'])}")
+    if len(found) > 5:
+        lines.append(f"... and {len(found) - 5} more")
     return "\n".join(lines)
+
+
+def _in_toml_words(message: str) -> str:
+    """The validator's words with the names that TOML has for Python's types."""
+    message = message.removeprefix("Value error, ").replace(" after validation", "")
+    if message.startswith("Input should be a valid dictionary"):
+        return "must be a section"
+    return message.replace("valid tuple", "list").replace("Tuple", "The list")
 
 
 def _to_toml(data: dict[str, Any], prefix: str = "") -> str:

@@ -1,18 +1,20 @@
-"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
+"""Geometry of a case on the lattice of spacing dx: lengths, plate, platform, body and probes, in metres.
 
-Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
-spacing dx, and `Case.notices` says what became of each.
+Every length but those beside the plate becomes a whole number of spacings; `Geometry.notices` says what
+became of each, and CaseError refuses what does not fit.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Iterator
 
-from jaxsph.case.sections import (
-    BodySection,
-    Device,
-    Sections,
-)
+import numpy as np
+import shapely
+from shapely.validation import explain_validity
+
+from jaxsph.case.sections import BodySection, Device, Sections
+from jaxsph.case.speeds import wavenumber
 from jaxsph.errors import CaseError
 from jaxsph.solids.box import Platform, WallPlate
 from jaxsph.solids.divisions import (
@@ -24,28 +26,89 @@ from jaxsph.solids.divisions import (
     RegionalGhosts,
 )
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
+from jaxsph.waves import theory
+
+ON_WALL = 1e-6
+"""Distance within which a probe stands on a wall, m."""
+
+Points = tuple[tuple[float, ...], ...]
 
 
 class Geometry:
-    """The case's lengths on the lattice, and what became of each."""
+    """A case's lengths on the lattice (m), and in `notices` what became of each."""
+
+    dx: float
+    length: float
+    depth: float
+    height: float
+    width: float | None
+    """None in two dimensions."""
+    column: float
+    """Length that the water fills at the start."""
+    layer: float
+    """Depth of water on the rest of the bed."""
+    stroke: float
+    """Stroke of the paddle from end to end; 0 without waves."""
+    withdrawal: float
+    """Distance behind the paddle's place at rest to which the bed goes on: the depth's in most waves, so that
+    another height makes no other shapes; 0 without waves."""
+    plate: WallPlate | None
+    platform: Platform | None
+    chamber_length: float
+    solid: AbstractShape | None
+    gauges: tuple[float, ...]
+    surface: Points
+    pressure: Points
+    velocity: Points
+    """Places of the probes: those on a wall that the lattice moved went with it."""
+    notices: list[str]
 
     def __init__(self, dx: float) -> None:
         """An empty record for spacing dx (m)."""
         self.dx = dx
-        self.notices: list[str] = []
-        self.length = self.depth = self.height = 0.0
-        self.width: float | None = None
-        self.column = 0.0
-        """Length that the water fills at the start, m."""
-        self.layer = 0.0
-        """Depth of water on the rest of the bed, m."""
-        self.plate: WallPlate | None = None
-        self.platform: Platform | None = None
-        self.chamber_length = 0.0
-        self.solid: AbstractShape | None = None
+        self.notices = []
+        self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
+        self.withdrawal = self.chamber_length = 0.0
+        self.width = self.plate = self.platform = self.solid = None
+        self.gauges = self.surface = self.pressure = self.velocity = ()
+
+    @classmethod
+    def of(cls, case: Sections) -> Geometry:
+        """Geometry of a case. **Raises** CaseError for what does not fit."""
+        geometry = cls(case.dx)
+        geometry._tank(case)
+        geometry._column(case)
+        geometry._device(case)
+        geometry._body(case)
+        geometry._probes(case)
+        if case.waves is not None:
+            k = wavenumber(case.waves.T, geometry.depth, case.g)
+            geometry.stroke = case.waves.H / float(theory.biesel(k, geometry.depth))
+            # the drift and the absorption ask for more than half a stroke
+            stroke = max(geometry.stroke, theory.largest_stroke(geometry.depth))
+            geometry.withdrawal = 1.5 * stroke + 2 * case.dx
+        if case.sponge is not None and case.sponge.length >= geometry.length:
+            raise CaseError(
+                f"sponge.length = {case.sponge.length:g} m: must be shorter than the tank "
+                f"({geometry.length:g} m)"
+            )
+        return geometry
+
+    @property
+    def upper(self) -> list[float]:
+        """Upper end of the tank along every axis, m; the lower end is 0."""
+        return [self.length, *([] if self.width is None else [self.width]), self.height]
+
+    @property
+    def front(self) -> float:
+        """Length of the water in front of the device, or of the whole tank, m."""
+        return self.length if self.plate is None else self.plate.x0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
-        """`value` as a whole number of spacings; refused where that changes it by more than `slack`."""
+        """`value` (m) as a whole number of spacings, at least `least`.
+
+        **Raises** CaseError where that changes it by more than the share `slack`.
+        """
         count = max(int(np.floor(value / self.dx + 0.5 + 1e-9)), least)
         snapped = count * self.dx
         if abs(snapped - value) > slack * value:
@@ -60,17 +123,17 @@ class Geometry:
             )
         return float(np.round(snapped, 12))
 
-    @classmethod
-    def of(cls, case: Sections) -> Geometry:
-        """Snaps every length of the case. **Raises** CaseError for what does not fit."""
-        geometry = cls(case.dx)
+    def _rounded_up(self, height: float) -> float:
+        """Height (m) as the next whole number of spacings."""
+        return float(np.ceil(height / self.dx - 1e-9) * self.dx)
+
+    def _tank(self, case: Sections) -> None:
+        """Length, width, depth and height of the tank."""
         tank = case.tank
-        geometry.depth = geometry.snap("tank.depth", tank.depth, least=4, slack=0.1)
-        geometry.length = geometry.snap("tank.length", tank.length, least=4, slack=0.1)
-        geometry.width = None
+        self.depth = self.snap("tank.depth", tank.depth, least=4, slack=0.1)
+        self.length = self.snap("tank.length", tank.length, least=4, slack=0.1)
         if tank.width is not None:
-            geometry.width = geometry.snap("tank.width", tank.width, least=4, slack=0.1)
-        geometry._column(case)
+            self.width = self.snap("tank.width", tank.width, least=4, slack=0.1)
         over = 0.1 + 0.1 * tank.depth
         if case.waves is not None:
             # in most waves the depth's: another height makes no other shapes
@@ -82,38 +145,10 @@ class Geometry:
             raise CaseError(
                 f"tank.height = {height:g} m: must be above the water, tank.depth = {tank.depth:g} m"
             )
-        geometry.height = float(np.ceil(height / case.dx - 1e-9) * case.dx)
-        geometry._device(case)
-        geometry._body(case)
-        geometry._fits(case)
-        return geometry
-
-    def _body(self, case: Sections) -> None:
-        if case.body is None:
-            return
-        if case.device is not None:
-            raise CaseError("body: a tank holds a body or a device with a chamber: remove one")
-        if case.tank.walls == "mirror":
-            raise CaseError('tank.walls = "mirror": a body needs "dummy" walls')
-        self.solid = solid = _shape(case.body)
-        points = solid.dummies(self.dx, case.layers)
-        dim = 2 if self.width is None else 3
-        if points.shape[1] != dim:
-            raise CaseError(f"body: its shape has {points.shape[1]} dimensions, and the tank {dim}")
-        for index, point in enumerate(case.body.sensors):
-            if len(point) != dim:
-                raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {dim} coordinates")
-        if case.tank.height is None:
-            top = float(points[:, -1].max()) + 4 * self.dx
-            self.height = max(self.height, float(np.ceil(top / self.dx - 1e-9) * self.dx))
-        upper = [self.length, self.height] if dim == 2 else [self.length, self.width, self.height]
-        out = ((points < 0) | (points > upper)).any(axis=1)
-        if out.any():
-            at = ", ".join(f"{a:.4g}" for a in points[out][0])
-            raise CaseError(f"body: reaches out of the tank (0 to {upper} m) at ({at})")
+        self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """The released column's length; the whole tank's where there is none."""
+        """Length of the released column, the whole tank's where there is none, and the layer beside it."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
@@ -128,8 +163,14 @@ class Geometry:
         self.column = min(self.snap("tank.column", case.tank.column, least=4, slack=0.1), self.length)
         if case.tank.layer is not None:
             self.layer = self.snap("tank.layer", case.tank.layer, slack=1.0)
+            if self.layer >= self.depth:
+                raise CaseError(
+                    f"tank.layer = {case.tank.layer:g} m: must be below the column's depth, "
+                    f"tank.depth = {self.depth:g} m"
+                )
 
     def _device(self, case: Sections) -> None:
+        """Plate and platform of the OWC."""
         device = case.device
         if device is None:
             if case.pto is not None:
@@ -150,10 +191,9 @@ class Geometry:
                 f"device.draught = {device.draught:g} m: the plate must leave at least two spacings "
                 f"of water below it, so at most {self.depth - 2 * self.dx:g} m here"
             )
-        wall = thin_wall(device)
         thickness = device.wall_thickness
         try:
-            wall.check(WallPlate(0.0, thickness, 0.0), self.dx, case.layers)
+            thin_wall(device).check(WallPlate(0.0, thickness, 0.0), self.dx, case.layers)
         except ValueError as error:
             raise CaseError(f"device.{error}") from None
         x1 = float(np.round(self.length - self.chamber_length, 12))
@@ -165,6 +205,7 @@ class Geometry:
             self._platform(device, device.platform_length, device.platform_height)
 
     def _platform(self, device: Device, length: float, height: float) -> None:
+        """Raised bed under the OWC."""
         length = self.snap("device.platform_length", length, least=4, slack=0.1)
         height = self.snap("device.platform_height", height, least=1, slack=0.1)
         if height > self.plate.tip - 2 * self.dx:
@@ -179,47 +220,176 @@ class Geometry:
             )
         self.platform = Platform(float(np.round(self.length - length, 12)), height)
 
-    def _fits(self, case: Sections) -> None:
-        for index, x in enumerate(case.probes.gauges):
+    def _body(self, case: Sections) -> None:
+        """Shape of the rigid body, inside the tank."""
+        section = case.body
+        if section is None:
+            return
+        if case.device is not None:
+            raise CaseError("body: a tank holds a body or a device with a chamber: remove one")
+        if case.tank.walls == "mirror":
+            raise CaseError('tank.walls = "mirror": a body needs "dummy" walls')
+        dim = case.dim
+        if (found := 2 if section.block is None else len(section.block.low)) != dim:
+            raise CaseError(f"body: its shape has {found} dimensions, and the tank {dim}")
+        for index, point in enumerate(section.sensors):
+            if len(point) != dim:
+                raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {dim} coordinates")
+        self.solid = shape_of(section, self.dx)
+        corners = _turned(_corners(section), section)
+        if case.tank.height is None:
+            self.height = max(self.height, self._rounded_up(float(corners[:, -1].max()) + 4 * self.dx))
+        # its dummies stand half a spacing behind the surface, and it is they that must be in the tank
+        half = 0.5 * self.dx
+        out = ((corners < -half) | (corners > np.asarray(self.upper) + half)).any(axis=1)
+        if out.any():
+            at = ", ".join(f"{a:.4g}" for a in corners[out][0])
+            raise CaseError(f"body: reaches out of the tank (0 to {self.upper} m) at ({at})")
+        if section.block is not None and not section.angle:
+            self.notices += _off_lattice(section, self.dx)
+
+    def _probes(self, case: Sections) -> None:
+        """Places of gauges and sensors, those on a wall moved with it."""
+        walls = list(self._moved_walls(case))
+        upper = self.upper
+        self.gauges = tuple(
+            self._with_walls(f"probes.gauges[{index}]", (x,), walls)[0]
+            for index, x in enumerate(case.probes.gauges)
+        )
+        for index, x in enumerate(self.gauges):
             if not 0 <= x <= self.length:
                 raise CaseError(
                     f"probes.gauges[{index}] = {x:g} m is outside the tank (0 to {self.length:g} m)"
                 )
-        upper = [self.length, *([] if self.width is None else [self.width]), self.height]
         for name, most in (("surface", upper[:-1]), ("pressure", upper), ("velocity", upper)):
+            points = []
             for index, point in enumerate(getattr(case.probes, name)):
-                inside = len(point) == len(most) and all(
-                    0 <= a <= b for a, b in zip(point, most, strict=True)
-                )
-                if not inside:
+                place = point
+                if len(point) == len(most):
+                    place = self._with_walls(f"probes.{name}[{index}]", point, walls)
+                if len(place) != len(most) or not all(0 <= a <= b for a, b in zip(place, most, strict=True)):
                     raise CaseError(
                         f"probes.{name}[{index}] = {list(point)} is not a point of the tank "
                         f"({len(most)} coordinates between 0 and {most})"
                     )
-        if case.sponge is not None and case.sponge.length >= self.length:
-            raise CaseError(
-                f"sponge.length = {case.sponge.length:g} m: must be shorter than the tank ({self.length:g} m)"
-            )
-        if case.start is not None and case.waves is not None:
-            raise CaseError("start and waves exclude each other: remove one of the sections")
+                points.append(place)
+            setattr(self, name, tuple(points))
+
+    def _moved_walls(self, case: Sections) -> Iterator[tuple[str, int, float, float]]:
+        """(name, axis, asked place, place on the lattice) of every wall that the lattice moved."""
+        tank, plate, device = case.tank, self.plate, case.device
+        walls = [("the end wall", 0, tank.length, self.length)]
+        if tank.width is not None:
+            walls.append(("the side wall", 1, tank.width, self.width))
+        if plate is not None:
+            asked = tank.length - device.chamber_length
+            walls.append(("the plate's inner face", 0, asked, plate.x1))
+            walls.append(("the plate's outer face", 0, asked - device.wall_thickness, plate.x0))
+        if self.platform is not None:
+            front = tank.length - device.platform_length
+            walls.append(("the platform's front", 0, front, self.platform.start))
+        yield from (wall for wall in walls if abs(wall[2] - wall[3]) > ON_WALL)
+
+    def _with_walls(self, name: str, point: tuple[float, ...], walls: list) -> tuple[float, ...]:
+        """A probe's place: moved with the wall that it stands on, or back into a tank that grew shorter."""
+        place = list(point)
+        for wall, axis, asked, there in walls:
+            if axis >= len(point):
+                continue  # a gauge has no y
+            on_wall = abs(point[axis] - asked) <= ON_WALL
+            beyond = wall in ("the end wall", "the side wall") and there < point[axis] <= asked
+            if on_wall or beyond:
+                place[axis] = there
+                self.notices.append(
+                    f"{name}: {point[axis]:g} m is on {wall}, which the lattice moved: it becomes {there:g} m"
+                    if on_wall
+                    else f"{name}: {point[axis]:g} m is behind {wall}, which the lattice moved: "
+                    f"it becomes {there:g} m"
+                )
+        return tuple(place)
 
 
 def thin_wall(device: Device) -> AbstractThinWall:
     """Way in which the ghosts of a device's plate are placed."""
-    division = {
-        "a": DiagonalDivision,
-        "b": HorizontalDivision,
-        "c": FivePartDivision,
-    }[device.division]()
-    return {
-        "regional": RegionalGhosts,
-        "multi_node": MultiNodeGhosts,
-    }[device.thin_wall](division)
+    division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()
+    return {"regional": RegionalGhosts, "multi_node": MultiNodeGhosts}[device.thin_wall](division)
 
 
-def _shape(body: BodySection) -> AbstractShape:
+def shape_of(body: BodySection, dx: float) -> AbstractShape:
+    """Shape of a body. **Raises** CaseError for one in which no particle of spacing dx (m) has room."""
     if body.block is not None:
+        least = min(b - a for a, b in zip(body.block.low, body.block.high, strict=True))
+        if least < 0.5 * dx:
+            raise CaseError(f"body.block: is {least:g} m thin, and must be half a spacing, {0.5 * dx:g} m")
         return Block(body.block.low, body.block.high)
+    if body.disc is not None:
+        if body.disc.radius <= 0.5 * dx:
+            raise CaseError(
+                f"body.disc.radius = {body.disc.radius:g} m: must be more than half a spacing of {dx:g} m"
+            )
+        return Disc(body.disc.centre, body.disc.radius)
+    _check_polygon(body.polygon, dx)
+    return Polygon(body.polygon)
+
+
+def _check_polygon(corners: Points, dx: float) -> None:
+    """**Raises** CaseError for corners that do not go around one area once."""
+    sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
+    lengths = np.hypot(*sides.T)
+    if lengths.min() < 1e-3 * dx:
+        here = int(lengths.argmin())
+        raise CaseError(
+            f"body.polygon: corners {here} and {(here + 1) % len(corners)} stand at the same place, "
+            f"{list(corners[here])}: remove one (the last side closes by itself)"
+        )
+    whole = shapely.Polygon(corners)
+    if not whole.is_valid:
+        raise CaseError(
+            f"body.polygon: its sides must not cross or touch each other ({explain_validity(whole)})"
+        )
+    if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
+        raise CaseError(f"body.polygon: is nowhere a spacing of {dx:g} m thick, and holds no particle")
+
+
+def _corners(body: BodySection) -> np.ndarray:
+    """`[K, D]`, m: points of which a body's extent is made."""
     if body.polygon is not None:
-        return Polygon(body.polygon)
-    return Disc(body.disc.centre, body.disc.radius)
+        return np.asarray(body.polygon)
+    if body.disc is not None:
+        r = body.disc.radius
+        return np.asarray(body.disc.centre) + r * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    ends = zip(body.block.low, body.block.high, strict=True)
+    return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(body.block.low))
+
+
+def _turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
+    """Corners `[K, D]` (m) of a body that starts at its angle, turned in the x-z plane about its pivot."""
+    if not body.angle or body.disc is not None:
+        return corners
+    pivot = body.pivot or body.centre
+    if pivot is None:  # the centre of mass of the shape, near enough: the middle of its corners
+        pivot = 0.5 * (corners.min(axis=0) + corners.max(axis=0))[[0, -1]]
+    c, s = math.cos(body.angle), math.sin(body.angle)
+    r = corners[:, [0, -1]] - pivot
+    turned = corners.copy()
+    turned[:, 0] = pivot[0] + c * r[:, 0] + s * r[:, 1]
+    turned[:, -1] = pivot[1] + c * r[:, 1] - s * r[:, 0]
+    return turned
+
+
+def _off_lattice(body: BodySection, dx: float) -> list[str]:
+    """Notice where the faces of a block are not between two particles, with a dx for which they are."""
+    faces = np.array([*body.block.low, *body.block.high])
+    off = np.abs(faces / dx - np.round(faces / dx)) * dx
+    if off.max() < 1e-3 * dx:
+        return []
+    worst = int(off.argmax())
+    # the faces in micrometres: what divides them all divides the lattice
+    common = math.gcd(*(int(round(face * 1e6)) for face in faces)) * 1e-6
+    fits = "no dx near this one fits all of its faces"
+    if common >= 0.25 * dx:
+        fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"
+    return [
+        f"body.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
+        f"the water keeps its volume, and not its distance from the face; {fits}"
+    ]

@@ -1,15 +1,15 @@
-"""The scheme of a case: the section `scheme` as an object of `schemes`, with its largest stable time step."""
+"""The scheme of a case: the section `scheme` as an object of `schemes`, and its time step."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from jaxsph.case.case import Case
+from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import projection_speed, sound_speed
 from jaxsph.core.kernels import Gaussian, WendlandC2
 from jaxsph.model.background import Background
 from jaxsph.model.shifting import Shifting
-from jaxsph.model.viscosity import ArtificialViscosity, PhysicalViscosity
+from jaxsph.model.viscosity import AbstractViscosity, ArtificialViscosity, PhysicalViscosity
 from jaxsph.schemes import incompressible, weakly_compressible
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.schemes.incompressible import ISPH
@@ -18,8 +18,8 @@ from jaxsph.schemes.poisson import BiCGStab, EmptyNeighbours, Explicit, SurfaceP
 from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 
-def make_scheme(case: Case, background: tuple[Background, ...] = ()) -> tuple[AbstractParticleScheme, float]:
-    """Scheme of a case in its precision, and the largest stable time step, s.
+def make_scheme(case: Sections, background: tuple[Background, ...] = ()) -> AbstractParticleScheme:
+    """Scheme of a case, in its precision.
 
     `background`: pressures that the weakly compressible scheme takes out of its pair sums.
     """
@@ -28,44 +28,79 @@ def make_scheme(case: Case, background: tuple[Background, ...] = ()) -> tuple[Ab
     return _weakly_compressible(case, background)
 
 
-def _integrator(case: Case) -> AbstractIntegrator:
+def stable_time_step(case: Sections) -> float:
+    """Largest stable time step of a case's scheme, s."""
+    return _stable_dt(case, _kinematic_viscosity(case), case.g)
+
+
+def shortest_limit(case: Sections) -> str:
+    """What sets `stable_time_step`, in words that name the keys to change."""
+    dt = stable_time_step(case)
+    if dt == _stable_dt(case, 0.0, 0.0):
+        if case.scheme.kind == "incompressible":
+            return (
+                f"the largest speed, {projection_speed(case):.3g} m/s: change scheme.speed, scheme.cfl or dx"
+            )
+        return f"the sound speed, {sound_speed(case):.3g} m/s: change fluid.c0, scheme.cfl or dx"
+    if dt == _stable_dt(case, _kinematic_viscosity(case), 0.0):
+        given = "fluid.nu" if getattr(case.scheme, "alpha", None) is None else "scheme.alpha"
+        return f"the viscosity, {_kinematic_viscosity(case):.3g} m2/s: change {given} or dx"
+    return "gravity on the scale of a spacing: change dx"
+
+
+def _stable_dt(case: Sections, nu: float, g: float) -> float:
+    """Stable time step (s) with another kinematic viscosity (m2/s) and gravity (m/s2)."""
+    h, section = case.smoothing_length, case.scheme
+    if section.kind == "incompressible":
+        return incompressible.stable_dt(h, projection_speed(case), nu, g, section.cfl)
+    cfl = section.cfl if section.cfl is not None else _integrator(case).cfl
+    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
+    share = cfl * section.h_over_dx * case.dx / h
+    return weakly_compressible.stable_dt(h, sound_speed(case), nu, g, share)
+
+
+def _integrator(case: Sections) -> AbstractIntegrator:
     kinds = {"symplectic": SymplecticEuler, "predictor_corrector": PredictorCorrector}
     return kinds[case.scheme.integrator]()
 
 
-def _weakly_compressible(case: Case, background: tuple[Background, ...]) -> tuple[DeltaSPH, float]:
-    section, integrator = case.scheme, _integrator(case)
-    viscosity = (
-        PhysicalViscosity(case.fluid.nu) if section.alpha is None else ArtificialViscosity(section.alpha)
-    )
-    scheme = DeltaSPH.of(
+def _viscosity(case: Sections) -> AbstractViscosity:
+    alpha = getattr(case.scheme, "alpha", None)
+    return PhysicalViscosity(case.fluid.nu) if alpha is None else ArtificialViscosity(alpha)
+
+
+def _kinematic_viscosity(case: Sections) -> float:
+    """Kinematic viscosity that the scheme's viscous term stands for, m2/s."""
+    c0 = sound_speed(case) if case.scheme.kind == "weakly_compressible" else 0.0
+    return float(_viscosity(case).kinematic(case.smoothing_length, c0, case.dim))
+
+
+def _weakly_compressible(case: Sections, background: tuple[Background, ...]) -> DeltaSPH:
+    section = case.scheme
+    return DeltaSPH.of(
         case.dx,
         sound_speed(case),
         rho0=case.fluid.rho0,
         delta=section.delta,
-        viscosity=viscosity,
+        viscosity=_viscosity(case),
         kernel={"gaussian": Gaussian, "wendland": WendlandC2}[section.kernel](),
         h_over_dx=section.h_over_dx,
-        integrator=integrator,
+        integrator=_integrator(case),
         dtype=np.dtype(case.precision),
         background=background,
     )
-    cfl = section.cfl if section.cfl is not None else integrator.cfl
-    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
-    share = cfl * section.h_over_dx * case.dx / case.smoothing_length
-    return scheme, weakly_compressible.stable_dt(scheme, case.g, share, case.dim)
 
 
-def _incompressible(case: Case) -> tuple[ISPH, float]:
+def _incompressible(case: Sections) -> ISPH:
     section = case.scheme
     solvers = {"bicgstab": BiCGStab(section.tolerance), "explicit": Explicit()}
     surfaces = {"empty_neighbours": EmptyNeighbours(), "particles": SurfaceParticles()}
-    scheme = ISPH.of(
+    return ISPH.of(
         case.dx,
         projection_speed(case),
         dim=case.dim,
         rho0=case.fluid.rho0,
-        viscosity=PhysicalViscosity(case.fluid.nu),
+        viscosity=_viscosity(case),
         h_over_dx=section.h_over_dx,
         solver=solvers[section.solver],
         surface=surfaces[section.surface],
@@ -73,4 +108,3 @@ def _incompressible(case: Case) -> tuple[ISPH, float]:
         shifting=None if section.shifting is None else Shifting(section.shifting),
         dtype=np.dtype(case.precision),
     )
-    return scheme, incompressible.stable_dt(scheme, case.g, section.cfl, case.dim)

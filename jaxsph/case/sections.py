@@ -7,25 +7,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
 from jaxsph.schemes.incompressible import H_OVER_DX, RELAXATION
 
+# Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
+Length = Annotated[float, Field(ge=1e-5, le=1e5)]
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Time = Annotated[float, Field(ge=1e-9, le=1e9)]
+Duration = Annotated[float, Field(ge=0, le=1e9)]
+Inertia = Annotated[float, Field(ge=1e-9, le=1e15)]
+Density = Annotated[float, Field(ge=1e-3, le=1e5)]
+Speed = Annotated[float, Field(ge=1e-6, le=1e6)]
+Velocity = Annotated[float, Field(ge=-1e4, le=1e4)]
+Coefficient = Annotated[float, Field(ge=0, le=1e15)]
+Harmonic = Annotated[float, Field(ge=-10, le=10)]
+Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
+MOST_POINTS = 10_000
+"""Most points that one list of probes or corners may have."""
+
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 class Fluid(_Section):
     """The water."""
 
-    rho0: float = Field(1000.0, gt=0)
+    rho0: Density = 1000.0
     """Density at zero gauge pressure, kg/m3."""
-    nu: float = Field(1.0e-6, ge=0)
+    nu: float = Field(1.0e-6, ge=0, le=1e4)
     """Kinematic viscosity of Eq. 6, m2/s; used where `scheme.alpha` is not given."""
-    c0: float | None = Field(None, gt=0)
+    c0: Speed | None = None
     """Numerical speed of sound, m/s; by default from Eq. 2."""
 
 
@@ -41,8 +56,13 @@ class WeaklyCompressible(_Section):
     alpha: float | None = Field(None, ge=0, le=1)
     """Artificial viscosity of Eq. 4 in the place of fluid.nu."""
     integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
-    cfl: float | None = Field(None, gt=0, le=1.5)
+    cfl: float | None = Field(None, ge=1e-6, le=1.5)
     """Share of h/c0 for the time step; by default the integrator's own."""
+
+    bytes_per_particle: ClassVar[dict[int, int]] = {2: 1000, 3: 2200}
+    """Memory of a particle of water or wall by dimensions, bytes: growth of a run's largest memory between
+    7,500 and 43,000 particles in two and 14,500 and 63,000 in three dimensions (tables of 52 and 288
+    slots)."""
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support over dx, in `dim` dimensions."""
@@ -59,19 +79,23 @@ class Incompressible(_Section):
     kind: Literal["incompressible"] = "incompressible"
     h_over_dx: float | None = Field(None, ge=1.2, le=2.5)
     """Of Wendland's kernel, which reaches 2 h; by default 2 in two and 1.5 in three dimensions."""
-    cfl: float = Field(0.25, gt=0, le=0.5)
+    cfl: float = Field(0.25, ge=1e-6, le=0.5)
     """Share of h over the largest speed to expect for the time step."""
-    speed: float | None = Field(None, gt=0)
+    speed: Speed | None = None
     """Largest speed to expect, m/s; by default from the waves, the water's depth and the body."""
     solver: Literal["bicgstab", "explicit"] = "bicgstab"
     tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
     """Of the residual of the Poisson equation, over its right-hand side."""
     relaxation: float = Field(RELAXATION, ge=0, le=4)
     """Rate at which crowding of particles is taken back, over sqrt(g/h)."""
-    shifting: float | None = Field(None, gt=0, le=20)
+    shifting: float | None = Field(None, ge=1e-6, le=20)
     """Strength of particle shifting."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
     """Where the pressure is zero: beyond the surface, or at its particles (Eq. 23-24)."""
+
+    bytes_per_particle: ClassVar[dict[int, int]] = {2: 2100, 3: 1900}
+    """Memory of a particle of water or wall by dimensions, bytes: measured as the other scheme's (80 and
+    208 slots)."""
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support over dx, in `dim` dimensions."""
@@ -105,15 +129,15 @@ SchemeSection = Annotated[
 class Tank(_Section):
     """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
 
-    length: float = Field(gt=0)
-    depth: float = Field(gt=0)
-    width: float | None = Field(None, gt=0)
+    length: Length
+    depth: Length
+    width: Length | None = None
     """Given, the case is three-dimensional."""
-    height: float | None = Field(None, gt=0)
+    height: Length | None = None
     """Top of the walls, m; by default enough for waves and a body, and four depths for a released column."""
-    column: float | None = Field(None, gt=0)
+    column: Length | None = None
     """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
-    layer: float | None = Field(None, gt=0)
+    layer: Length | None = None
     """Depth of the water that the rest of the bed is wet with, m; with `column`."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
     walls: Literal["mirror", "dummy"] | None = None
@@ -124,33 +148,42 @@ class Tank(_Section):
 class WavesSection(_Section):
     """Regular waves from a piston at x = 0."""
 
-    H: float = Field(gt=0)
-    T: float = Field(gt=0)
-    ramp_periods: float = Field(2.0, ge=0)
+    H: float = Field(ge=1e-6, le=1e5)
+    """Height from trough to crest, m."""
+    T: float = Field(ge=1e-3, le=1e4)
+    """Period, s."""
+    ramp_periods: float = Field(2.0, ge=0, le=1e4)
+    """Periods over which the paddle's amplitude grows from zero."""
     second_order: bool = True
+    """Whether the paddle adds what keeps a second free harmonic out of the waves."""
     absorption: bool = True
+    """Whether the paddle takes up waves that come back to it."""
 
 
 class SpongeSection(_Section):
     """Damping zone at the end of the tank (Eq. 27-28)."""
 
-    length: float = Field(gt=0)
-    strength: float = Field(10.0, gt=0)
+    length: Length
+    """From the end wall, m."""
+    strength: float = Field(10.0, ge=1e-6, le=1e6)
+    """Largest rate of damping, 1/s."""
 
 
 class Device(_Section):
     """An onshore OWC: a plate that pierces the surface in front of the end wall."""
 
-    chamber_length: float = Field(gt=0)
-    wall_thickness: float = Field(gt=0)
-    draught: float = Field(gt=0)
+    chamber_length: Length
+    """From the plate to the end wall, m."""
+    wall_thickness: Length
+    """Of the plate, m."""
+    draught: Length
     """Depth of the plate's tip below still water, m."""
     thin_wall: Literal["regional", "multi_node"] = "regional"
     division: Literal["a", "b", "c"] = "b"
     """Regions around the plate (section 2.4.1.2)."""
-    platform_length: float | None = Field(None, gt=0)
+    platform_length: Length | None = None
     """Length of a raised bed under the OWC, from the end wall, m; given with its height, or neither."""
-    platform_height: float | None = Field(None, ge=0)
+    platform_height: float | None = Field(None, ge=0, le=1e5)
     """Height of that bed, m; 0 leaves the bed flat."""
 
     @model_validator(mode="after")
@@ -165,11 +198,14 @@ class PTOSection(_Section):
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
     """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
-    phase: list[float] | None = Field(None, min_length=2)
+    phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
+        None, min_length=2, max_length=100
+    )
     """Cosine and sine of every harmonic of ln(K_dm(t)/K_dm) over the waves' phase, [a1, b1, a2, b2]."""
-    P_a: float | None = None
+    P_a: float | None = Field(None, ge=-1e9, le=1e9)
     """Prescribed gauge pressure, Pa."""
-    ramp: float = Field(0.0, ge=0)
+    ramp: Duration = 0.0
+    """Time in which a prescribed pressure grows from zero, s."""
 
     @model_validator(mode="after")
     def _one_law(self) -> PTOSection:
@@ -177,7 +213,7 @@ class PTOSection(_Section):
             raise ValueError("give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure)")
         if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
             raise ValueError(
-                f"pto.phase = {self.phase}: needs pto.K_dm, and a cosine and a sine for every harmonic"
+                f"pto.phase = {list(self.phase)}: needs pto.K_dm, and a cosine and a sine for every harmonic"
             )
         return self
 
@@ -185,8 +221,10 @@ class PTOSection(_Section):
 class BlockSection(_Section):
     """A box with faces across the axes, at rest."""
 
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    low: Point
+    """Its corner of least coordinates, (x, z) or (x, y, z), m."""
+    high: Point
+    """The opposite corner, m."""
 
     @model_validator(mode="after")
     def _extent(self) -> BlockSection:
@@ -200,22 +238,24 @@ class BlockSection(_Section):
 class DiscSection(_Section):
     """A circular cylinder across a two-dimensional tank, at rest."""
 
-    centre: tuple[float, float]
-    radius: float = Field(gt=0)
+    centre: tuple[Coordinate, Coordinate]
+    """(x, z), m."""
+    radius: Length
+    """m."""
 
 
 class RotationalPTOSection(_Section):
     """Moment against the pitch; per metre in two dimensions."""
 
-    damping: float = Field(0.0, ge=0)
+    damping: Coefficient = 0.0
     """N m s/rad."""
-    coulomb: float = Field(0.0, ge=0)
+    coulomb: Coefficient = 0.0
     """N m."""
-    spring: float = Field(0.0, ge=0)
+    spring: Coefficient = 0.0
     """N m/rad, about the upright."""
-    stop: float = Field(math.pi, gt=0)
+    stop: float = Field(math.pi, ge=1e-6, le=1e3)
     """Angle to either side at which end stops begin, rad."""
-    stop_stiffness: float = Field(0.0, ge=0)
+    stop_stiffness: Coefficient = 0.0
     """N m/rad."""
 
 
@@ -223,29 +263,29 @@ class BodySection(_Section):
     """A rigid body; give one of block, polygon and disc."""
 
     block: BlockSection | None = None
-    polygon: tuple[tuple[float, float], ...] | None = Field(None, min_length=3)
+    polygon: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(None, min_length=3, max_length=1000)
     """Corners (x, z), m."""
     disc: DiscSection | None = None
     free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
     """Motions that the water drives; the others go on at their `velocity`."""
-    mass: float | None = Field(None, gt=0)
+    mass: Inertia | None = None
     """kg (kg/m in 2-D)."""
-    inertia: float | None = Field(None, gt=0)
+    inertia: Inertia | None = None
     """About the pivot, kg m2 (kg m in 2-D)."""
-    density: float | None = Field(None, gt=0)
+    density: Density | None = None
     """kg/m3: gives mass and inertia in the place of both."""
-    pivot: tuple[float, float] | None = None
+    pivot: tuple[Coordinate, Coordinate] | None = None
     """(x, z) of the hinge, m; by default the centre of mass."""
-    centre: tuple[float, float] | None = None
+    centre: tuple[Coordinate, Coordinate] | None = None
     """(x, z) of the centre of mass, m; by default that of the shape."""
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    velocity: tuple[Velocity, Velocity, Velocity] = (0.0, 0.0, 0.0)
     """Surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
     angle: float = Field(0.0, ge=-1.6, le=1.6)
     """Pitch at the start, rad."""
-    release: float = Field(0.0, ge=0)
+    release: Duration = 0.0
     """Time up to which it is held at rest, s: so long the water settles around it."""
     pto: RotationalPTOSection | None = None
-    sensors: tuple[tuple[float, ...], ...] = ()
+    sensors: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points of pressure sensors on it, in its place at rest, m."""
 
     @model_validator(mode="after")
@@ -268,41 +308,49 @@ class BodySection(_Section):
 class StandingWave(_Section):
     """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
 
-    amplitude: float = Field(gt=0)
-    mode: int = Field(1, ge=1)
+    amplitude: float = Field(ge=1e-6, le=1e5)
+    """Of the elevation that the velocities lead to, m."""
+    mode: int = Field(1, ge=1, le=10**6)
+    """Half wavelengths along the tank."""
 
 
 class ProbesSection(_Section):
     """Where to measure."""
 
-    gauges: tuple[float, ...] = ()
+    gauges: tuple[Coordinate, ...] = Field((), max_length=MOST_POINTS)
     """x of the wave gauges, m: elevations averaged across the tank."""
-    surface: tuple[tuple[float, ...], ...] = ()
+    surface: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points, (x,) or (x, y), m, where the elevation is measured by both methods of Yeylaghi et al. 2016:
     interpolated density, and the surface's particles."""
-    pressure: tuple[tuple[float, ...], ...] = ()
+    pressure: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points of the pressure sensors, m."""
-    velocity: tuple[tuple[float, ...], ...] = ()
+    velocity: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points where the water's velocity is measured, m."""
 
 
 class Output(_Section):
     """How often to record."""
 
-    sample_dt: float = Field(0.01, gt=0)
-    snapshot_dt: float = Field(0.2, gt=0)
-    periods: int = Field(10, ge=1)
+    sample_dt: Time = 0.01
+    """Time between two readings, s; at most t1."""
+    snapshot_dt: Time = 0.2
+    """Time between two snapshots of all particles, s, as a whole number of readings."""
+    periods: int = Field(10, ge=1, le=10**6)
     """Whole periods at the end over which power and efficiency are averaged."""
 
 
 class Sections(_Section):
     """All sections of a case, in SI units."""
 
-    name: str = "case"
-    description: str = ""
-    dx: float = Field(gt=0)
-    t1: float = Field(gt=0)
-    g: float = Field(9.81, ge=0)
+    name: str = Field("case", min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
+    """Without slashes: a run's file is named after it."""
+    description: str = Field("", max_length=10_000)
+    dx: Length
+    """Spacing of the particles, m."""
+    t1: Time
+    """End of the run, s."""
+    g: float = Field(9.81, ge=0, le=1e3)
+    """Acceleration of gravity, m/s2: none, or at least 0.001."""
     precision: Literal["float32", "float64"] = "float32"
     search: Literal["cells", "jax_md"] = "cells"
     """Who finds the neighbours: the solver's own search, or jax-md's (the extra `jaxsph[jax-md]`)."""
@@ -317,6 +365,13 @@ class Sections(_Section):
     body: BodySection | None = None
     probes: ProbesSection = ProbesSection()
     output: Output = Output()
+
+    @field_validator("g")
+    @classmethod
+    def _some_gravity(cls, g: float) -> float:
+        if 0 < g < 1e-3:
+            raise ValueError("must be 0 or at least 0.001 m/s2")
+        return g
 
     @property
     def dim(self) -> int:

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+import functools
+
+import jax
 import numpy as np
 
 from jaxsph.case.sections import Sections
 from jaxsph.waves import theory
 
+LEAST = 1e-3
+"""Least speed to expect, m/s: water without gravity rests, and its search divides by this."""
+
+
+def wavenumber(T: float, d: float, g: float) -> float:
+    """Wavenumber of linear waves of period `T` (s) on the depth `d` (m), rad/m, in JAX's precision."""
+    return _wavenumber(T, d, g, bool(jax.config.jax_enable_x64))
+
+
+@functools.lru_cache(maxsize=64)
+def _wavenumber(T: float, d: float, g: float, x64: bool) -> float:
+    return float(theory.wavenumber(2.0 * np.pi / T, d, g))
+
 
 def speed_scale(case: Sections) -> float:
-    """Largest speed of the water that the case leads to expect, m/s."""
+    """Largest speed of the water that the case leads to expect, m/s; never zero."""
+    return max(_speed_scale(case), LEAST)
+
+
+def _speed_scale(case: Sections) -> float:
     shallow = float(np.sqrt(case.g * case.tank.depth))
     if case.tank.column is not None:
         return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
@@ -23,7 +43,7 @@ def speed_scale(case: Sections) -> float:
         # a level suddenly pushed down by P_a/(rho g) swings with at most g A / omega ~ sqrt(P/rho)
         return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
     omega = 2 * np.pi / case.waves.T
-    k = float(theory.wavenumber(omega, case.tank.depth, case.g))
+    k = wavenumber(case.waves.T, case.tank.depth, case.g)
     surface = 0.5 * case.waves.H * omega / np.tanh(k * case.tank.depth)
     return float(surface * (2.5 if case.device is not None else 1.5))
 
@@ -42,10 +62,16 @@ def search_speed(case: Sections) -> float:
     return least * 2.0 ** (0.5 * max(round(2.0 * float(np.log2(speed / least))), 0))
 
 
+def reference_speed(case: Sections) -> float:
+    """Larger of the speed to expect and of waves in shallow water, m/s: in proportion to it the
+    sound speed and the incompressible time step are chosen."""
+    return max(speed_scale(case), float(np.sqrt(case.g * case.tank.depth)))
+
+
 def sound_speed(case: Sections) -> float:
     """Numerical speed of sound, m/s: ten times the largest speed to expect or the shallow-water wave's
     (Zhu et al. 2020, Eq. 2), unless the case gives its own."""
-    return case.fluid.c0 if case.fluid.c0 is not None else 10.0 * _largest(case)
+    return case.fluid.c0 if case.fluid.c0 is not None else 10.0 * reference_speed(case)
 
 
 def projection_speed(case: Sections) -> float:
@@ -53,9 +79,4 @@ def projection_speed(case: Sections) -> float:
     if case.scheme.speed is not None:
         return case.scheme.speed
     # a column's: of the jet where the tip meets a wall
-    return (1.5 if case.tank.column is not None else 1.0) * _largest(case)
-
-
-def _largest(case: Sections) -> float:
-    """Larger of the speed to expect and of shallow-water waves, m/s; never zero."""
-    return max(speed_scale(case), float(np.sqrt(case.g * case.tank.depth)), 1e-3)
+    return (1.5 if case.tank.column is not None else 1.0) * reference_speed(case)

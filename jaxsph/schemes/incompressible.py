@@ -187,7 +187,8 @@ class ISPH(AbstractParticleScheme):
 
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""
-        return stable_dt(self, g, 0.25, dim)
+        nu = float(self.viscosity.kinematic(self.smoothing.h, 0.0, dim))
+        return stable_dt(float(self.smoothing.h), float(self.speed), nu, g, 0.25)
 
     def described(self):
         """See `AbstractParticleScheme`."""
@@ -487,11 +488,12 @@ def _crowding(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
     return inside * within, jnp.sum((inside == 1.0) & (within != excess)).astype(filled.dtype)
 
 
-def stable_dt(scheme: ISPH, g: float, cfl: float, dim: int) -> float:
-    """The least of cfl h/speed, a quarter of sqrt(h/g) and an eighth of h^2/nu, s."""
-    h = float(scheme.smoothing.h)
-    nu = float(scheme.viscosity.kinematic(scheme.smoothing.h, 0.0, dim))
-    limits = [cfl * h / float(scheme.speed)]
+def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
+    """Largest stable time step, s: the least of cfl h/speed, an eighth of h^2/nu and a quarter of sqrt(h/g).
+
+    **Arguments**: `h` (m), the largest `speed` to expect (m/s), kinematic viscosity `nu` (m2/s), `g` (m/s2).
+    """
+    limits = [cfl * h / speed]
     if nu > 0:
         limits.append(0.125 * h * h / nu)
     if g > 0:

@@ -104,7 +104,8 @@ class DeltaSPH(AbstractRateScheme):
         """See `AbstractParticleScheme`."""
         # Eq. 10 speaks of the Gaussian's h, a third of the support, whatever the kernel's own h
         share = self.integrator.cfl * float(self.smoothing.radius) / 3.0 / float(self.smoothing.h)
-        return stable_dt(self, g, share, dim)
+        nu = float(self.viscosity.kinematic(self.smoothing.h, self.c0, dim))
+        return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
 
     def described(self):
         """See `AbstractParticleScheme`."""
@@ -249,10 +250,11 @@ SURFACE = 1.89 / 2.0
 """Eq. 15's criterion as a share of the ideal value (2 in two dimensions)."""
 
 
-def stable_dt(scheme: DeltaSPH, g: float, cfl: float, dim: int) -> float:
-    """The least of Eq. 10 (with the share cfl), 11 and 12, s."""
-    h, c0 = float(scheme.smoothing.h), float(scheme.c0)
-    nu = float(scheme.viscosity.kinematic(scheme.smoothing.h, scheme.c0, dim))
+def stable_dt(h: float, c0: float, nu: float, g: float, cfl: float) -> float:
+    """Largest stable time step, s: the least of Eq. 10 (with the share cfl), 11 and 12.
+
+    **Arguments**: `h` (m), `c0` (m/s), kinematic viscosity `nu` (m2/s), `g` (m/s2).
+    """
     limits = [cfl * h / c0]
     if nu > 0:
         limits.append(0.125 * h * h / nu)

@@ -1,0 +1,290 @@
+"""Limits of a case beyond the ranges of its keys: waves that break, too many steps, too many particles.
+
+Everything here is arithmetic on the case: nothing is made before it has passed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.scheme import shortest_limit, stable_time_step
+from jaxsph.case.sections import Sections
+from jaxsph.case.speeds import reference_speed, sound_speed, wavenumber
+from jaxsph.errors import CaseError
+from jaxsph.waves import theory
+
+MOST_STEPS = 1e8
+"""Most time steps of a run: weeks for the smallest tank."""
+MOST_PARTICLES = 2**31 - 1
+"""Most places on a case's lattice: particles are numbered by int32."""
+BYTES_PER_PLACE = 150
+"""Memory of a place on the tank's lattice up to the walls' top, while ghosts are placed on
+the host: three copies of its coordinates in float64, and a tree."""
+BYTES_AT_LEAST = 1e9
+"""Memory of the program and of its compilation: 0.65 to 1.1 GB measured."""
+DEPTH_BREAKING = 0.78
+"""Largest wave height over the depth (McCowan 1894)."""
+STEEPNESS_BREAKING = 0.142
+"""Largest wave height over the wavelength and tanh(kd) (Miche 1944)."""
+STANDING_BREAKING = 0.218
+"""Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
+NEAR = 0.8
+"""Share of a limit above which a case gets a notice."""
+
+
+def check_limits(case: Sections, geometry: Geometry) -> None:
+    """**Raises** CaseError for a case whose sections together ask for what cannot be."""
+    _check_waves(case, geometry)
+    _check_standing_wave(case, geometry)
+    _check_places(case, geometry)
+    _check_air(case, geometry)
+    _check_steps(case)
+
+
+def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
+    """Notices of a case that may run though it is near a limit, or beyond one of theory or of the lattice."""
+    notes = []
+    if case.scheme.kind == "weakly_compressible" and sound_speed(case) < 3.0 * reference_speed(case):
+        notes.append(
+            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed to expect, "
+            f"{reference_speed(case):.3g} m/s: the run stops where water is faster than a third of it"
+        )
+    if case.waves is None:
+        return notes
+    H, T = case.waves.H, case.waves.T
+    highest, why = breaking_height(T, geometry.depth, case.g)
+    if H > NEAR * highest:
+        notes.append(f"waves.H = {H:g} m is near breaking, which begins at {highest:.3g} m ({why})")
+    notes += theory.theory_limits(H, T, geometry.depth, case.g)
+    if H < 3 * case.dx:
+        notes.append(
+            f"waves.H = {H:g} m is only {H / case.dx:.1f} spacings high; "
+            "expect visible decay along the tank (five or more are usual)"
+        )
+    return notes
+
+
+def breaking_height(T: float, d: float, g: float) -> tuple[float, str]:
+    """Height (m) above which waves of period `T` (s) on the depth `d` (m) break, and the law that says so."""
+    k = wavenumber(T, d, g)
+    by_depth = DEPTH_BREAKING * d
+    by_steepness = STEEPNESS_BREAKING * 2.0 * np.pi / k * np.tanh(k * d)
+    if by_depth < by_steepness:
+        return by_depth, f"{DEPTH_BREAKING:g} of the depth of {d:g} m, McCowan 1894"
+    length = 2.0 * np.pi / k
+    return by_steepness, f"Miche's limit, {STEEPNESS_BREAKING:g} tanh(kd) of the wavelength of {length:.3g} m"
+
+
+def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
+    """Particles of water and of walls that `build` makes, to a few per cent."""
+    dx, layers = case.dx, case.layers
+    across = 1 if geometry.width is None else _count(geometry.width, dx)
+    wet = _count(geometry.column, dx) * _count(geometry.depth, dx)
+    wet += _count(geometry.length - geometry.column, dx) * _count(geometry.layer, dx)
+    long, high = _count(geometry.length, dx), _count(geometry.height, dx)
+    behind = math.ceil(geometry.withdrawal / dx)
+    wide = 1 if geometry.width is None else across + 2 * layers
+    walls = (long + 2 * layers) * wide * (high + layers) - long * across * high + behind * wide * layers
+    if geometry.plate is not None:
+        walls += 2 * layers * _count(geometry.height - geometry.plate.tip, dx)
+    if geometry.solid is not None:
+        walls += min(_inside(case, dx), layers * _around(case, dx))
+    return wet * across, walls
+
+
+def check_memory(case: Sections, geometry: Geometry) -> None:
+    """**Raises** CaseError for a case that needs more memory than the machine, or the accelerator, has."""
+    available = machine_memory()
+    water, walls = particle_counts(case, geometry)
+    each = case.scheme.bytes_per_particle[case.dim]
+    needed = BYTES_AT_LEAST + each * (water + walls) + BYTES_PER_PLACE * _places(geometry)
+    columns = (
+        50
+        + sum(len(a) for a in (geometry.gauges, geometry.surface, geometry.pressure))
+        + len(geometry.velocity) * case.dim
+    )
+    needed += 8.0 * columns * case.t1 / case.output.sample_dt
+    if needed > available:
+        raise CaseError(
+            f"dx = {case.dx:g} m makes about {water:.3g} particles of water and {walls:.3g} of walls, which "
+            f"need some {needed / 1e9:.3g} GB ({each} bytes a particle, {BYTES_PER_PLACE} a place of the "
+            f"tank's lattice): there are {available / 1e9:.3g} GB. Use a larger dx, or a smaller tank"
+        )
+
+
+def machine_memory() -> float:
+    """Memory of the machine, of its control group and of the accelerator in use, bytes: the least of them."""
+    found = [math.inf]
+    try:
+        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        pass  # not every system tells
+    try:
+        found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
+    except (OSError, ValueError):
+        pass  # no control group, or one without a limit
+    found += [
+        stats["bytes_limit"]
+        for device in jax.local_devices()[:1]
+        if (stats := device.memory_stats()) and "bytes_limit" in stats
+    ]
+    return min(found)
+
+
+def _count(length: float, dx: float) -> int:
+    return round(length / dx)
+
+
+def _places(geometry: Geometry) -> float:
+    """Places on the lattice of a tank up to its walls' top."""
+    return math.prod(length / geometry.dx for length in geometry.upper)
+
+
+def _inside(case: Sections, dx: float) -> int:
+    """Particles that fill a body's volume."""
+    low, high = _extent(case)
+    return round(math.prod((b - a) / dx + 1 for a, b in zip(low, high, strict=True)))
+
+
+def _around(case: Sections, dx: float) -> int:
+    """Particles that cover a body's surface once."""
+    low, high = _extent(case)
+    sides = [(b - a) / dx + 1 for a, b in zip(low, high, strict=True)]
+    if case.body.polygon is not None:
+        corners = np.asarray(case.body.polygon)
+        return round(float(np.sum(np.hypot(*(np.roll(corners, -1, axis=0) - corners).T))) / dx)
+    whole = math.prod(sides)
+    return round(2 * sum(whole / side for side in sides))
+
+
+def _extent(case: Sections) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Lower and upper corner of a body, m."""
+    body = case.body
+    if body.block is not None:
+        return body.block.low, body.block.high
+    if body.disc is not None:
+        (x, z), r = body.disc.centre, body.disc.radius
+        return (x - r, z - r), (x + r, z + r)
+    corners = np.asarray(body.polygon)
+    return tuple(corners.min(axis=0)), tuple(corners.max(axis=0))
+
+
+def _check_places(case: Sections, geometry: Geometry) -> None:
+    places = _places(geometry) + particle_counts(case, geometry)[1]
+    if places > MOST_PARTICLES:
+        raise CaseError(
+            f"dx = {case.dx:g} m makes a lattice of {places:.3g} places in a tank of "
+            f"{' x '.join(f'{a:g}' for a in geometry.upper)} m: at most {MOST_PARTICLES:.3g} can be "
+            "numbered. Use a larger dx, or a smaller tank"
+        )
+    longest = max(geometry.upper)
+    resolved = longest * 2.0**-23
+    if case.precision == "float32" and case.dx < 30.0 * resolved:
+        raise CaseError(
+            f"dx = {case.dx:g} m: float32 tells places in a tank of {longest:g} m apart by {resolved:.2g} m; "
+            f'use dx of at least {30 * resolved:.2g} m, or precision = "float64"'
+        )
+
+
+def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
+    start = case.start
+    if start is None:
+        return
+    if case.waves is not None:
+        raise CaseError("start and waves exclude each other: remove one of the sections")
+    if case.g == 0.0:
+        raise CaseError("start: a standing wave needs gravity, and g = 0: remove the section")
+    half = geometry.length / start.mode
+    if half < 2 * case.dx:
+        raise CaseError(
+            f"start.mode = {start.mode}: half a wave of {half:.3g} m is less than two spacings of "
+            f"{case.dx:g} m; at most {int(geometry.length / (2 * case.dx))} here"
+        )
+    highest = STANDING_BREAKING * half
+    if start.amplitude > min(highest, geometry.depth):
+        raise CaseError(
+            f"start.amplitude = {start.amplitude:g} m: a standing wave of {2 * half:.3g} m on a depth of "
+            f"{geometry.depth:g} m breaks; at most {min(highest, geometry.depth):.3g} m"
+        )
+
+
+def _check_waves(case: Sections, geometry: Geometry) -> None:
+    waves = case.waves
+    if waves is None:
+        if case.pto is not None and case.pto.phase is not None:
+            raise CaseError(
+                f"pto.phase = {list(case.pto.phase)}: is over the phase of waves, and there are none"
+            )
+        return
+    if case.g == 0.0:
+        raise CaseError("waves: need gravity, and g = 0: remove the section")
+    highest, why = breaking_height(waves.T, geometry.depth, case.g)
+    if waves.H > highest:
+        raise CaseError(
+            f"waves.H = {waves.H:g} m: waves of T = {waves.T:g} s on a depth of {geometry.depth:g} m break "
+            f"above {highest:.3g} m ({why}): use a smaller height, or other waves.T or tank.depth"
+        )
+    length = 2.0 * np.pi / wavenumber(waves.T, geometry.depth, case.g)
+    if length < 4 * case.dx:
+        raise CaseError(
+            f"waves.T = {waves.T:g} s: waves of {length:.3g} m are less than four spacings of {case.dx:g} m "
+            "long: use a longer period, or a smaller dx"
+        )
+    if geometry.stroke > 0.5 * geometry.front:
+        raise CaseError(
+            f"waves.T = {waves.T:g} s, waves.H = {waves.H:g} m: the paddle would need a stroke of "
+            f"{geometry.stroke:.3g} m, more than half of the {geometry.front:g} m of water in front of it: "
+            "use a shorter period, a smaller height or a longer tank"
+        )
+    gauge = 4.0 * case.smoothing_length + 2 * case.dx
+    if gauge > geometry.front:
+        raise CaseError(
+            f"tank.length = {case.tank.length:g} m: the paddle's own gauge needs {gauge:.3g} m of water in "
+            f"front of it, and there are {geometry.front:g} m: use a longer tank, or a smaller dx"
+        )
+
+
+def _check_air(case: Sections, geometry: Geometry) -> None:
+    """Refuses an air pressure that blows out under the plate, or lifts the column over its chamber."""
+    if case.pto is None or not case.pto.P_a:
+        return
+    asked = f"pto.P_a = {case.pto.P_a:g} Pa"
+    if case.g == 0.0:
+        raise CaseError(f"{asked}: without gravity nothing holds the air's pressure (g = 0)")
+    # what one side falls the other rises: by the lengths of their surfaces
+    share = geometry.front / (geometry.front + geometry.chamber_length)
+    fall = share * case.pto.P_a / (case.fluid.rho0 * case.g)
+    draught = geometry.depth - geometry.plate.tip
+    if fall > draught:
+        raise CaseError(
+            f"{asked} would push the chamber's level {fall:.3g} m down, and the plate ends {draught:g} m "
+            f"under water: at most {case.pto.P_a * draught / fall:.4g} Pa"
+        )
+    room = geometry.height - geometry.depth
+    if -fall > room:
+        raise CaseError(
+            f"{asked} would pull the chamber's level {-fall:.3g} m up, and the walls end {room:.3g} m above "
+            f"the water: at least {case.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
+        )
+
+
+def _check_steps(case: Sections) -> None:
+    if case.output.sample_dt > case.t1:
+        raise CaseError(
+            f"output.sample_dt = {case.output.sample_dt:g} s: must be at most t1 = {case.t1:g} s, or there "
+            "is nothing to read"
+        )
+    stable, sample = stable_time_step(case), case.output.sample_dt
+    dt = min(stable, 0.5 * sample)  # a sample is two steps or more
+    if not case.t1 / dt <= MOST_STEPS:
+        why = shortest_limit(case) if stable <= dt else f"output.sample_dt = {sample:g} s: change it"
+        raise CaseError(
+            f"t1 = {case.t1:g} s takes {case.t1 / dt:.3g} time steps of {dt:.3g} s, at most {MOST_STEPS:.0e} "
+            f"are allowed. The step follows from {why}"
+        )
