@@ -375,10 +375,10 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
 def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     """Where the paddle's work went over a whole record, J per metre of width.
 
-    Keys: `paddle` (work of the paddle), `stored` (change of kinetic, potential and compression energy),
-    `pto`, `sponge`, `viscous`, `diffusive`, `contact` and `projection` (each taken from the water; the last
-    two by the incompressible scheme), `residual` (what is missing) and `residual_share` (of the paddle's
-    work; of the largest stored energy where there is no paddle).
+    Keys: `paddle` (work of paddles and driven bodies), `stored` (change of kinetic, potential and compression
+    energy), `pto` (of all power take-offs), `viscous`, `diffusive`, and whatever else a series `power_` is
+    of: `sponge`, `contact`, `projection` (each taken from the water); `residual` (what is missing) and
+    `residual_share` (of the paddle's work; of the largest stored energy where there is no paddle).
     Powers called `power_` are means over the interval before their sample; the losses called `loss_` are
     values at their sample, and integrated by the trapezoidal rule.
     """
@@ -395,13 +395,14 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     budget = {
         "paddle": summed("power_paddle"),
         "stored": float(total[-1] - total[0]),
-        "pto": summed("power_pto"),
+        "pto": sum((summed(name) for name in series if name.startswith("power_pto")), 0.0),
         "sponge": summed("power_sponge"),
         "viscous": integrated("loss_viscous"),
         "diffusive": integrated("loss_diffusive"),
-        "contact": summed("power_contact"),
-        "projection": summed("power_projection"),
     }
+    for name in series:
+        if name.startswith("power_") and not name.startswith(("power_paddle", "power_pto")):
+            budget[name.removeprefix("power_")] = summed(name)
     spent = sum(v for k, v in budget.items() if k != "paddle")
     budget["residual"] = budget["paddle"] - spent
     scale = max(abs(budget["paddle"]), float(np.max(np.abs(series["kinetic"]))), 1e-12)

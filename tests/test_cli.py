@@ -129,6 +129,31 @@ def test_resume(calls, tmp_path):
     assert _jaxsph("resume", "missing.h5").exit_code == 2
 
 
+def test_resume_with_changes(calls, tmp_path):
+    run = _record(tmp_path / "a.h5")
+    result = _jaxsph("resume", run.path, "--set", "tank.height=1.5", "--set", "pto.K_dm=300", "--no-plot")
+    assert result.exit_code == 0
+    assert calls[0][1]["changes"] == {"tank.height": 1.5, "pto.K_dm": 300}
+
+
+def test_a_particle_over_the_rim_names_the_file(calls, monkeypatch, tmp_path):
+    def stops(case, out, **_):
+        _record(out)
+        raise SimulationError("raise tank.height and go on: jaxsph resume FILE --set tank.height=1.5", step=3)
+
+    monkeypatch.setattr(js, "run", stops)
+    assert "jaxsph resume a.h5 --set tank.height=1.5" in _jaxsph("run", "owc", "--out", "a.h5").stderr
+
+
+def test_notices_of_the_results_are_printed(calls, monkeypatch):
+    def run(case, out, **_):
+        _record(out)
+        return types.SimpleNamespace(results={"steps": 1.0}, notices=("no result for the reflection: why",))
+
+    monkeypatch.setattr(js, "run", run)
+    assert "note: no result for the reflection: why" in _jaxsph("run", "owc", "--no-plot").stderr
+
+
 def test_check_and_cases(calls):
     result = _jaxsph("check", "owc")
     assert result.exit_code == 0
@@ -248,7 +273,7 @@ def test_optimise_prints_the_way_and_the_best(calls, monkeypatch):
 
 def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     def sweep(case, over, out, **options):
-        calls.append((over, out, options))
+        calls.append((over, out, options, case))
         axes = {name: np.array(values) for name, values in over.items()}
         results = {"xi": np.array([[0.5, np.nan]])}
         members = {(0, 0): {}, (0, 1): {}}
@@ -257,9 +282,13 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     monkeypatch.setattr(js, "sweep", sweep, raising=False)
     result = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300", "--grid", "waves.H=0.02:0.04:2")
     assert result.exit_code == 1  # one member failed
-    over, out, _ = calls[0]
+    over, out, _, _ = calls[0]
     assert over == {"pto.K_dm": [300.0], "waves.H": [0.02, 0.04]} and out.as_posix() == "runs/fake_sweep.h5"
     assert "pto.K_dm = 300, waves.H = 0.02  hydrodynamic efficiency 0.5" in result.stdout
     assert "failed: pto.K_dm = 300, waves.H = 0.04: too fast" in result.stderr
+    _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300,400", "--grid", "waves.H=0.02", "--t1", 2)
+    assert calls[1][3].changes == {"t1": 2.0}
+    both = _jaxsph("sweep", "owc", "--grid", "t1=1,2", "--t1", 2)
+    assert both.exit_code == 2 and "--t1: is one of the parameters" in both.stderr
     bad = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=a")
     assert bad.exit_code == 2 and "KEY=FIRST:LAST:COUNT" in bad.stderr

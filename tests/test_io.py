@@ -252,7 +252,10 @@ def kill_while_appending(folder, kills):
     """Kills a process that appends without a pause, at any moment, again and again; then looks."""
     rng = np.random.default_rng(1)
     run = _create(Path(folder))
-    _append(run, 0)
+    start = time.perf_counter()
+    for k in range(3):
+        _append(run, k)
+    most = 2.0 * (time.perf_counter() - start)  # six appends
     counts = []
     for _ in range(kills):
         child = os.fork()
@@ -261,7 +264,7 @@ def kill_while_appending(folder, kills):
                 _append(run, k)
                 if k % 7 == 0:
                     run.finish({"xi": 0.1 * k})
-        time.sleep(rng.uniform(0.0, 0.06))
+        time.sleep(rng.uniform(0.0, most))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         counts.append(_chunks(run))

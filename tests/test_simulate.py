@@ -3,13 +3,17 @@
 import functools
 import inspect
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 import types
+from pathlib import Path
 
 import equinox as eqx
+import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +24,9 @@ import jaxsph as js
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.model.state import Failure
 from jaxsph.output.run_file import RunFile
-from jaxsph.run import chunks, host
+from jaxsph.run import chunks, host, recorder, simulate
+from jaxsph.run.results import flume_gauges, run_results
+from jaxsph.waves import theory
 
 CHUNK = 0.05
 """Seconds from checkpoint to checkpoint in these tests."""
@@ -190,11 +196,25 @@ def test_stale_table_is_flagged_and_mended(hydrostatic):
     failed, _ = advance(case, model, rising, samples=60)
     assert Failure.STALE_TABLE in Failure(int(failed.status.bits))
     assert int(failed.status.step) < 6 and np.all(np.isfinite(failed.status.where))
-    mended = chunks.larger_tables(model, Failure.STALE_TABLE, sample_every=6)
-    assert mended == {"rebuild_every": 3}
-    again, _ = advance(case, chunks.with_settings(model, mended), rising, samples=2)
+    better = chunks.better_settings(model, failed.status, sample_every=6)
+    assert better == {"rebuild_every": 3}
+    again, _ = advance(case, chunks.with_settings(model, better), rising, samples=2)
     assert int(again.status.bits) == 0
-    assert chunks.larger_tables(model, Failure.NON_FINITE, sample_every=6) is None
+    broken = eqx.tree_at(lambda s: s.bits, failed.status, jnp.asarray(int(Failure.NON_FINITE)))
+    assert chunks.better_settings(model, broken, sample_every=6) is None
+
+
+def test_settings_go_straight_to_what_was_needed(hydrostatic):
+    """One change, not one after another: every one compiles the step again."""
+    _, model, state = hydrostatic
+    most = {"capacity": 151, "node_capacity": 3, "chamber_capacity": 0}
+    of = lambda s: (s.bits, s.most, s.speed2)  # noqa: E731
+    lost = eqx.tree_at(of, state.status, (1, {k: np.asarray(v) for k, v in most.items()}, 0.0))
+    found = chunks.better_settings(model, lost, sample_every=6)
+    assert found.keys() == {"capacity"} and 151 < found["capacity"] < 1.5 * 151
+    # half a skin is 0.01 m, a step 1/600 s: at 5 m/s one in every step, and a quarter faster still
+    stale = eqx.tree_at(of, state.status, (int(Failure.STALE_TABLE), state.status.most, 25.0))
+    assert chunks.better_settings(model, stale, sample_every=6) == {"rebuild_every": 1}
 
 
 @pytest.mark.parametrize("field", ["u", "rho"])
@@ -204,7 +224,7 @@ def test_the_place_of_a_value_gone_wrong_is_where_it_began(hydrostatic, field):
     of = lambda s: getattr(s.particles, field)  # noqa: E731
     poisoned = eqx.tree_at(of, state, of(state).at[57].set(jnp.nan))
     tables = types.SimpleNamespace(x=state.particles.x)
-    checked = model.scheme.check(model, poisoned, tables, state.particles.x)
+    checked = model.scheme.check(model, poisoned, tables, state.particles.x, state.particles.x)
     assert Failure(int(checked.status.bits)) == Failure.NON_FINITE
     np.testing.assert_array_equal(checked.status.where, state.particles.x[57])
 
@@ -250,6 +270,204 @@ def test_resumed_run_is_the_uninterrupted_one(whole, tmp_path):
     _assert_same(again.state, whole[1].state)
 
 
+def test_a_case_is_built_once_in_a_run(whole, tmp_path, monkeypatch):
+    """The probes are zeroed in the initial state of the same build, in a resumed run too."""
+    built = []
+
+    def build(*arguments):
+        built.append(arguments)
+        return js.build(*arguments)
+
+    for module in (host, recorder):
+        monkeypatch.setattr(module, "build", build, raising=False)
+    quiet(OWC, t1=CHUNK, out=tmp_path / "once.h5")
+    assert len(built) == 1
+    resume(tmp_path / "once.h5", t1=2 * CHUNK)
+    assert len(built) == 2
+
+
+def test_checkpoint_of_other_rules_is_refused(whole, tmp_path, monkeypatch):
+    """Were the speed of sound another by default, going on would be another run in silence."""
+    path = shutil.copy(whole[0], tmp_path / "other.h5")
+
+    def build(case, settings=None):
+        model, state = js.build(case, settings)
+        return eqx.tree_at(lambda m: m.scheme.c0, model, 1.1 * model.scheme.c0), state
+
+    monkeypatch.setattr(host, "build", build)
+    with pytest.raises(FileError, match=r"makes something else of its case: scheme.c0 was \d+.* and is \d+"):
+        resume(path)
+    monkeypatch.undo()
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema"] = 1
+    with pytest.raises(FileError, match="checkpoint of layout 1, .* layout 2 only: finish the run with"):
+        resume(path)
+    assert len(RunFile.open(path).series()["time"]) == 20  # its series are read all the same
+
+
+def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
+    """The ghosts are built anew; the particles are where they were."""
+    path, case = shutil.copy(whole[0], tmp_path / "higher.h5"), whole[1].case
+    changes, before = {"tank.height": 2.0, "pto.K_dm": 300.0}, whole[1].state
+    again = resume(path, t1=5 * CHUNK, changes=changes)
+    assert again.case == case.replace(changes)
+    assert again.model.walls.count > whole[1].model.walls.count
+    assert float(again.model.chambers[0].pto.K_dm) == 300.0
+    np.testing.assert_allclose(again.t, 0.01 * np.arange(25), atol=1e-12)
+    # The first sample is the state itself, read with other walls: float32 sums in another order.
+    p = before.particles
+    kinetic = 0.5 * float(jnp.sum(p.m * jnp.sum(p.u**2, axis=1)))
+    assert again["kinetic"][20] == pytest.approx(kinetic, rel=1e-5)
+    text = RunFile.open(path).case_toml
+    assert "# since t = 0.2 s: pto.K_dm = 300.0, which was 534.66" in text
+    case, _, state = js.restore(path)
+    assert case.tank.height == 2.0
+    _assert_same(state, again.state)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"dx": 0.02}, "dx: cannot change in the course of a run: it is the spacing"),
+        ({"device.draught": 0.1}, "device.draught: cannot .* moves the walls"),
+        ({"waves.H": 0.02}, "waves.H: cannot .* the paddle would jump"),
+        ({"probes.gauges": [1.0]}, "probes.gauges: cannot .* columns of its probes"),
+        ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
+        ({"pto.P_a": 10.0}, "pto: cannot change from a damping to a pressure"),
+        ({"pto.k_dm": 10.0}, "did you mean 'pto.K_dm'"),
+        ({"output.sample_dt": 0.03}, "output.sample_dt = 0.03 s: the run is at 0.2 s, no multiple"),
+    ],
+)
+def test_what_a_run_cannot_change_is_refused_by_name(whole, changes, message):
+    before = whole[0].read_bytes()
+    with pytest.raises(CaseError, match=message):
+        resume(whole[0], t1=5 * CHUNK, changes=changes)
+    assert whole[0].read_bytes() == before
+
+
+# --- results
+
+
+def _ended(case, gauges, reflected=0.3):
+    """A run of regular waves and what they make of the gauges, without running it."""
+    case = case.replace({"probes.gauges": gauges})
+    t = np.arange(0.0, case.t1, 0.01)
+    omega = 2 * np.pi / case.waves.T
+    k = float(theory.wavenumber(omega, case.tank.depth, case.g))
+    x = np.asarray(gauges)[:, None]
+    eta = 0.02 * (np.cos(k * x - omega * t) + reflected * np.cos(k * x + omega * t))
+    ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression", "power_pto")}
+    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1)
+    state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
+    return case, js.Solution({"time": t, "eta": eta.T} | ones, {}, model, state, case)
+
+
+def test_reflection_is_of_the_gauges_that_see_free_waves():
+    """Not of the second to the fourth: those beside paddle and device are left out, wherever they come."""
+    case, solution = _ended(js.load_case("owc"), [0.2, 7.5, 3.0, 3.3, 7.6, 3.75])
+    assert flume_gauges(case) == [2, 3, 5]
+    solution.series["eta"][:, [0, 1, 4]] = 1.0
+    results, notices = run_results(case, solution, 1.0, 100)
+    # k is a float32; the gauges' condition is below ten
+    assert results["reflection"] == pytest.approx(0.3, abs=1e-4) and not notices
+    assert results["incident_height"] == pytest.approx(0.04, rel=1e-4)
+
+
+def test_reflection_has_the_gravity_of_the_case():
+    results, notices = run_results(*_ended(js.load_case("owc").replace({"g": 4.0}), [2.0, 2.3, 2.75]), 1.0, 1)
+    assert results["reflection"] == pytest.approx(0.3, abs=1e-4) and not notices
+
+
+@pytest.mark.parametrize(
+    ("gauges", "message"),
+    [
+        ([2.0, 2.981, 3.962], "no result for the reflection: gauges at .* are singular"),
+        ([2.0, 3.0], "no result for the reflection: it needs three gauges or more between x = 0.42 and"),
+    ],
+)
+def test_a_run_that_has_ended_does_not_die_in_its_results(gauges, message):
+    """Half a wavelength of 1.962 m apart, or too few: a notice, and every other result."""
+    case, solution = _ended(js.load_case("owc"), gauges)
+    results, notices = run_results(case, solution, 1.0, 100)
+    assert "reflection" not in results and {"xi", "P_inc", "energy_pto"} <= set(results)
+    assert len(notices) == 1 and re.search(message, notices[0])
+
+
+def test_whatever_goes_wrong_in_a_result_is_a_notice():
+    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    del solution.series["compression"]
+    results, notices = run_results(case, solution, 1.0, 100)
+    assert notices == ("no result for the energy balance: KeyError: 'compression'",)
+    assert "xi" in results and "reflection" in results
+
+
+def test_failures_have_their_remedies(hydrostatic):
+    _, model, state = hydrostatic
+    status = eqx.tree_at(lambda s: (s.bits, s.where), state.status, (8, jnp.asarray([0.5, 1e3])))
+    top = float(model.walls.high[-1])
+    words = str(chunks.failure_error("it", model, eqx.tree_at(lambda s: s.status, state, status)))
+    assert f"over the rim of the tank, which is {top:g} m high" in words
+    assert "jaxsph resume FILE --set tank.height=" in words
+    status = eqx.tree_at(lambda s: (s.bits, s.residual), status, (64, jnp.asarray(0.25)))
+    words = str(chunks.failure_error("it", model, eqx.tree_at(lambda s: s.status, state, status)))
+    assert "did not converge (residual 0.25" in words and "raise scheme.tolerance" in words
+
+
+# --- interruptions
+
+LOOP = """
+import sys, time
+from jaxsph.run import interrupt
+with interrupt.ending_at_once(lambda: "ended at once"):
+    try:
+        with interrupt.heard() as asked:
+            for k in range(1000):
+                print(k, flush=True)
+                end = time.monotonic() + 0.3
+                while time.monotonic() < end:
+                    pass
+                asked.saved()
+    except KeyboardInterrupt:
+        print("ended between chunks", flush=True)
+        sys.exit(130)
+"""
+AS_HERE = os.environ | {"PYTHONPATH": str(Path(js.__file__).parents[1])}
+
+
+@pytest.mark.parametrize(
+    ("chunks_done", "times", "words"),
+    [(0, 1, "ended at once"), (1, 1, "between chunks"), (1, 2, "ended at once")],
+)
+def test_interrupt_is_heard_between_chunks_or_at_once(chunks_done, times, words):
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    child = subprocess.Popen([sys.executable, "-c", LOOP], env=AS_HERE, **pipes)
+    for _ in range(chunks_done + 1):
+        child.stdout.readline()
+    for _ in range(times):
+        child.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+    out, err = child.communicate(timeout=30)
+    assert child.returncode == 130 and words in out + err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("seconds", [1.0, 3.0, pytest.param(6.0, marks=pytest.mark.slow)])
+def test_interrupted_command_says_so_whatever_it_was_doing(tmp_path, seconds):
+    """Importing, building or compiling: never a crash, always the message."""
+    (tmp_path / "owc.toml").write_text(OWC.to_toml())
+    command = [sys.executable, "-m", "jaxsph", "run", "owc.toml", "--no-plot", "--out", "out.h5"]
+    child = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=AS_HERE)
+    time.sleep(seconds)
+    child.send_signal(signal.SIGINT)
+    time.sleep(1.0)
+    if child.poll() is None:  # it had saved a chunk, and waits for the end of the next
+        child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == 130 and "jaxsph: interrupted" in err and "Traceback" not in err
+
+
+# --- kills
+
+
 ENDLESS = """
 import sys
 import jaxsph as js
@@ -292,22 +510,25 @@ def test_restore(whole):
 
 
 def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
-    """From tables that are too small the run reaches, bit for bit, what it reaches from good ones."""
+    """From tables that are too small by far the run reaches what it reaches from good ones, in one replay."""
     good = _settings(whole[1].model)
-    # `run` grows by a quarter and four: these become the good ones at once.
-    small = {name: next(n for n in range(4, good[name]) if int(1.25 * n) + 4 == good[name])
-             for name in ("capacity", "node_capacity")}  # fmt: skip
-    real = host.build
+    small = {name: good[name] // 2 for name in ("capacity", "node_capacity")}
+    real, ran = host.build, []
 
     def build(case, settings=None):
         return real(case, good | small if settings is None else settings)
 
+    def chunk(model, **others):
+        ran.append(_settings(model))
+        return simulate.simulate_chunk(model, **others)
+
     monkeypatch.setattr(host, "build", build)
+    monkeypatch.setattr(host, "simulate_chunk", chunk)
     model, state = build(OWC)
     overflown, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     assert Failure.NEIGHBOUR_OVERFLOW in Failure(int(overflown.status.bits))
     solution = quiet(OWC, t1=CHUNK)
-    assert _settings(solution.model) == good
+    assert len(ran) == 2 and all(ran[1][name] > ran[0][name] for name in small)
     _assert_same(solution.series, {name: values[:5] for name, values in whole[1].series.items()})
 
 

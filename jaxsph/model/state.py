@@ -110,13 +110,16 @@ class Status(eqx.Module):
     """Largest number of slots that a table needed since the start, by the name of its capacity."""
     residual: Scalar
     """Largest residual that a linear solution was left with, over its right-hand side."""
+    speed2: Scalar
+    """Square of the largest speed up to the first failure, m2/s2."""
 
     @classmethod
     def sound(cls, dim: int, dtype: Any) -> Status:
         """Status without a failure."""
         zero = jnp.zeros((), jnp.int32)
         most = {name: zero for name in ("capacity", "node_capacity", "chamber_capacity")}
-        return cls(zero, zero, jnp.zeros(dim, dtype), most, jnp.zeros((), dtype))
+        none = jnp.zeros((), dtype)
+        return cls(zero, zero, jnp.zeros(dim, dtype), most, none, none)
 
     def flag(self, failure: Failure, failed: jax.Array, step: jax.Array, where: jax.Array) -> Status:
         """The status with a failure added; step and place of the first one are kept."""
@@ -127,6 +130,7 @@ class Status(eqx.Module):
             jnp.where(first, where, self.where),
             self.most,
             self.residual,
+            self.speed2,
         )
 
 

@@ -57,7 +57,6 @@ REASONS = {
     "probes": "the series in the file have the columns of its probes",
     "start": "it is of the initial state",
     "scheme": "the state is that of the scheme as it was",
-    "isph": "the state is that of the scheme as it was",
 }
 """Why not, by key or section."""
 

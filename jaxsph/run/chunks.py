@@ -9,12 +9,15 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.case.case import Case
+from jaxsph.core.search.cells import needed_capacity
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
-from jaxsph.model.state import Failure, State
+from jaxsph.model.state import Failure, State, Status
 
 REPLAYS = 6
 """Times that one chunk is replayed with larger tables before the run gives up."""
+FASTER = 1.25
+"""By how much faster than so far particles may yet be, where a table went stale."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
@@ -56,8 +59,7 @@ def replay_chunk(
     """As `advance_chunk`, for one state or a batch; what no larger table mends stays in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
-        failed = Failure(int(np.bitwise_or.reduce(np.ravel(new.status.bits))))
-        changed = larger_tables(model, failed, sample_every)
+        changed = better_settings(model, new.status, sample_every)
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
@@ -66,20 +68,24 @@ def replay_chunk(
     return model, new, found
 
 
-def larger_tables(model: Model, failed: Failure, sample_every: int) -> dict[str, int] | None:
-    """Settings that would let the chunk pass, or None where no setting would."""
-    s = search_settings(model)
-    mend = {}
-    if failed & Failure.NEIGHBOUR_OVERFLOW:
-        mend |= {"capacity": int(s["capacity"] * 1.25) + 4}
-        mend |= {"node_capacity": int(s["node_capacity"] * 1.25) + 4}
-    if failed & Failure.CHAMBER_OVERFLOW:
-        mend |= {"chamber_capacity": int(s["chamber_capacity"] * 1.5) + 16}
+def better_settings(model: Model, status: Status, sample_every: int) -> dict[str, int] | None:
+    """Settings that would let a chunk pass that ended with this status, or None where none would.
+
+    They follow from what the chunk needed, with some spare: every change compiles the step again. The status
+    may be that of a batch.
+    """
+    now = search_settings(model)
+    failed = Failure(int(np.bitwise_or.reduce(np.ravel(status.bits))))
+    if failed & (Failure.NEIGHBOUR_OVERFLOW | Failure.CHAMBER_OVERFLOW):
+        needed = {name: int(np.max(most)) for name, most in status.most.items()}
+        return {name: needed_capacity(most) for name, most in needed.items() if most > now[name]}
     # what follows from lost neighbours is not the case's fault: mend the tables first
-    if not mend and failed & Failure.STALE_TABLE and s["rebuild_every"] > 1:
-        smaller = [n for n in range(1, s["rebuild_every"]) if sample_every % n == 0]
-        mend |= {"rebuild_every": smaller[-1]}
-    return mend or None
+    if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
+        step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))
+        smaller = [n for n in range(1, now["rebuild_every"]) if sample_every % n == 0]
+        enough = [n for n in smaller if n * step <= 0.5 * model.search.skin]
+        return {"rebuild_every": max(enough, default=1)}
+    return None
 
 
 def with_settings(model: Model, settings: dict[str, int]) -> Model:
@@ -94,27 +100,11 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
 
 def failure_error(name: str, model: Model, state: State) -> SimulationError:
     """The first failure in words: what, where, when, and what to change."""
-    failed = Failure(int(state.status.bits))
     step = int(state.status.step)
-    t = step * float(model.dt)
+    t = float(model.t0) + step * float(model.dt)
     where = tuple(float(a) for a in state.status.where)
     place = ", ".join(f"{a:.3f}" for a in where)
-    top = float(model.walls.high[-1])
-    if failed & Failure.THROUGH_WALL and where[-1] >= top:
-        what = f"a particle has left over the rim of the tank, which is {top:g} m high"
-        remedy = (
-            f"raise tank.height and go on: jaxsph resume FILE --set tank.height={_higher(top, where[-1])}"
-        )
-    elif failed & Failure.THROUGH_WALL:
-        what = "a particle has gone through a wall"
-        remedy = "a smaller scheme.cfl or dx"
-    elif failed & Failure.TOO_FAST:
-        what, remedy = model.scheme.too_fast
-    elif failed & Failure.NON_FINITE:
-        what, remedy = "a value is no longer finite", model.scheme.steadier
-    else:
-        what = f"the neighbour tables cannot be kept ({failed.name})"
-        remedy = "reduce scheme.cfl or dx"
+    what, remedy = _cause(model, state.status)
     return SimulationError(
         f"case {name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
         f"What to change: {remedy}.",
@@ -124,6 +114,26 @@ def failure_error(name: str, model: Model, state: State) -> SimulationError:
     )
 
 
-def _higher(top: float, z: float) -> str:
-    """A height of the tank (m) that leaves room over what has reached z (m)."""
-    return f"{max(1.25 * top, z + 0.25 * top):.3g}"
+def _cause(model: Model, status: Status) -> tuple[str, str]:
+    """What has failed, and what to change."""
+    failed = Failure(int(status.bits))
+    top, z = float(model.walls.high[-1]), float(status.where[-1])
+    if failed & Failure.THROUGH_WALL and z >= top:
+        higher = f"{max(1.25 * top, z + 0.25 * top):.3g}"
+        return (
+            f"a particle has left over the rim of the tank, which is {top:g} m high",
+            f"raise tank.height and go on: jaxsph resume FILE --set tank.height={higher}",
+        )
+    if failed & Failure.THROUGH_WALL:
+        return "a particle has gone through a wall", "a smaller scheme.cfl or dx"
+    if failed & Failure.TOO_FAST:
+        return model.scheme.too_fast
+    if failed & Failure.NON_FINITE:
+        return "a value is no longer finite", model.scheme.steadier
+    if failed & Failure.NOT_CONVERGED:
+        residual = float(status.residual)
+        return (
+            f"a linear solution for the pressure did not converge (residual {residual:.2g} of its source)",
+            'raise scheme.tolerance, reduce scheme.cfl, or set scheme.solver = "explicit"',
+        )
+    return f"the neighbour tables cannot be kept ({failed.name})", "reduce scheme.cfl or dx"

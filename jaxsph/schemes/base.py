@@ -350,6 +350,9 @@ class AbstractParticleScheme(AbstractScheme):
             out |= solid.entered(state.own.get(solid.name), p.x, model.dx)
         stale = moved2 > (0.5 * model.search.skin) ** 2
         too_fast = speed2[fastest] > self.fastest(model.dt) ** 2
+        # what comes after a failure may be nonsense, and as fast as it likes
+        speed = jnp.where(status.bits == 0, jnp.maximum(status.speed2, jnp.max(speed2)), status.speed2)
+        status = eqx.tree_at(lambda s: s.speed2, status, jax.lax.stop_gradient(speed))
         status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
         status = status.flag(Failure.STALE_TABLE, stale, state.step, p.x[fastest])
         status = status.flag(Failure.THROUGH_WALL, jnp.any(out), state.step, p.x[jnp.argmax(out)])

@@ -184,7 +184,7 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
     """(label, energy since the start, colour), the lasting ones first, the stored one on top."""
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
-        ("taken by the PTO", _summed(series, "power_pto"), GREEN),
+        ("taken by the PTO", _of_every_pto(series), GREEN),
         ("taken by the sponge", _summed(series, "power_sponge"), PURPLE),
         ("viscous loss", _integrated(series, "loss_viscous"), ORANGE),
         ("density diffusion", _integrated(series, "loss_diffusive"), RED),
@@ -193,6 +193,12 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
     ]
     shown = [term for term in terms if np.any(term[1])]
     return [*shown, (STORED, stored - stored[0], SKY)]
+
+
+def _of_every_pto(series: dict[str, np.ndarray]) -> np.ndarray:
+    """Energy that all power take-offs have taken."""
+    works = [_summed(series, name) for name in series if name.startswith("power_pto")]
+    return np.sum([np.zeros_like(series["time"]), *works], axis=0)
 
 
 def _areas(ax: Axes, t: np.ndarray, terms: list[tuple[str, np.ndarray, str]]) -> None:
