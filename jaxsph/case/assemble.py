@@ -153,8 +153,8 @@ def _check_parts(model: Model) -> None:
     needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
     if given != needed:
         raise ValueError(
-            f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle for "
-            "a box with one, and for each of the walls' shapes a body or a driven solid with its `dummies`"
+            f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle "
+            "for a box with one, and for each of the walls' shapes a body or a driven solid with its `dummies`"
         )
 
 

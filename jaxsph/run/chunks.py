@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.case.case import Case
-from jaxsph.core.search.cells import needed_capacity
+from jaxsph.core.search.base import needed_capacity
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Failure, State, Status
