@@ -13,6 +13,7 @@ import jaxsph as js
 from jaxsph import analysis
 from jaxsph.case.report import make_probes
 from jaxsph.model import laws
+from jaxsph.model.state import Failure
 from jaxsph.probes.devices import BodyProbe
 from jaxsph.schemes.incompressible import RELAXATION
 from jaxsph.schemes.poisson import BiCGStab, Explicit
@@ -209,6 +210,61 @@ def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
     assert near < 0.01 * exact.max()
 
 
+@pytest.fixture(scope="module")
+def flap_step():
+    """Turning speed of a flap and the water's moment on it after one step, over the PTO's damping."""
+    case = TANK | {"dx": 0.06, "tank": {"length": 1.2, "depth": 0.48}, "body": FLAP}
+    model, state = js.build(js.Case.from_dict(case))
+    state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
+
+    def after(damping):
+        other = eqx.tree_at(lambda m: m.bodies[0].pto.damping, model, damping)
+        body = other.step(state, tables).own["body"]
+        return jnp.stack([1e3 * body.velocity[2], body.force[2]])
+
+    return after
+
+
+def test_slopes_of_a_step_are_linear_and_those_of_differences(flap_step):
+    """At the default tolerance, as a user has it: tangents are solved to 0.3 % of their own right-hand side.
+
+    With a tolerance taken from the pressure's right-hand side they were exactly zero.
+    """
+    at = jnp.float32(10.0)
+    push = jax.jit(lambda v: jax.jvp(flap_step, (at,), (v,))[1])
+    one, two = push(jnp.float32(1.0)), push(jnp.float32(2.0))
+    # powers of two are exact, iteration for iteration
+    np.testing.assert_array_equal(two, 2.0 * one)
+    backward = jax.jit(jax.jacrev(flap_step))(at)
+    np.testing.assert_allclose(backward, one, rtol=0.05)
+    value = jax.jit(flap_step)
+    # Values are known to 0.3 % of the pressure's right-hand side: a wide step, and the moment to a tenth.
+    differences = (value(at + 5.0) - value(at - 5.0)) / 10.0
+    np.testing.assert_allclose(one[0], differences[0], rtol=0.03)
+    np.testing.assert_allclose(one[1], differences[1], rtol=0.1)
+
+
+def test_a_solution_that_does_not_converge_is_a_failure(advanced):
+    """And its residual is kept; the words are those of the driver."""
+    model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
+    state, tables = model.scheme.prepare(model, state)
+    scheme = dataclasses.replace(model.scheme, solver=BiCGStab(1e-5, iterations=2))
+    after = scheme.step(model, state, tables)
+    assert Failure(int(after.status.bits)) & Failure.NOT_CONVERGED
+    assert 1e-5 < float(after.status.residual) < 1.0
+
+
+def test_limiters_are_counted(advanced):
+    """Still water bears no tension and is not crowded; with a tenth too much mass every deep particle is."""
+    model, state, end = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
+    assert float(end.limits["crowding"].total) == 0.0
+    heavy = eqx.tree_at(lambda s: s.particles.m, state, 1.3 * state.particles.m)
+    heavy, tables = model.scheme.prepare(model, heavy)
+    after = model.step(heavy, tables)
+    deep = int(np.sum(np.asarray(state.particles.x[:, 1]) < 0.3))
+    assert float(after.limits["crowding"].recent) >= 0.8 * deep
+
+
 @pytest.mark.slow
 def test_slope_of_the_absorbed_energy_is_that_of_differences():
     """Over the PTO's damping of a flap that was pushed, 0.07 s, float64: the bar is 1e-4."""
@@ -225,9 +281,9 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
 
         @jax.jit
         def absorbed(damping):
-            wider = eqx.tree_at(lambda m: m.body.pto.damping, model, damping)
+            wider = eqx.tree_at(lambda m: m.bodies[0].pto.damping, model, damping)
             end = js.simulate(wider, state, n_steps=n_steps, sample_every=n_steps)[0]
-            return end.work.pto, end.status.bits
+            return end.ledger["pto"].total, end.status.bits
 
         at, by = jnp.float64(10.0), 1e-3
         (value, bits), (slope, _) = jax.jvp(absorbed, (at,), (jnp.ones_like(at),))

@@ -1,0 +1,134 @@
+"""Parts that compose: the ledger, chambers in both schemes, names, and what a step keeps of each."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import coarse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxsph as js
+from jaxsph import analysis
+from jaxsph.model.interfaces import Exchange
+from jaxsph.model.state import Tally
+from jaxsph.schemes.base import at_rest, move_walls
+from jaxsph.schemes.integrators import PredictorCorrector
+
+
+def add_all(tally, amounts):
+    """The tally with a sample's steps added one after the other, settled."""
+    return jax.lax.scan(lambda t, a: (t.add(a), None), tally, amounts)[0].settle()
+
+
+@jax.jit
+def run_tally(samples):
+    """Tally of a run of samples."""
+    start = Tally.zero(jnp.float32)
+    return jax.lax.scan(lambda tally, row: (add_all(tally, row), None), start, samples)[0]
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31), offset=st.floats(-1.0, 1.0, width=32))
+def test_a_tally_loses_nothing_over_a_long_run(seed, offset):
+    """Twenty thousand steps in samples of ten; a plain float32 sum is off by a thousand times as much."""
+    amounts = np.float32(np.random.default_rng(seed).normal(offset, 1.0, (2000, 10)))
+    exact = float(np.sum(np.float64(amounts)))
+    found = run_tally(jnp.asarray(amounts))
+    # each sample's ten additions round to 2^-24 of at most some tens; the total itself to 2^-24 of its size
+    assert float(found.total) == pytest.approx(exact, abs=2000**0.5 * 10 * 2e-6 + 2e-7 * abs(exact))
+
+
+@pytest.fixture(scope="module")
+def damped_vessel():
+    """(case, model, state): the communicating vessels with a turbine, let go with their water sinking."""
+    case = coarse("vessel", {"pto.K_dm": 300.0})
+    model, state = js.build(case)
+    right = state.particles.x[:, 0] > model.chambers[0].x0
+    sinking = jnp.stack([jnp.zeros_like(right, float), jnp.where(right, -0.2, 0.0)], -1)
+    return case, model, eqx.tree_at(lambda s: s.particles.u, state, jnp.float32(sinking))
+
+
+def test_work_is_that_of_all_steps_whatever_the_samples(damped_vessel):
+    """The README's gradient once held the last block's work only."""
+    _, model, state = damped_vessel
+    every = model.search.rebuild_every
+    march = jax.jit(
+        lambda s, sample_every: js.simulate(model, s, n_steps=4 * every, sample_every=sample_every)[0],
+        static_argnames="sample_every",
+    )
+    often, once = march(state, every), march(state, 4 * every)
+    first = march(march(state, every), every)
+    assert float(often.ledger["pto"].total) > 0.0
+    # the same additions but for where a sample settles them
+    assert float(often.ledger["pto"].total) == pytest.approx(float(once.ledger["pto"].total), rel=1e-6)
+    assert float(first.ledger["pto"].total) > float(often.ledger["pto"].total)
+    p = [0.5 * float(jnp.sum(s.particles.m * jnp.sum(s.particles.u**2, axis=1))) for s in (state, once)]
+    assert p[1] < p[0]
+
+
+def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
+    """Force and flow follow the places for which the rates are taken, wherever the step began."""
+    _, model, state = damped_vessel
+    state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
+    scheme, chamber = model.scheme, model.chambers[0]
+    lifted = state.particles.x.at[:, 1].add(0.02)
+    at = eqx.tree_at(lambda s: s.particles.x, state, lifted)
+
+    @jax.jit
+    def flows():
+        ghosts = scheme.ghosts(model, at, tables, at_rest(model, at))
+        sources = scheme.sources(ghosts, at.particles, at.particles.u, ghosts.u)
+        kick = chamber.kick(scheme, at.particles, sources, at.particles.u, tables, model.t0, model.dt)
+        end = PredictorCorrector._advance(scheme, model, state, at, tables, model.dt)
+        i = jnp.minimum(kick.index, len(lifted) - 1)
+        expected = -sum(jnp.sum(f * end.particles.u[i, k]) for k, f in enumerate(kick.force))
+        return end.own["chamber"].q, expected
+
+    q, expected = flows()
+    # The water of the step's end, through the grip of `at`: the same sum but for rounding.
+    assert float(q) == pytest.approx(float(expected), rel=1e-5)
+
+
+INCOMPRESSIBLE = {"scheme": {"kind": "incompressible"}}
+
+
+@pytest.mark.parametrize("K_dm", [300.0, 1.0e6])
+def test_a_chamber_works_in_the_incompressible_scheme(K_dm):
+    """The energy taken is P_a q, never negative; a closed chamber lets next to nothing through."""
+    case = coarse("owc", INCOMPRESSIBLE | {"tank.length": 1.2, "probes": {"gauges": [0.5]}, "pto.K_dm": K_dm})
+    case = case.replace({"waves.ramp_periods": 0.5})
+    model, state = js.build(case)
+    sample = case.output.sample_dt
+    found = js.march(model, state, 1.2, sample, js.make_probes(case, model, state))
+    taken, flow, P_a = found["power_pto"], found["flow"], found["P_a"]
+    assert int(found.state.status.bits) == 0 and np.all(np.isfinite(P_a))
+    assert taken.sum() > 0.0
+    budget = analysis.energy_budget(found.series)
+    # every term is summed over the steps: float32 is left, and the viscous loss of 0.2 %, which is not
+    assert abs(budget["residual_share"]) < 5e-3
+    # power is the mean over a sample of what P_a q is at its end; both vary within it
+    assert taken.sum() == pytest.approx(float(np.sum(P_a * flow)), rel=0.15)
+
+
+def test_parts_have_names_of_their_own(damped_vessel):
+    _, model, state = damped_vessel
+    walls = model.walls
+    x = np.asarray(state.particles.x)
+    given = dict(scheme=model.scheme, walls=walls, dx=0.04, sample_dt=0.01)
+    with pytest.raises(ValueError, match="share the names chamber"):
+        js.assemble(x, 0 * x, **given, chambers=[model.chambers[0]] * 2)
+    wanted = js.Box((0.0, 0.0), (0.8, 0.8), paddle=True, stroke=0.1)
+    walls = js.Ghosts.build(wanted, 0.04, model.scheme.smoothing, js.FreeSlip())
+    with pytest.raises(ValueError, match="give a paddle"):
+        js.assemble(x[:4], 0 * x[:4], **(given | {"walls": walls}))
+
+
+def test_every_energy_of_the_ledger_is_described(damped_vessel):
+    _, model, state = damped_vessel
+    entries = model.entries()
+    assert set(entries) == set(state.ledger) == {"pto"}
+    assert entries["pto"].exchange is Exchange.HARVESTED
+    interval = move_walls(model.scheme, model, state, model.dt)
+    assert set(interval.after) == set(state.own) == {"chamber"}
