@@ -4,6 +4,7 @@ import math
 import re
 import tomllib
 
+import numpy as np
 import pytest
 from conftest import COARSE, coarse
 from hypothesis import given, settings
@@ -13,6 +14,7 @@ import jaxsph as js
 from jaxsph.case import limits
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.initial import initial_velocity
 from jaxsph.case.scheme import make_scheme
 from jaxsph.errors import CaseError
 
@@ -224,6 +226,19 @@ def test_what_cannot_be_is_refused_before_anything_is_made(changes, message):
 def test_air_that_would_leave_its_chamber_is_refused(P_a, message):
     with pytest.raises(CaseError, match=message):
         js.load_case("vessel").replace({"pto.P_a": P_a})
+
+
+def test_standing_waves_start_in_deep_water_too():
+    """Two spacings to half a wave, on a depth of 250 of them: cosh(kd) is beyond float64 at kd = 785."""
+    case = TINY.replace({"dx": 0.01, "tank.depth": 2.5, "start": {"amplitude": 1e-3, "mode": 50}})
+    geometry = Geometry.of(case)
+    x = np.array([[0.5, 0.0], [0.49, 2.5], [0.495, 2.49]])
+    u = initial_velocity(case, geometry, x)
+    k = 50 * np.pi
+    scale = 1e-3 * np.sqrt(9.81 * k) * np.exp(k * (x[:, 1] - 2.5))
+    # rounding of kx and k(z - d), which are some hundreds
+    expected = np.stack([-np.sin(k * x[:, 0]) * scale, np.cos(k * x[:, 0]) * scale], axis=1)
+    np.testing.assert_allclose(u, expected, rtol=1e-12, atol=1e-15)
 
 
 def test_memory_is_counted_before_anything_is_made(monkeypatch):
