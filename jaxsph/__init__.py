@@ -14,7 +14,7 @@ _ROOMS = {
     "case.case": ("Case",),
     "case.files": ("built_in_cases", "load_case"),
     "case.initial": ("still_water",),
-    "case.linear": ("linear_check", "linear_owc"),
+    "case.linear": ("incident_power", "linear_check", "linear_owc"),
     "case.report": ("check", "make_probes"),
     "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "model.forces": ("CentralForce",),

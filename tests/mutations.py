@@ -8,13 +8,13 @@ import random
 import tomllib
 
 import jaxsph as js
-from jaxsph.case.case import Case, _all_keys
+from jaxsph.case.case import Case, key_names
 
 CASES = {
     name: importlib.resources.files("jaxsph").joinpath("cases", f"{name}.toml").read_bytes()
     for name in js.built_in_cases()
 }
-KEYS = _all_keys(Case)
+KEYS = key_names(Case)
 SMALL = {
     "dam_break": {"dx": 0.1, "tank.length": 2.4},
     "dam_break_column": {"dx": 0.06, "tank.layer": None, "tank.width": 0.6, "tank.length": 1.2},

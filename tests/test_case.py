@@ -1,8 +1,10 @@
 """Cases: what is refused and in which words, what is snapped, and that a case survives its own text."""
 
 import math
+import re
 import tomllib
 
+import numpy as np
 import pytest
 from conftest import COARSE, coarse
 from hypothesis import given, settings
@@ -12,6 +14,8 @@ import jaxsph as js
 from jaxsph.case import limits
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.initial import initial_velocity
+from jaxsph.case.scheme import make_scheme
 from jaxsph.errors import CaseError
 
 OWC = js.load_case("owc")
@@ -121,8 +125,6 @@ def test_case_files(tmp_path):
     ],
 )
 def test_theory_s_limits_are_told_not_refused(changes, notice):
-    import re
-
     assert any(re.search(notice, note) for note in OWC.replace(changes).notices())
     assert not any(re.search(notice, note) for note in OWC.notices())
 
@@ -226,6 +228,19 @@ def test_air_that_would_leave_its_chamber_is_refused(P_a, message):
         js.load_case("vessel").replace({"pto.P_a": P_a})
 
 
+def test_standing_waves_start_in_deep_water_too():
+    """Two spacings to half a wave, on a depth of 250 of them: cosh(kd) is beyond float64 at kd = 785."""
+    case = TINY.replace({"dx": 0.01, "tank.depth": 2.5, "start": {"amplitude": 1e-3, "mode": 50}})
+    geometry = Geometry.of(case)
+    x = np.array([[0.5, 0.0], [0.49, 2.5], [0.495, 2.49]])
+    u = initial_velocity(case, geometry, x)
+    k = 50 * np.pi
+    scale = 1e-3 * np.sqrt(9.81 * k) * np.exp(k * (x[:, 1] - 2.5))
+    # rounding of kx and k(z - d), which are some hundreds
+    expected = np.stack([-np.sin(k * x[:, 0]) * scale, np.cos(k * x[:, 0]) * scale], axis=1)
+    np.testing.assert_allclose(u, expected, rtol=1e-12, atol=1e-15)
+
+
 def test_memory_is_counted_before_anything_is_made(monkeypatch):
     """The flap at 1/20 of its spacing: 6e7 particles of water in a tank of 6 x 0.8 x 0.36 m."""
     fine = js.load_case("flap_3d").replace({"dx": 0.003, "t1": 1.0})
@@ -237,18 +252,6 @@ def test_memory_is_counted_before_anything_is_made(monkeypatch):
         js.build(fine)
     monkeypatch.undo()
     assert 1e8 < limits.machine_memory() < 1e15
-
-
-@pytest.mark.parametrize("name", ["owc", "flap_2d", "dam_break_column", "wave_tank", "wedge_entry"])
-def test_particles_are_counted_from_the_geometry(name):
-    """Within a tenth, on a lattice so coarse that building it takes no time."""
-    coarser = {"dam_break_column": {"tank.layer": None}, "owc": {"device.wall_thickness": 0.04, "probes": {}}}
-    dx = {"wedge_entry": 0.05, "flap_2d": 0.06}.get(name, 0.04)
-    case = js.load_case(name).replace({"dx": dx} | coarser.get(name, {}))
-    model, state = js.build(case)
-    water, walls = limits.particle_counts(case, Geometry.of(case))
-    assert water == pytest.approx(state.particles.x.shape[0], rel=0.1)
-    assert walls == pytest.approx(model.walls.count, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -278,6 +281,69 @@ def test_snapping_says_what_became_of_each_length():
     # Every length of the default geometry fits: beside the plate nothing is snapped.
     assert not [note for note in OWC.notices() if "becomes" in note]
     assert Geometry.of(OWC).chamber_length == 0.13
+
+
+def test_probes_on_a_wall_go_where_the_lattice_moved_it():
+    """The dam break's far wall at 3.22 m stands at 3.2 m with dx = 0.05 m: its sensor was refused."""
+    case = js.load_case("dam_break").replace({"dx": 0.05})
+    assert Geometry.of(case).pressure == ((3.2, 0.12),)
+    assert any("probes.pressure[0]: 3.22 m is on the end wall" in note for note in case.notices())
+    between = case.replace({"probes.pressure": [[3.21, 0.1], [1.0, 0.1]], "probes.gauges": [3.22]})
+    assert Geometry.of(between).pressure == ((3.2, 0.1), (1.0, 0.1)) and Geometry.of(between).gauges == (3.2,)
+    longer = case.replace({"tank.length": 3.23, "probes.pressure": [[3.23, 0.12]]})
+    assert Geometry.of(longer).pressure == ((3.25, 0.12),)
+    model, state = js.build(case)
+    (sensors,) = (p for p in js.make_probes(case, model, state) if isinstance(p, js.PressureProbe))
+    assert float(sensors.x[0, 0]) == pytest.approx(3.2)
+    # and with the plate and the side wall
+    owc = OWC.replace({"tank.length": 7.85, "probes.pressure": [[7.70, 0.3], [7.72, 0.3], [7.85, 0.3]]})
+    assert [x for x, _ in Geometry.of(owc).pressure] == pytest.approx([7.71, 7.73, 7.86])
+    deep = js.load_case("flap_3d").replace({"tank.width": 0.79, "probes.surface": [[3.04, 0.79]]})
+    assert Geometry.of(deep).surface == ((3.04, 0.8),)
+    with pytest.raises(CaseError, match=r"probes.pressure\[0\] = \[3.24, 0.12\] is not a point of the tank"):
+        case.replace({"probes.pressure": [[3.24, 0.12]]})
+
+
+def test_faces_of_a_block_that_miss_the_lattice_are_told():
+    def notes(low, high):
+        block = {"body": {"block": {"low": low, "high": high}}, "dx": 0.05}
+        return [note for note in TINY.replace(block).notices() if "body.block" in note]
+
+    assert not notes([0.3, 0.3], [0.7, 0.5])
+    (note,) = notes([0.3, 0.3], [0.72, 0.5])
+    assert "face at 0.72 m misses the lattice of 0.05 m by 0.02 m" in note and "dx = 0.02 m fits all" in note
+    (note,) = notes([0.3, 0.3], [0.7001, 0.5])
+    assert "no dx near this one" in note
+    assert not [n for n in js.load_case("wedge_entry").notices() if "lattice" in n]  # a polygon
+
+
+# seconds a step by processor time on one core, with N particles of water and G of walls
+MEASURED = [
+    ("hydrostatic", {"dx": 0.005}, 40_000 + 2_752, 2.38e-2),
+    ("owc", {}, 8_232 + 2_048, 7.28e-3),
+    ("hydrostatic", {"dx": 0.05, "tank.width": 0.5}, 4_000 + 10_528, 7.63e-2),
+    ("hydrostatic", {"dx": 0.025, "tank.width": 0.5}, 32_000 + 31_488, 3.21e-1),
+    (
+        "hydrostatic",
+        {"dx": 0.05, "tank.width": 0.5, "scheme.integrator": "predictor_corrector"},
+        4_000 + 10_528,
+        1.24e-1,
+    ),
+    ("dam_break_column", {"scheme.kind": "weakly_compressible", "dx": 0.04}, 1_200 + 14_154, 5.62e-2),
+    ("hydrostatic", INCOMPRESSIBLE | {"dx": 0.005}, 40_000 + 2_752, 1.11e-1),
+    ("flap_2d", {"dx": 0.04}, 4_164 + 1_561, 1.14e-2),
+    ("hydrostatic", INCOMPRESSIBLE | {"dx": 0.05, "tank.width": 0.5}, 4_000 + 7_296, 7.24e-2),
+    ("dam_break_column", {"dx": 0.03}, 2_600 + 16_852, 7.92e-2),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "count", "measured"), MEASURED)
+def test_expected_time_of_a_step_is_that_of_a_run(name, changes, count, measured):
+    """Within a factor of 1.5: walls count as water does, and 3-D runs took four times what was told."""
+    quiet = {"tank.layer": None} if name == "dam_break_column" else {"probes.pressure": None}
+    case = js.load_case(name).replace(changes | quiet)
+    expected = count * make_scheme(case).cost(case.dx, case.dim)
+    assert 1 / 1.5 < expected / measured < 1.5
 
 
 @settings(max_examples=100, deadline=None)
@@ -391,6 +457,10 @@ def test_built_in_cases_are_those_of_the_command_line():
 @pytest.mark.parametrize("name", sorted(js.built_in_cases()))
 def test_built_in_cases_load_and_check(name):
     assert js.load_case(name).name == name
-    rows = dict(js.check(coarse(name) if name in COARSE else js.load_case(name)))
+    case = coarse(name) if name in COARSE else js.load_case(name)
+    rows = dict(js.check(case))
+    made = [int(word) for word in re.findall(r"\d+", rows["particles"].replace(",", ""))[:2]]
+    # counted from the geometry alone, but for what bodies, plates and platforms take
+    assert limits.particle_counts(case, Geometry.of(case)) == pytest.approx(made, rel=0.1)
     assert {"particles", "time step", "neighbours", "wall time"} <= set(rows)
     assert ("incident power" in rows) == (js.load_case(name).waves is not None)

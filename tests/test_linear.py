@@ -6,11 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import coarse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph.case.linear import linear_owc
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.linear import incident_power, linear_owc
+from jaxsph.model.solution import Solution
+from jaxsph.run.results import _power
+from jaxsph.study.base import _result
 from jaxsph.waves import theory
 from jaxsph.waves.linear_owc import (
     _FUNCTIONS,
@@ -251,9 +256,30 @@ def test_built_in_case():
     assert found.water is linear_owc(OWC.replace({"pto.K_dm": 300.0})).water  # solved once
 
 
-def test_case_lengths_are_not_snapped():
+def test_lengths_are_those_on_the_lattice():
+    """The particles' depth is 0.44 m: theory of 0.42 m would be relative to another incident power."""
     case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.05})
-    assert linear_owc(case).water.geometry == ChamberGeometry(0.42, 0.13, 0.16, 0.05)
+    assert linear_owc(case).water.geometry == ChamberGeometry(0.44, 0.13, 0.16, 0.05)
+
+
+def test_every_efficiency_is_relative_to_one_incident_power():
+    """On a depth that the lattice moves by 5 %: the device of all four absorbs just what comes in."""
+    case = coarse("owc")
+    P = incident_power(case)
+    depth = Geometry.of(case).depth
+    assert depth != case.tank.depth
+    assert P == pytest.approx(float(theory.incident_power(0.04, 1.2, depth)), rel=1e-6)
+    t = np.arange(0.0, case.t1, case.output.sample_dt)
+    all_of_it = np.full_like(t, P)
+    series = {"power_pto": all_of_it}
+    solution = Solution(series | {"time": t}, {}, None, None)
+    results = _power(case, solution)
+    assert results["P_inc"] == P and results["P_owc"] == pytest.approx(P, rel=1e-9)
+    assert results["xi"] == pytest.approx(1.0, rel=1e-9)
+    assert _result(case, "xi")(t, all_of_it) == pytest.approx(1.0, rel=1e-9)
+    # theory in float64 beside float32
+    assert linear_owc(case).P_inc == pytest.approx(P, rel=1e-5)
+    assert dict(js.check(case))["incident power"] == f"{P:.4g} W per metre of width"
 
 
 @pytest.mark.parametrize(
@@ -263,7 +289,6 @@ def test_case_lengths_are_not_snapped():
         ({"waves": None}, "waves"),
         ({"pto": None}, "pto.K_dm"),
         ({"pto.P_a": 100.0}, "pto.K_dm"),
-        ({"g": 0.0}, "g = 0"),
         ({"device.platform_height": 0.1, "device.platform_length": 0.5}, "platform_height = 0.1 m"),
     ],
 )

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import RUNS, Report
 from experiments.owc_tank import T, short_case, study_case, swept
-from jaxsph.study.base import incident_power
+from jaxsph.case.linear import incident_power
 
 POINTS = (257.0, 534.66, 1300.0)
 """Below, near and above the best damping."""

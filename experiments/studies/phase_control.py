@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import Report
 from experiments.owc_tank import T, short_case
+from jaxsph.case.linear import incident_power
 from jaxsph.model.interfaces import ExactTangents
-from jaxsph.study.base import incident_power
 
 
 def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, rate: float = 0.15) -> None:

@@ -1,4 +1,4 @@
-"""A whole case: validation, changes by dotted names, TOML text."""
+"""A whole case: its validation, changes by dotted names, TOML text and notices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jaxsph.errors import CaseError
 
 
 class Case(Sections):
-    """A whole case, in SI units. Immutable: `replace` gives a changed copy."""
+    """Description of a run in SI units, validated. Immutable: `replace` gives a changed copy."""
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Case:
@@ -43,7 +43,7 @@ class Case(Sections):
         if changes.get("scheme.kind", self.scheme.kind) != self.scheme.kind:
             data.pop("scheme")
         for key, value in changes.items():
-            if value is None and key not in _all_keys(Case):
+            if value is None and key not in key_names(Case):
                 _check_keys(_nested(key))  # what is not there is removed in silence only where it could be
             *path, last = key.split(".")
             place = data
@@ -65,11 +65,11 @@ class Case(Sections):
         return Case.from_dict(data)
 
     def to_toml(self) -> str:
-        """The whole case as TOML text, defaults included."""
+        """TOML text of the whole case, defaults included."""
         return _to_toml(self.model_dump(exclude_none=True, mode="json"))
 
     def notices(self) -> list[str]:
-        """What was adjusted to the lattice, and limits of theory that the case oversteps."""
+        """Notices for the user: lengths that the lattice changed, limits that the case is near or beyond."""
         geometry = Geometry.of(self)
         return [*geometry.notices, *limit_notices(self, geometry)]
 
@@ -114,6 +114,7 @@ def _nested(key: str) -> dict[str, Any]:
 
 
 def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) -> None:
+    """**Raises** CaseError for the first unknown key of a section whose own name is `prefix`."""
     for key, value in data.items():
         fields = section.model_fields
         if key not in fields:
@@ -136,7 +137,7 @@ def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
                     f'{prefix}{key} belongs to scheme.kind = "{other}", and this case has "{kind}": '
                     f"remove the key, or change the kind (keys here: {here})"
                 )
-    everything = _all_keys(Case)
+    everything = key_names(Case)
     name = _shown(prefix + key)
     near = [k for k in everything if k.lower() == (prefix + key).lower()]
     near = near or difflib.get_close_matches((prefix + key)[:100], everything, n=1, cutoff=0.5)
@@ -174,8 +175,8 @@ def _section_type(annotation: Any) -> type[BaseModel] | None:
     return None
 
 
-def _all_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
-    """Dotted names of all keys of a section and of those in it."""
+def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
+    """Dotted names of all keys of a section and of the sections in it."""
     keys = []
     for name, field in section.model_fields.items():
         keys.append(prefix + name)
@@ -184,11 +185,12 @@ def _all_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
             continue
         inner = _section_type(field.annotation)
         if inner is not None:
-            keys += _all_keys(inner, f"{prefix}{name}.")
+            keys += key_names(inner, f"{prefix}{name}.")
     return keys
 
 
 def _readable(error: ValidationError) -> str:
+    """Words of a validation's first errors: field, value and what is allowed, one a line."""
     lines = []
     found = error.errors()
     for item in found[:5]:

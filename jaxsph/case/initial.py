@@ -1,8 +1,4 @@
-"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
-
-Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
-spacing dx, and `Case.notices` says what became of each.
-"""
+"""Water at the start of a case: places and volumes of the particles, their velocities and pressures."""
 
 from __future__ import annotations
 
@@ -19,19 +15,22 @@ from jaxsph.solids.walls import Ghosts
 
 
 def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
+    """Velocities `[N, D]` (m/s) at the start of particles at x (m): zero, or those of a linear standing wave
+    as it passes through the flat surface."""
     u = np.zeros_like(x)
     if case.start is None:
         return u
-    k = case.start.mode * np.pi / geometry.length
-    omega = np.sqrt(case.g * k * np.tanh(k * geometry.depth))
-    scale = case.start.amplitude * omega / np.sinh(k * geometry.depth)
-    u[:, 0] = -scale * np.sin(k * x[:, 0]) * np.cosh(k * x[:, -1])
-    u[:, -1] = scale * np.cos(k * x[:, 0]) * np.sinh(k * x[:, -1])
+    k, d = case.start.mode * np.pi / geometry.length, geometry.depth
+    scale = case.start.amplitude * np.sqrt(case.g * k * np.tanh(k * d))
+    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) by exponentials that decay: in deep water the others overflow
+    up, down = np.exp(k * (x[:, -1] - d)), np.exp(-k * (x[:, -1] + d))
+    u[:, 0] = -scale * np.sin(k * x[:, 0]) * (up + down) / -np.expm1(-2 * k * d)
+    u[:, -1] = scale * np.cos(k * x[:, 0]) * (up - down) / -np.expm1(-2 * k * d)
     return u
 
 
 def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places (m) and volumes (m3, m2 in 2-D) of the particles at the start."""
+    """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles that fill column and layer."""
     across = () if geometry.width is None else (geometry.width,)
     low = (0.0,) * (2 + len(across))
     x, volume = lattice(
@@ -48,22 +47,23 @@ def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outside_body(away: np.ndarray) -> np.ndarray:
-    """Which particles are not in the place of a body, by their distances from its surface over dx.
+    """Mask `[N]` of the particles outside a body, from their distances `[N]` from its surface over dx.
 
-    The lattice need not fit the body. As much water gives way as the body has volume in it, counted by the
-    share of every cell that it covers: with a threshold on the distance the surface would fall, or rise, for
-    a lattice cut raggedly. Particles at one distance, as those of two symmetric faces, go together.
+    The particles inside are as many as fill the body's submerged volume, which is counted by the share of
+    every cell that the body covers. With a threshold on the distance alone the surface would fall, or rise,
+    where the body cuts the lattice raggedly. Particles at one distance, as those of two symmetric faces, are
+    on the same side.
     """
     away = np.round(away, 4)
     levels, count = np.unique(away, return_counts=True)
-    taken = np.concatenate([[0], np.cumsum(count)])
-    cut = int(np.argmin(np.abs(taken - np.sum(np.clip(0.5 - away, 0.0, 1.0)))))
+    nearer = np.concatenate([[0], np.cumsum(count)])
+    cut = int(np.argmin(np.abs(nearer - np.sum(np.clip(0.5 - away, 0.0, 1.0)))))
     most = levels[cut - 1] if cut else -np.inf
     return away > min(max(most, -0.3), 0.45)
 
 
 def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
-    """Pressure at t = 0 over rho0 g, m: hydrostatic, or that of a column in the instant of its release.
+    """Pressure head p/(rho0 g) of particles at x at the start, m: hydrostatic, or a column's at its release.
 
     Taking the gate away makes p = 0 on the released face at once: in incompressible water the pressure is
     from then on the solution of lap p = 0 with p = 0 there and at the surface, dp/dx = 0 at the back wall

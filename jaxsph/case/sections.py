@@ -130,7 +130,9 @@ class Tank(_Section):
     """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
 
     length: Length
+    """From the paddle at rest, or the near end wall, to the far end wall, m."""
     depth: Length
+    """Of still water, or of a released column, m."""
     width: Length | None = None
     """Given, the case is three-dimensional."""
     height: Length | None = None

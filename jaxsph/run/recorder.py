@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
 from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import FileError
 from jaxsph.model.interfaces import Model, Reading
@@ -163,14 +164,15 @@ def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> Stat
 def _coordinates(case: Case) -> Coordinates:
     """Places of gauges and sensors, for the file."""
     found = {}
-    if case.probes.gauges:
-        x = np.asarray(case.probes.gauges)
+    geometry = Geometry.of(case)
+    if geometry.gauges:
+        x = np.asarray(geometry.gauges)
         found["gauge_x"] = ("gauge", x, "m", "distance of the gauge from the paddle at rest")
     axes = "xz" if case.tank.width is None else "xyz"
     for given, what, names in (
-        (case.probes.surface, "surface_point", axes[:-1]),
-        (case.probes.pressure, "sensor", axes),
-        (case.probes.velocity, "point", axes),
+        (geometry.surface, "surface_point", axes[:-1]),
+        (geometry.pressure, "sensor", axes),
+        (geometry.velocity, "point", axes),
     ):
         if given:
             points = np.asarray(given)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.linear import incident_power
 from jaxsph.model.solution import Solution
 from jaxsph.waves import theory
 
@@ -53,8 +54,9 @@ def settled_periods(case: Case, t1: float) -> int:
 def _transient(case: Case) -> float:
     """Time for the ramp and for the wave's energy to reach the far end, s."""
     omega = 2 * np.pi / case.waves.T
-    speed = float(theory.group_velocity(omega, case.tank.depth, case.g))
-    return case.waves.ramp_periods * case.waves.T + case.tank.length / speed
+    geometry = Geometry.of(case)
+    speed = float(theory.group_velocity(omega, geometry.depth, case.g))
+    return case.waves.ramp_periods * case.waves.T + geometry.length / speed
 
 
 def _energy(case: Case, solution: Solution) -> Scalars:
@@ -75,8 +77,7 @@ def _power(case: Case, solution: Solution) -> Scalars:
     periods = settled_periods(case, float(t[-1]))
     if periods < 1:
         return {}
-    depth = float(solution.model.depth)
-    P_inc = float(theory.incident_power(case.waves.H, T, depth, case.fluid.rho0, case.g))
+    P_inc = incident_power(case)
     results = {"periods": float(periods), "P_inc": P_inc}
     chamber = case.pto is not None and case.pto.K_dm is not None
     body = case.body is not None and case.body.pto is not None
@@ -95,7 +96,7 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
     if periods < 1 or "eta" not in solution.series:
         return {}
     chosen = flume_gauges(case)
-    x = np.asarray(case.probes.gauges)[chosen]
+    x = np.asarray(Geometry.of(case).gauges)[chosen]
     if len(x) < 3:
         first, last = _free_flume(case)
         raise ValueError(
@@ -115,7 +116,7 @@ def flume_gauges(case: Case) -> list[int]:
     Nearer to a solid the wave is not alone: what is made beside it falls off by exp(-pi/2 x/d) and faster.
     """
     first, last = _free_flume(case)
-    return [k for k, x in enumerate(case.probes.gauges) if first <= x <= last]
+    return [k for k, x in enumerate(Geometry.of(case).gauges) if first <= x <= last]
 
 
 def _free_flume(case: Case) -> tuple[float, float]:

@@ -4,6 +4,7 @@ rounding, the energy ledger, and flags of what has gone wrong."""
 from __future__ import annotations
 
 import abc
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -154,8 +155,16 @@ class AbstractParticleScheme(AbstractScheme):
         """Name and speed of the scheme, for people."""
 
     @abc.abstractmethod
-    def cost(self, dim: int) -> float:
-        """About the time of a step per particle of water on one core of a current CPU, s."""
+    def cost(self, dx: float, dim: int) -> float:
+        """Time of a step per particle of water or wall (s) on one core of a current CPU, to half of it.
+
+        **Arguments**: spacing `dx` (m) and dimensions.
+        """
+
+    def neighbours(self, dx: float, dim: int) -> float:
+        """Particles within the kernel's support, at a spacing of `dx` (m) in `dim` dimensions."""
+        reach = float(self.smoothing.radius) / dx
+        return math.pi * reach**2 * (1.0 if dim == 2 else 4.0 / 3.0 * reach)
 
     @abc.abstractmethod
     def compression(self, p: Particles) -> Scalar:

@@ -69,6 +69,9 @@ class AbstractIntegrator(eqx.Module):
     cfl: eqx.AbstractClassVar[float]
     """Default share of h/c0 (Eq. 10) for dt, found by measurement to be stable with room to spare."""
 
+    evaluations: eqx.AbstractClassVar[int]
+    """Evaluations of the forces in a step."""
+
     @abc.abstractmethod
     def step(self, scheme: AbstractRateScheme, model: Model, state: State, tables: Tables) -> State:
         """One time step."""
@@ -83,6 +86,7 @@ class SymplecticEuler(AbstractIntegrator):
     """
 
     cfl: ClassVar[float] = 0.5
+    evaluations: ClassVar[int] = 1
 
     def step(self, scheme, model, state, tables):
         """See `AbstractIntegrator`."""
@@ -121,6 +125,7 @@ class PredictorCorrector(AbstractIntegrator):
     """Integrator of the paper (Monaghan 1989): a half step, then a whole one with the rates found there."""
 
     cfl: ClassVar[float] = 0.25
+    evaluations: ClassVar[int] = 2
 
     def step(self, scheme, model, state, tables):
         """See `AbstractIntegrator`."""

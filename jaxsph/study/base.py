@@ -12,9 +12,9 @@ import numpy as np
 
 from jaxsph import analysis
 from jaxsph.case.case import Case
+from jaxsph.case.linear import incident_power
 from jaxsph.errors import CaseError
 from jaxsph.run.results import settled_periods
-from jaxsph.waves import theory
 
 SMOOTH = (
     "pto.K_dm",
@@ -92,8 +92,3 @@ def _result(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
         )
     P = 1.0 if of == "P_owc" else incident_power(case)
     return lambda t, power: analysis.efficiency(t, power, case.waves.T, P, periods).xi
-
-
-def incident_power(case: Case) -> float:
-    """Mean power of the case's waves, W/m: what xi is relative to."""
-    return float(theory.incident_power(case.waves.H, case.waves.T, case.tank.depth, case.fluid.rho0, case.g))

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from jaxsph.case.build import build
 from jaxsph.case.case import Case
+from jaxsph.case.linear import incident_power
 from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError, DerivativeError
 from jaxsph.model.interfaces import Model
@@ -28,7 +29,6 @@ from jaxsph.study.base import (
     Derivative,
     _number,
     _result,
-    incident_power,
 )
 
 
