@@ -374,7 +374,7 @@ def test_reflection_is_of_the_gauges_that_see_free_waves():
 
 
 def test_reflection_has_the_gravity_of_the_case():
-    results, notices = run_results(*_ended(js.load_case("owc").replace({"g": 4.0}), [2.0, 2.3, 2.75]), 1.0, 1)
+    results, notices = run_results(*_ended(js.load_case("owc").replace({"g": 7.0}), [2.0, 2.3, 2.75]), 1.0, 1)
     assert results["reflection"] == pytest.approx(0.3, abs=1e-4) and not notices
 
 
