@@ -418,15 +418,15 @@ def test_failures_have_their_remedies(hydrostatic):
 LOOP = """
 import sys, time
 from jaxsph.run import interrupt
-with interrupt.ending_at_once(lambda: "ended at once"):
+with interrupt.end_at_once(lambda: "ended at once"):
     try:
-        with interrupt.heard() as asked:
+        with interrupt.hear_interrupts() as asked:
             for k in range(1000):
                 print(k, flush=True)
                 end = time.monotonic() + 0.3
                 while time.monotonic() < end:
                     pass
-                asked.saved()
+                asked.chunk_is_saved()
     except KeyboardInterrupt:
         print("ended between chunks", flush=True)
         sys.exit(130)

@@ -79,7 +79,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> Start:
     model = with_settings(
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
-    state = _carried(start.state, initial)
+    state = _carry_over(start.state, initial)
     # the step is what time is counted by
     state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(round(samples) * every, state.step.dtype))
     file.amend(
@@ -115,7 +115,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     return new
 
 
-def _carried(state: State, initial: State) -> State:
+def _carry_over(state: State, initial: State) -> State:
     """The state, where one of the amended case has the same arrays."""
     old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
     if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:
