@@ -328,7 +328,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"dx": 0.02}, "dx: cannot change in the course of a run: it is the spacing"),
+        ({"dx": 0.1}, "dx: cannot change in the course of a run: it is the spacing"),
         ({"device.draught": 0.1}, "device.draught: cannot .* moves the walls"),
         ({"waves.H": 0.02}, "waves.H: cannot .* the paddle would jump"),
         ({"probes.gauges": [1.0]}, "probes.gauges: cannot .* columns of its probes"),

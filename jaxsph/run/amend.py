@@ -94,7 +94,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     """The case with values changed. **Raises** CaseError for those that a run must keep."""
     for key in changes:
         if key not in CHANGEABLE:
-            case.replace({key: changes[key]})  # an unknown key is the first thing to say
+            _refuse_unknown(case, key, changes[key])
             reason = REASONS.get(
                 key, REASONS.get(key.partition(".")[0], "the run depends on it from its start")
             )
@@ -113,6 +113,15 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
             "up to which there may be water"
         )
     return new
+
+
+def _refuse_unknown(case: Case, key: str, value: Any) -> None:
+    """Raises CaseError where a case has no such key, with the nearest one that it has."""
+    try:
+        case.replace({key: value})
+    except CaseError as error:
+        if str(error).startswith("unknown key"):
+            raise
 
 
 def _carry_over(state: State, initial: State) -> State:
