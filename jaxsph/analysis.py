@@ -385,24 +385,24 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     t = series["time"]
     dt = np.diff(t)
 
-    def summed(name: str) -> float:
+    def work(name: str) -> float:
         return float(np.sum(series[name][1:] * dt)) if name in series else 0.0
 
-    def integrated(name: str) -> float:
+    def loss(name: str) -> float:
         return float(np.trapezoid(series[name], t)) if name in series else 0.0
 
     total = series["kinetic"] + series["potential"] + series["compression"]
     budget = {
-        "paddle": summed("power_paddle"),
+        "paddle": work("power_paddle"),
         "stored": float(total[-1] - total[0]),
-        "pto": sum((summed(name) for name in series if name.startswith("power_pto")), 0.0),
-        "sponge": summed("power_sponge"),
-        "viscous": integrated("loss_viscous"),
-        "diffusive": integrated("loss_diffusive"),
+        "pto": sum((work(name) for name in series if name.startswith("power_pto")), 0.0),
+        "sponge": work("power_sponge"),
+        "viscous": loss("loss_viscous"),
+        "diffusive": loss("loss_diffusive"),
     }
     for name in series:
         if name.startswith("power_") and not name.startswith(("power_paddle", "power_pto")):
-            budget[name.removeprefix("power_")] = summed(name)
+            budget[name.removeprefix("power_")] = work(name)
     spent = sum(v for k, v in budget.items() if k != "paddle")
     budget["residual"] = budget["paddle"] - spent
     scale = max(abs(budget["paddle"]), float(np.max(np.abs(series["kinetic"]))), 1e-12)

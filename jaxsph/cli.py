@@ -195,7 +195,7 @@ def sweep(
 
 
 @app.command()
-def slope(
+def slope(  # of a command the options are the arguments
     case: CaseName,
     over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
     of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
@@ -229,7 +229,7 @@ def slope(
 
 
 @app.command()
-def optimise(
+def optimise(  # of a command the options are the arguments
     case: CaseName,
     over: Annotated[
         list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
@@ -478,7 +478,7 @@ def _resumable(path: Path) -> Iterator[None]:
     def words() -> str:
         return f"\njaxsph: interrupted. {_what_is_left(path)}"
 
-    with interrupt.ending_at_once(words):
+    with interrupt.end_at_once(words):
         try:
             yield
         except KeyboardInterrupt:

@@ -49,12 +49,12 @@ class Variable:
 
 
 @contextlib.contextmanager
-def replacing(path: Path, mode: str) -> Iterator[h5py.File]:
+def replace_file(path: Path, mode: str) -> Iterator[h5py.File]:
     """A copy (mode "r+") or a new file ("w") that takes the file's place if all goes well."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with writing(path):
+    with tell_write_errors(path):
         try:
-            remove_abandoned(path)
+            remove_leftovers(path)
             if mode == "r+":
                 shutil.copyfile(path, part)
             with h5py.File(part, mode) as file:
@@ -69,13 +69,13 @@ def replacing(path: Path, mode: str) -> Iterator[h5py.File]:
 
 
 @contextlib.contextmanager
-def reading(path: Path) -> Iterator[h5py.File]:
+def open_file(path: Path) -> Iterator[h5py.File]:
     """The file, to be read. **Raises** FileError where it is missing, cut short or damaged."""
     try:
         with h5py.File(path, "r") as file:
             yield file
     except FileNotFoundError:
-        raise FileError(_missing(path)) from None
+        raise FileError(_no_such_file(path)) from None
     except PermissionError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from None
     except (OSError, KeyError, RuntimeError) as error:
@@ -86,7 +86,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
 
 
 @contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
+def tell_write_errors(path: Path) -> Iterator[None]:
     """Raises FileError for what goes wrong while the file is written."""
     try:
         yield
@@ -97,7 +97,7 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def remove_abandoned(path: Path) -> None:
+def remove_leftovers(path: Path) -> None:
     """Removes unfinished copies that a killed run left: a write takes seconds, not an hour."""
     for part in path.parent.glob(f".{path.name}.*.part"):
         with contextlib.suppress(OSError):
@@ -114,7 +114,7 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def _missing(path: Path) -> str:
+def _no_such_file(path: Path) -> str:
     return f"{path}: no such file; `jaxsph run CASE --out {path}` makes one"
 
 
@@ -126,7 +126,7 @@ def check_signature(path: Path) -> None:
         with path.open("rb") as file:
             start = file.read(len(_SIGNATURE))
     except FileNotFoundError:
-        raise FileError(_missing(path)) from None
+        raise FileError(_no_such_file(path)) from None
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from None
     if start == _SIGNATURE:

@@ -25,7 +25,7 @@ import numpy as np
 
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import sync
-from jaxsph.output.records import Head, check_body, packed, read_arrays, read_head
+from jaxsph.output.records import Head, check_body, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
@@ -74,7 +74,7 @@ def checkpoint_path(run: Path) -> Path:
 
 
 @contextlib.contextmanager
-def opened(run: Path) -> Iterator[Journal | None]:
+def beside(run: Path) -> Iterator[Journal | None]:
     """The journal beside a run's file, None where there is none with a checkpoint.
 
     To be opened before the file itself: whoever folds a journal first puts all of it into the file.
@@ -82,7 +82,7 @@ def opened(run: Path) -> Iterator[Journal | None]:
     """
     with contextlib.ExitStack() as stack:
         try:
-            journal = _opened(run, stack)
+            journal = _open(run, stack)
         except ValueError as error:
             raise FileError(
                 f"{journal_path(run)} or {checkpoint_path(run)}: is damaged ({error}). Restore both from a "
@@ -91,7 +91,7 @@ def opened(run: Path) -> Iterator[Journal | None]:
         yield journal
 
 
-def _opened(run: Path, stack: contextlib.ExitStack) -> Journal | None:
+def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
     try:
         # the checkpoint first: the journal is never behind it
         saved = stack.enter_context(checkpoint_path(run).open("rb"))
@@ -111,7 +111,7 @@ def _opened(run: Path, stack: contextlib.ExitStack) -> Journal | None:
 
 def begin(run: Path, owner: Owner, variables: Mapping[str, Any]) -> int:
     """Begins a journal for a run's file, in the place of any other; returns where it ends."""
-    opening = packed({"owner": owner, "variables": variables}, {})
+    opening = pack({"owner": owner, "variables": variables}, {})
     _write(journal_path(run), opening)
     return len(opening)
 
@@ -125,7 +125,7 @@ def append(
     about: Mapping[str, Any],
 ) -> int:
     """Adds a chunk at the journal's `end`, and the checkpoint that goes with it; returns the new end."""
-    record = packed({}, chunk)
+    record = pack({}, chunk)
     with journal_path(run).open("r+b") as file:
         file.truncate(end)  # what a kill left
         file.seek(end)
@@ -133,7 +133,7 @@ def append(
         file.flush()
         os.fsync(file.fileno())
     told = {"owner": owner, "end": end + len(record)} | about
-    _write(checkpoint_path(run), packed(told, checkpoint))
+    _write(checkpoint_path(run), pack(told, checkpoint))
     return told["end"]
 
 

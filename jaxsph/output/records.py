@@ -36,7 +36,7 @@ class Head(NamedTuple):
     """Of the body (CRC-32)."""
 
 
-def packed(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
+def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     """A record's bytes. `about`: anything that JSON can say."""
     named, parts, place = {}, [], 0
     for name, array in arrays.items():

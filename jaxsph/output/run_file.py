@@ -39,11 +39,11 @@ from jaxsph.output.hdf5 import (
     check_signature,
     dimension,
     exact,
+    open_file,
     plain,
-    reading,
-    replacing,
+    replace_file,
+    tell_write_errors,
     version,
-    writing,
 )
 from jaxsph.output.journal import Journal, Owner
 from jaxsph.output.records import Head, read_arrays
@@ -138,15 +138,15 @@ class RunFile:
                 f"{path}: exists already, and nothing was changed. Give another name with --out, "
                 f"replace it with --overwrite, or go on with it by `jaxsph resume {path}`"
             )
-        with writing(run.path):
+        with tell_write_errors(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(run.path, "w") as file:
+        with replace_file(run.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=uuid.uuid4().hex, stage=0, read=0)
             _describe(file, case_toml, settings, numbers or {})
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)
-        with writing(run.path):
+        with tell_write_errors(run.path):
             journal.remove(run.path)
         return run
 
@@ -155,7 +155,7 @@ class RunFile:
         """An existing file. **Raises** FileError where it is missing, cut short, or not a run's."""
         run = cls(path)
         check_signature(run.path)
-        with reading(run.path) as file:
+        with open_file(run.path) as file:
             schema = file.attrs.get("schema")
             if schema is None or "jaxsph_version" not in file.attrs:
                 raise FileError(
@@ -199,7 +199,7 @@ class RunFile:
             end = view.journal.about["end"] if known else 0
             first, read = "time" not in view.file["series"], int(view.file.attrs["read"])
         about = {"time": float(series["time"][-1]), "progress": _numbers(progress)}
-        with writing(self.path):
+        with tell_write_errors(self.path):
             if not known:
                 described = {n: [v.units, v.long_name, v.dim, v.group] for n, v in variables.items()}
                 end = journal.begin(self.path, owner, described)
@@ -235,7 +235,7 @@ class RunFile:
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
         """Takes the journal into the file, with a change to it, in one step."""
-        with replacing(self.path, "r+") as file, self._view() as view:
+        with replace_file(self.path, "r+") as file, self._view() as view:
             if view.journal is not None:
                 _take_series(file, view)
                 for head in self._snapshots(view):
@@ -245,11 +245,11 @@ class RunFile:
                 # from here on the journal is nobody's
                 file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
             change(file)
-        with writing(self.path):
+        with tell_write_errors(self.path):
             journal.remove(self.path)
 
     def _bring_up_to_date(self) -> None:
-        with replacing(self.path, "r+") as file, self._view() as view:
+        with replace_file(self.path, "r+") as file, self._view() as view:
             _take_series(file, view)
             file.attrs["read"] = view.journal.about["end"]
 
@@ -275,29 +275,29 @@ class RunFile:
 
     @contextlib.contextmanager
     def _view(self) -> Iterator[_View]:
-        # the journal first: see `journal.opened`
-        with journal.opened(self.path) as beside, reading(self.path) as file:
+        # the journal first: see `journal.beside`
+        with journal.beside(self.path) as beside, open_file(self.path) as file:
             ours = beside is not None and beside.owner == _owner(file)
             yield _View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             return {name: plain(value) for name, value in file[group].attrs.items()}
 
     def _text(self, name: str, default: str) -> Any:
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             return json.loads(file[name][()] if name in file else default)
 
     @property
     def schema(self) -> int:
         """Version of the layout."""
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             return int(file.attrs["schema"])
 
     @property
     def case_toml(self) -> str:
         """The whole case as TOML text."""
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             return str(file.attrs["case"])
 
     @property
@@ -337,7 +337,7 @@ class RunFile:
     def coordinates(self) -> Coordinates:
         """Gauge and sensor positions, in the form that `create` takes."""
         found = {}
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             for name, data in file["series"].items():
                 if not data.is_scale and dimension(data, 0) != "time":
                     units, long_name = data.attrs["units"], data.attrs["long_name"]

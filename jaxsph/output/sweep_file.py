@@ -23,11 +23,11 @@ from jaxsph.output.hdf5 import (
     Variable,
     check_signature,
     dimension,
-    reading,
-    replacing,
+    open_file,
+    replace_file,
     scale,
+    tell_write_errors,
     version,
-    writing,
 )
 
 
@@ -58,7 +58,7 @@ class SweepFile:
     def is_one(self) -> bool:
         """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
         check_signature(self.path)
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             return file.attrs.get("kind") == "sweep"
 
     def write(
@@ -76,9 +76,9 @@ class SweepFile:
         (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
         well); `variables`: what each series is. **Raises** FileError where it cannot be written.
         """
-        with writing(self.path):
+        with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(self.path, "w") as file:
+        with replace_file(self.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), case=case_toml, kind="sweep")
             dims = _write_axes(file, axes, shape)
             for name, values in over_members(members, shape).items():
@@ -99,7 +99,7 @@ class SweepFile:
         **Raises** FileError where the file is missing, damaged or not a sweep's.
         """
         check_signature(self.path)
-        with reading(self.path) as file:
+        with open_file(self.path) as file:
             if file.attrs.get("kind") != "sweep":
                 raise FileError(f"{self.path}: is not the file of a sweep; give another name")
             case = str(file.attrs["case"])

@@ -10,8 +10,8 @@ import numpy as np
 
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import (
-    replacing,
-    writing,
+    replace_file,
+    tell_write_errors,
 )
 from jaxsph.output.run_file import (
     RunFile,
@@ -32,9 +32,9 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
     if count == 0:
         raise FileError(f"{run.path}: holds no snapshots yet; let the run go on, then export again")
     _check_replaceable(path)
-    with writing(path):
+    with tell_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path, "w") as file:
+    with replace_file(path, "w") as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 2], np.int64)
         # VTK wants a fixed-length string here, and h5py writes variable ones.

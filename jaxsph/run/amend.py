@@ -79,7 +79,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> Start:
     model = with_settings(
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
-    state = _carried(start.state, initial)
+    state = _carry_over(start.state, initial)
     # the step is what time is counted by
     state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(round(samples) * every, state.step.dtype))
     file.amend(
@@ -94,7 +94,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     """The case with values changed. **Raises** CaseError for those that a run must keep."""
     for key in changes:
         if key not in CHANGEABLE:
-            case.replace({key: changes[key]})  # an unknown key is the first thing to say
+            _refuse_unknown(case, key, changes[key])
             reason = REASONS.get(
                 key, REASONS.get(key.partition(".")[0], "the run depends on it from its start")
             )
@@ -115,7 +115,16 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     return new
 
 
-def _carried(state: State, initial: State) -> State:
+def _refuse_unknown(case: Case, key: str, value: Any) -> None:
+    """Raises CaseError where a case has no such key, with the nearest one that it has."""
+    try:
+        case.replace({key: value})
+    except CaseError as error:
+        if str(error).startswith("unknown key"):
+            raise
+
+
+def _carry_over(state: State, initial: State) -> State:
     """The state, where one of the amended case has the same arrays."""
     old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
     if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:

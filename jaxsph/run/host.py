@@ -27,7 +27,7 @@ from jaxsph.output.hdf5 import SCHEMA
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.amend import amend
 from jaxsph.run.chunks import advance_chunk, sample_times
-from jaxsph.run.interrupt import heard
+from jaxsph.run.interrupt import hear_interrupts
 from jaxsph.run.recorder import (
     Recorder,
     Start,
@@ -136,7 +136,7 @@ def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Sol
         dynamic_ncols=True,
         smoothing=0.1,
     )
-    with bar, _one_file(file), heard() as interrupt:
+    with bar, _one_file(file), hear_interrupts() as interrupt:
         while int(state.step) < last:
             before = int(state.step)
             n_steps = min(recorder.per_chunk, last - before)
@@ -149,7 +149,7 @@ def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Sol
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
             t = int(state.step) * float(model.dt)
             bar.set_postfix_str(f"t = {t:.2f} s, max |u| = {speed:.2f} m/s, ok")
-            interrupt.saved()
+            interrupt.chunk_is_saved()
         return recorder.solution(model, state)
 
 

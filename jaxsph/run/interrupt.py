@@ -29,7 +29,7 @@ class Interrupt:
         self.has_saved = False
         """Whether the run has saved a chunk: before, there is nothing to wait for."""
 
-    def saved(self) -> None:
+    def chunk_is_saved(self) -> None:
         """Says that a chunk was saved. **Raises** KeyboardInterrupt where the run is asked to stop."""
         self.has_saved = True
         if self.asked:
@@ -39,11 +39,11 @@ class Interrupt:
 _runs: list[Interrupt] = []
 """Runs that look, the innermost last."""
 _watched = False
-"""Whether `ending_at_once` hears the interrupts of this process."""
+"""Whether `end_at_once` hears the interrupts of this process."""
 
 
 @contextlib.contextmanager
-def heard() -> Iterator[Interrupt]:
+def hear_interrupts() -> Iterator[Interrupt]:
     """An interrupt that the run inside looks at. Outside the main thread there is none to hear."""
     interrupt = Interrupt()
     _runs.append(interrupt)
@@ -70,10 +70,10 @@ def heard() -> Iterator[Interrupt]:
 
 
 @contextlib.contextmanager
-def ending_at_once(words: Callable[[], str]) -> Iterator[None]:
+def end_at_once(words: Callable[[], str]) -> Iterator[None]:
     """For a program that is nothing but one run: an interrupt that need not or will not wait ends it.
 
-    It is heard by a thread, also while the main thread is busy in a compiler. **Arguments**: what to say.
+    A thread hears it, also while the main thread is busy in a compiler. **Arguments**: what to say.
     """
     global _watched
     if threading.current_thread() is not threading.main_thread():

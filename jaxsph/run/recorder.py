@@ -113,6 +113,8 @@ def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
     for path, leaf in jax.tree_util.tree_flatten_with_path(model)[0]:
         values = np.asarray(leaf, np.float64)
         name = jax.tree_util.keystr(path).lstrip(".")
+        if name.startswith("search."):
+            continue
         if values.ndim == 0:
             found[name] = [float(values)]
         elif values.size:

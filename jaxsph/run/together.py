@@ -23,7 +23,7 @@ from jaxsph.model.state import State
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.chunks import failure_error, replay_chunk, search_settings, with_settings
 from jaxsph.run.host import load_start
-from jaxsph.run.interrupt import heard
+from jaxsph.run.interrupt import hear_interrupts
 from jaxsph.run.recorder import Recorder, Start, new_file
 from jaxsph.run.simulate import simulate
 
@@ -68,7 +68,7 @@ def run_together(
     like = with_settings(lanes[0].model, joint)
     left = sum(lane.recorder.last - lane.step for lane in lanes)
     bar = tqdm(total=left, unit="step", disable=not progress, dynamic_ncols=True, leave=False)
-    with bar, heard() as interrupt:
+    with bar, hear_interrupts() as interrupt:
         while waiting := [k for k in lanes if k.failure is None and k.step < k.recorder.last]:
             # after an interruption some may be a chunk ahead: they wait
             now = min(lane.step for lane in waiting)
@@ -77,7 +77,7 @@ def run_together(
             like = _advance(lanes, active, like, n_steps, bar.write)
             bar.update(n_steps * len(active))
             bar.set_postfix_str(f"{len(active)} runs, t = {(now + n_steps) * float(like.dt):.2f} s")
-            interrupt.saved()
+            interrupt.chunk_is_saved()
     return [lane.failure or lane.recorder.solution(lane.model, lane.state, len(lanes)) for lane in lanes]
 
 

@@ -1,4 +1,4 @@
-"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+"""What the methods of a derivative share: parameters, results as functionals of the power, what comes out."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ class AbstractMethod(eqx.Module):
         """See `derivative`."""
 
 
-def _number(case: Case, parameter: str) -> float:
+def parameter_value(case: Case, parameter: str) -> float:
+    """Value of a number of the case, by dotted name. **Raises** CaseError where there is none."""
     value = functools.reduce(lambda part, name: getattr(part, name, None), parameter.split("."), case)
     if value is None:
         case.replace({parameter: 1.0})  # says what else is meant, where there is no such number
@@ -75,7 +76,7 @@ def _number(case: Case, parameter: str) -> float:
     return value
 
 
-def _result(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
+def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
     """The result as a functional of (t, power of the PTO); linear in the power."""
     column = case.pto is not None and case.pto.K_dm is not None
     if not column and (case.body is None or case.body.pto is None):

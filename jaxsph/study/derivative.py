@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jaxsph.case.case import Case
-from jaxsph.study.base import AbstractMethod, Derivative, _number, _result
+from jaxsph.study.base import AbstractMethod, Derivative, parameter_value, result_of_power
 from jaxsph.study.ensemble import Ensemble
 
 
@@ -23,6 +23,6 @@ def derivative(
     **Raises** CaseError for a parameter or a result that the case or the method does not have,
     DerivativeError where the slope would not be one of the flow, SimulationError as `run`.
     """
-    _number(case, parameter)
-    _result(case, of)
+    parameter_value(case, parameter)
+    result_of_power(case, of)
     return (Ensemble() if method is None else method).derivative(case, parameter, of, progress)

@@ -1,4 +1,4 @@
-"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+"""Slope of a result by an ensemble of runs around the case's value."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from jaxsph.errors import CaseError, DerivativeError
 from jaxsph.study.base import (
     AbstractMethod,
     Derivative,
-    _number,
-    _result,
+    parameter_value,
+    result_of_power,
 )
 from jaxsph.study.sweep import sweep
 
@@ -42,7 +42,7 @@ class Ensemble(AbstractMethod):
 
     def derivative(self, case, parameter, of, progress):
         """See `derivative`."""
-        value = _number(case, parameter)
+        value = parameter_value(case, parameter)
         if value == 0.0:
             raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
         offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
@@ -52,7 +52,7 @@ class Ensemble(AbstractMethod):
             done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
         if of == "energy_pto":
             # the sweep's own result of that name is of the last whole periods only
-            energy = _result(case, of)
+            energy = result_of_power(case, of)
             series = [done.members.get((i,), {}) for i in range(len(values))]
             found = np.array(
                 [energy(s["time"], s["power_pto"]) if "power_pto" in s else np.nan for s in series]

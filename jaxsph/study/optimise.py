@@ -1,4 +1,4 @@
-"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+"""`maximise`: climbs along slopes to the values of a case that make a result largest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jaxsph.errors import CaseError, FileError
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.study.base import (
     AbstractMethod,
-    _number,
+    parameter_value,
 )
 from jaxsph.study.derivative import derivative
 from jaxsph.study.ensemble import Ensemble
@@ -59,13 +59,7 @@ def maximise(
     **Raises** as `derivative`; FileError where `out` is of another search.
     """
     names = [*over]
-    for name, (low, high) in over.items():
-        value = _number(case, name)
-        if not 0.0 < low < high or not low <= value <= high:
-            raise CaseError(
-                f"{name} from {low:g} to {high:g}: must be positive and in order, and hold the case's own "
-                f"value, {value:g}"
-            )
+    _check_bounds(case, over)
     file = SweepFile(out)
     known = _known_evaluations(file, case, names)
     folder = file.path.with_name(f"{file.path.name}.evaluations")
@@ -73,7 +67,7 @@ def maximise(
     if optimiser is None:
         optimiser = optax.adam(optax.exponential_decay(0.6, 1, 0.82), b1=0.5)
     bounds = np.log([over[name] for name in names])
-    z = np.log([_number(case, name) for name in names])
+    z = np.log([parameter_value(case, name) for name in names])
     memory = optimiser.init(jnp.asarray(z))
     history: list[dict[str, float]] = []
     reason = f"{evaluations} evaluations"
@@ -83,7 +77,7 @@ def maximise(
             found = known[k]
         else:
             known = known[:k]
-            found = _evaluated(case.replace(here), here, of, method, folder / f"{k:02d}", progress)
+            found = _evaluate(case.replace(here), here, of, method, folder / f"{k:02d}", progress)
         history.append(found)
         if k >= len(known):
             _write_evaluations(file, case, names, history)
@@ -101,7 +95,17 @@ def maximise(
     return Maximum(case.replace({name: best[name] for name in names}), of, best[of], reason, history)
 
 
-def _evaluated(
+def _check_bounds(case: Case, over: Mapping[str, tuple[float, float]]) -> None:
+    for name, (low, high) in over.items():
+        value = parameter_value(case, name)
+        if not 0.0 < low < high or not low <= value <= high:
+            raise CaseError(
+                f"{name} from {low:g} to {high:g}: must be positive and in order, and hold the case's own "
+                f"value, {value:g}"
+            )
+
+
+def _evaluate(
     case: Case, here: dict[str, float], of: str, method: AbstractMethod, stem: Path, progress: bool
 ) -> dict[str, float]:
     found = dict(here)

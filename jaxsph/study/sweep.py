@@ -96,18 +96,8 @@ def sweep(
         raise CaseError(f"batch = {batch}: goes without workers (here {workers}); give one of the two")
     axes = {name: np.asarray(values) for name, values in over.items()}
     cases, shape = _cases(case, axes, grid)
-    file, members, variables = SweepFile(out), {}, {}
-    if file.path.exists():
-        stored = file.read()
-        same = (stored.case_toml, stored.shape, [*stored.axes]) == (case.to_toml(), shape, [*axes])
-        if not same or any(np.any(stored.axes[name] != axes[name]) for name in axes):
-            raise FileError(
-                f"{file.path}: holds a sweep of another case or of other values, and nothing was changed; "
-                "give another name, or remove it"
-            )
-        # a failed member is tried again
-        members = {i: m for i, m in stored.members.items() if not m["failure"]}
-        variables = stored.variables
+    file = SweepFile(out)
+    members, variables = _ended_before(file, case, axes, shape) if file.path.exists() else ({}, {})
     folder = file.path.with_name(f"{file.path.name}.members")
     folder.mkdir(parents=True, exist_ok=True)
     missing = {i: member for i, member in enumerate(cases) if i not in members}
@@ -127,14 +117,28 @@ def sweep(
             if members[i]["failure"]:
                 bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
     shutil.rmtree(folder)
-    return _swept(case, axes, shape, members)
+    return _make_sweep(case, axes, shape, members)
+
+
+def _ended_before(
+    file: SweepFile, case: Case, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]
+) -> tuple[dict[int, Any], dict[str, Variable]]:
+    """Members of an earlier call that went well, and what their series are; failed ones are tried again."""
+    stored = file.read()
+    same = (stored.case_toml, stored.shape, [*stored.axes]) == (case.to_toml(), shape, [*axes])
+    if not same or any(np.any(stored.axes[name] != axes[name]) for name in axes):
+        raise FileError(
+            f"{file.path}: holds a sweep of another case or of other values, and nothing was changed; "
+            "give another name, or remove it"
+        )
+    return {i: m for i, m in stored.members.items() if not m["failure"]}, stored.variables
 
 
 def read_sweep(path: str | Path) -> Sweep:
     """The results in a sweep's file, finished or not. **Raises** FileError."""
     stored = SweepFile(path).read()
     case = Case.from_dict(tomllib.loads(stored.case_toml))
-    return _swept(case, stored.axes, stored.shape, stored.members)
+    return _make_sweep(case, stored.axes, stored.shape, stored.members)
 
 
 def _cases(case: Case, axes: Mapping[str, np.ndarray], grid: bool) -> tuple[list[Case], tuple[int, ...]]:
@@ -152,7 +156,9 @@ def _cases(case: Case, axes: Mapping[str, np.ndarray], grid: bool) -> tuple[list
     return cases, tuple(lengths) if grid else (lengths[0],)
 
 
-def _swept(case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int, Mapping[str, Any]]) -> Sweep:
+def _make_sweep(
+    case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int, Mapping[str, Any]]
+) -> Sweep:
     def place(index: int) -> tuple[int, ...]:
         return tuple(int(k) for k in np.unravel_index(index, shape))
 
@@ -233,7 +239,7 @@ def _member(case: Case, stem: Path, cores: SimpleQueue[int], children: _Children
     run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
     toml.write_text(case.to_toml(), encoding="utf-8")
     command = [sys.executable, "-m", "jaxsph"]
-    begun, ended = _progress(run)
+    begun, ended = _stage(run)
     if begun:
         command += ["resume", str(run), "--t1", repr(case.t1)]
     else:
@@ -245,14 +251,14 @@ def _member(case: Case, stem: Path, cores: SimpleQueue[int], children: _Children
             status = children.run([*command, "--quiet", "--no-plot"], core, log)
         finally:
             cores.put(core)
-    found, variables = _recorded(run)
+    found, variables = _read_member(run)
     if status:
         found["results"] = {}
         found["failure"] = log.read_text(encoding="utf-8").strip() or f"ended with status {status}"
     return found, variables
 
 
-def _recorded(run: Path) -> Ended:
+def _read_member(run: Path) -> Ended:
     """What a member's file holds."""
     try:
         file = RunFile.open(run)
@@ -262,7 +268,7 @@ def _recorded(run: Path) -> Ended:
         return {"results": {}, "series": {}, "failure": ""}, {}
 
 
-def _progress(run: Path) -> tuple[bool, bool]:
+def _stage(run: Path) -> tuple[bool, bool]:
     """Whether a member has a checkpoint to go on from, and whether it has ended: a sweep that was stopped
     before it recorded such a member has nothing left to run."""
     try:
@@ -279,14 +285,14 @@ def _in_batches(
     runs = {i: folder / f"{i:04d}.h5" for i in cases}
     alike: dict[Any, list[int]] = {}
     for i, member in cases.items():
-        if _progress(runs[i])[1]:
-            yield i, _recorded(runs[i])
+        if _stage(runs[i])[1]:
+            yield i, _read_member(runs[i])
         else:
             alike.setdefault(shape(member), []).append(i)
     for batch in (group[k : k + size] for group in alike.values() for k in range(0, len(group), size)):
         given = run_together([cases[i] for i in batch], [runs[i] for i in batch], progress)
         for i, one in zip(batch, given, strict=True):
-            found, variables = _recorded(runs[i])
+            found, variables = _read_member(runs[i])
             if isinstance(one, JaxsphError):
                 found |= {"results": {}, "failure": str(one)}
             yield i, (found, variables)

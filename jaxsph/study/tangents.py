@@ -1,4 +1,4 @@
-"""The slope of a result over a number of the case, with what is known of its error, and where it leads."""
+"""Slope of a result by forward mode through every step: exact, or filtered."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from jaxsph.study.base import (
     SMOOTH,
     AbstractMethod,
     Derivative,
-    _number,
-    _result,
+    parameter_value,
+    result_of_power,
 )
 
 
@@ -36,7 +36,7 @@ class _ThroughLoop(AbstractMethod):
     """Forward mode through every step."""
 
     @abc.abstractmethod
-    def _prepared(self, model: Model) -> Model:
+    def _model_to_differentiate(self, model: Model) -> Model:
         """The model to differentiate."""
 
     @abc.abstractmethod
@@ -54,10 +54,10 @@ class _ThroughLoop(AbstractMethod):
                 f"{parameter}: the loop does not depend smoothly on it (on {', '.join(SMOOTH)} it does); "
                 "take method=js.Ensemble(), which builds every member anew"
             )
-        result = _result(case, of)
+        result = result_of_power(case, of)
         model, state = build(case)
         d_model, d_state = _seed(case, parameter, model, state)
-        model = self._prepared(model)
+        model = self._model_to_differentiate(model)
         probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe | BodyProbe))
         sample_every = steps_per_sample(case, model)
         last = int(round(case.t1 / case.output.sample_dt)) * sample_every
@@ -68,7 +68,7 @@ class _ThroughLoop(AbstractMethod):
             while int(state.step) < last:
                 n_steps = min(chunk, last - int(state.step))
                 advance = functools.partial(
-                    _pushed,
+                    _simulate_tangents,
                     state=state,
                     d_model=d_model,
                     d_state=d_state,
@@ -85,7 +85,7 @@ class _ThroughLoop(AbstractMethod):
                 unlike = grain(np.asarray(state.particles.x), np.asarray(d_state.particles.x), case.dx)
                 grains.append(np.full(len(slopes[-1]["time"]), unlike))
                 reach = 0.1 * case.dx / unlike if unlike > 0 else np.inf if unlike == 0 else 0.0
-                self._check(parameter, _number(case, parameter), t, reach)
+                self._check(parameter, parameter_value(case, parameter), t, reach)
                 bar.update(n_steps)
         series = {k: np.concatenate([r[k] for r in readings]) for k in readings[0]}
         series["time"] = np.arange(len(series["time"])) * case.output.sample_dt
@@ -113,7 +113,7 @@ class Exact(_ThroughLoop):
 
     least: float = eqx.field(static=True, default=0.01)
 
-    def _prepared(self, model):
+    def _model_to_differentiate(self, model):
         return model
 
     def _check(self, parameter, value, t, reach):
@@ -141,7 +141,7 @@ class Filtered(_ThroughLoop):
     lost: float = eqx.field(static=True, default=0.7)
     """Measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python -m experiments run filter_study`)."""
 
-    def _prepared(self, model):
+    def _model_to_differentiate(self, model):
         return dataclasses.replace(model, tangents=self.filter)
 
     def _check(self, parameter, value, t, reach):
@@ -158,7 +158,7 @@ class Filtered(_ThroughLoop):
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
-def _pushed(model, state, d_model, d_state, probes, n_steps, sample_every):
+def _simulate_tangents(model, state, d_model, d_state, probes, n_steps, sample_every):
     """`simulate` and its derivative along (d_model, d_state): (state, (d_state, readings, d_readings))."""
     varying, fixed = eqx.partition((model, state), eqx.is_inexact_array)
     # the structure of a model tells its tables' sizes, which may have grown since the seed
@@ -177,7 +177,7 @@ def _pushed(model, state, d_model, d_state, probes, n_steps, sample_every):
 
 def _beside(case: Case, parameter: str) -> tuple[Case, Case, float]:
     """The case with a little more and a little less of the parameter, and by how much."""
-    value = _number(case, parameter)
+    value = parameter_value(case, parameter)
     # what builds make of a number is smooth: the square of the share is lost, or a rounding over it
     share = 1e-4 if case.precision == "float64" else 1e-2
     step = share * value if value else share

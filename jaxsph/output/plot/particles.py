@@ -1,8 +1,6 @@
-"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
+"""Pictures of a run's particles: stills, and the animation of its snapshots.
 
-Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
-record what it shows. `plot_run` writes all of them as PNG files, and an animation;
-`plot_sweep` draws what a sweep or a search found.
+Functions take a `RunFile` and give a matplotlib `Figure`, or None where there is no snapshot.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ from matplotlib.patches import Polygon, Rectangle
 from jaxsph.output.plot.style import (
     WALL,
     WIDTH,
-    _styled,
+    in_style,
 )
 from jaxsph.output.run_file import RunFile
 
@@ -76,8 +74,8 @@ class _Tank:
         spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
         dx = float(case.get("dx", spacing))
         tank = case.get("tank", {})
-        length = _snapped(tank.get("length"), dx)
-        depth = _snapped(tank.get("depth"), dx)
+        length = _snap(tank.get("length"), dx)
+        depth = _snap(tank.get("depth"), dx)
         top = float(max(high[-1], depth or high[-1]))
         top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
         x1 = length if length is not None else float(high[0]) + 0.5 * dx
@@ -108,7 +106,7 @@ class _Tank:
         return right - 2.6 * self.top, right
 
 
-def _snapped(value: float | None, dx: float) -> float | None:
+def _snap(value: float | None, dx: float) -> float | None:
     """A length on the lattice, as the case is built."""
     return None if value is None else float(np.floor(value / dx + 0.5 + 1e-9)) * dx
 
@@ -120,13 +118,13 @@ def _plate(
     if depth is None or not all(name in device for name in names):
         return None
     length, thickness, draught = (device[name] for name in names)
-    return end - length - thickness, end - length, depth - _snapped(draught, dx)
+    return end - length - thickness, end - length, depth - _snap(draught, dx)
 
 
 def _platform(device: dict[str, Any], end: float, dx: float) -> tuple[float, float] | None:
     if not device.get("platform_height"):
         return None
-    return end - _snapped(device["platform_length"], dx), _snapped(device["platform_height"], dx)
+    return end - _snap(device["platform_length"], dx), _snap(device["platform_height"], dx)
 
 
 def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | None:
@@ -147,7 +145,7 @@ def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | Non
     return corners, np.asarray(pivot, float)
 
 
-@_styled
+@in_style
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
     """Particles of one snapshot, coloured by a field; a long tank in strips, and the OWC enlarged.
 
@@ -251,12 +249,12 @@ class _Picture:
             dots.set_array(values[near])
             paddle.set_x(float(snapshot.get("paddle", 0.0)) - 1e3)
         for body in self.bodies:
-            body.set_xy(_posed(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
+            body.set_xy(_move(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
 
 
-def _posed(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
+def _move(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """The outline moved by surge, heave and pitch (from z towards x)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return (corners - pivot) @ np.array([[c, -s], [s, c]]) + pivot + pose[:2]
@@ -288,7 +286,7 @@ def _limits(field: Field, snapshots: Sequence[dict[str, Any]]) -> tuple[float, f
     return 0.0, high if high > 0.0 else 1.0
 
 
-@_styled
+@in_style
 def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Path]:
     """Animates the snapshots at their own speed: STEM.gif, and STEM.mp4 where ffmpeg is found.
 

@@ -1,9 +1,4 @@
-"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
-
-Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
-record what it shows. `plot_run` writes all of them as PNG files, and an animation;
-`plot_sweep` draws what a sweep or a search found.
-"""
+"""`plot_run`: every picture that a run has data for, as PNG files, and its animation."""
 
 from __future__ import annotations
 

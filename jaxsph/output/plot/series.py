@@ -1,8 +1,7 @@
-"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
+"""Pictures of a run over time: gauges, chamber, body, pressure sensors, energy budget.
 
-Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
-record what it shows. `plot_run` writes all of them as PNG files, and an animation;
-`plot_sweep` draws what a sweep or a search found.
+Every function takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not record what it
+shows.
 """
 
 from __future__ import annotations
@@ -21,39 +20,39 @@ from jaxsph.output.plot.style import (
     SKY,
     STORED,
     Overlay,
-    _has,
-    _name,
-    _share_limits,
-    _stack,
-    _styled,
+    axis_name,
+    has_samples,
+    in_style,
+    share_limits,
+    stacked_axes,
 )
 from jaxsph.output.run_file import RunFile
 from jaxsph.waves.linear_owc import LinearOWC
 
 
-@_styled
+@in_style
 def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
     """Elevation at each gauge, one axis for each, on one scale."""
     series = run.series()
-    if not _has(series, "eta"):
+    if not has_samples(series, "eta"):
         return None
     positions = run.coordinates().get("gauge_x")
     x = positions[1] if positions is not None else [None] * series["eta"].shape[1]
-    t, figure, axes = series["time"], *_stack(len(x), 1.5)
+    t, figure, axes = series["time"], *stacked_axes(len(x), 1.5)
     for ax, at, eta in zip(axes, x, series["eta"].T, strict=True):
         ax.plot(t, eta, color=BLUE, label="simulation")
-        ax.set_title(_name(ax, "gauge") if at is None else f"gauge at x = {at:.4g} m")
+        ax.set_title(axis_name(ax, "gauge") if at is None else f"gauge at x = {at:.4g} m")
         if overlay is not None and at is not None:
             ax.plot(t, overlay(t, float(at)), "--", color=RED, lw=1.2, label="theory")
     if overlay is not None:
         # above the axes, where no line can run through it
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
-    _share_limits(axes)
+    share_limits(axes)
     figure.supylabel("elevation over still water (m)", fontsize=11)
     return figure
 
 
-@_styled
+@in_style
 def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     """Level, flow, pressure and power of the chamber, on one time axis.
 
@@ -67,10 +66,10 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
         ("power_pto", "power (W/m)", "power taken by the PTO per metre width", PURPLE),
     ]
     series = run.series()
-    panels = [panel for panel in panels if _has(series, panel[0])]
+    panels = [panel for panel in panels if has_samples(series, panel[0])]
     if not panels or "body_force" in series:
         return None
-    t, figure, axes = series["time"], *_stack(len(panels), 2.0)
+    t, figure, axes = series["time"], *stacked_axes(len(panels), 2.0)
     for ax, (name, label, title, colour) in zip(axes, panels, strict=True):
         ax.plot(t, series[name], color=colour)
         ax.axhline(0.0, color="0.5", lw=0.8, zorder=1)
@@ -87,11 +86,11 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     return figure
 
 
-@_styled
+@in_style
 def body(run: RunFile) -> Figure | None:
     """Motions of the rigid body, the water's force on it and the power of its PTO, on one time axis."""
     series = run.series()
-    if not _has(series, "body_force"):
+    if not has_samples(series, "body_force"):
         return None
     force = series["body_force"]
     panels = [
@@ -106,7 +105,7 @@ def body(run: RunFile) -> Figure | None:
     panels = [panel for panel in panels if np.ptp(panel[0]) > 0.0]
     if not panels:
         return None
-    t, figure, axes = series["time"], *_stack(len(panels), 1.7)
+    t, figure, axes = series["time"], *stacked_axes(len(panels), 1.7)
     for ax, (values, label, title, colour) in zip(axes, panels, strict=True):
         ax.plot(t, values, color=colour)
         ax.axhline(0.0, color="0.5", lw=0.8, zorder=1)
@@ -134,14 +133,14 @@ def _fill(ax: Axes, t: np.ndarray, power: np.ndarray, colour: str) -> None:
     ax.set_ylim(bottom=min(0.0, float(np.min(power))))
 
 
-@_styled
+@in_style
 def pressures(run: RunFile) -> Figure | None:
     """Gauge pressure at each sensor."""
     series = run.series()
-    if not _has(series, "pressure"):
+    if not has_samples(series, "pressure"):
         return None
     where = [v for k, v in run.coordinates().items() if k.startswith("sensor_")]
-    t, figure, axes = series["time"], *_stack(series["pressure"].shape[1], 1.9)
+    t, figure, axes = series["time"], *stacked_axes(series["pressure"].shape[1], 1.9)
     for i, ax in enumerate(axes):
         ax.plot(t, series["pressure"][:, i], color=BLUE)
         point = ", ".join(f"{values[i]:.4g}" for _, values, _, _ in where)
@@ -150,15 +149,15 @@ def pressures(run: RunFile) -> Figure | None:
     return figure
 
 
-@_styled
+@in_style
 def energy(run: RunFile) -> Figure | None:
     """Where the paddle's work went: stacked areas under it, and what is missing."""
     series = run.series()
-    if not all(_has(series, name) for name in ("kinetic", "potential", "compression")):
+    if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None
     terms = _energy_terms(series)
-    work = _summed(series, "power_paddle")
-    t, figure, axes = series["time"], *_stack(1, 5.2)
+    work = _work(series, "power_paddle")
+    t, figure, axes = series["time"], *stacked_axes(1, 5.2)
     ax = axes[0]
     # Areas lie on one another only where each is a gain; else (a prescribed pressure does work on
     # the water) lines tell the truth.
@@ -185,11 +184,11 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
         ("taken by the PTO", _of_every_pto(series), GREEN),
-        ("taken by the sponge", _summed(series, "power_sponge"), PURPLE),
-        ("viscous loss", _integrated(series, "loss_viscous"), ORANGE),
-        ("density diffusion", _integrated(series, "loss_diffusive"), RED),
-        ("met a solid", _summed(series, "power_contact"), BLUE),
-        ("lost in the projection", _summed(series, "power_projection"), RED),
+        ("taken by the sponge", _work(series, "power_sponge"), PURPLE),
+        ("viscous loss", _integral(series, "loss_viscous"), ORANGE),
+        ("density diffusion", _integral(series, "loss_diffusive"), RED),
+        ("met a solid", _work(series, "power_contact"), BLUE),
+        ("lost in the projection", _work(series, "power_projection"), RED),
     ]
     shown = [term for term in terms if np.any(term[1])]
     return [*shown, (STORED, stored - stored[0], SKY)]
@@ -197,7 +196,7 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
 
 def _of_every_pto(series: dict[str, np.ndarray]) -> np.ndarray:
     """Energy that all power take-offs have taken."""
-    works = [_summed(series, name) for name in series if name.startswith("power_pto")]
+    works = [_work(series, name) for name in series if name.startswith("power_pto")]
     return np.sum([np.zeros_like(series["time"]), *works], axis=0)
 
 
@@ -220,7 +219,7 @@ def _budget_title(series: dict[str, np.ndarray]) -> str:
     return f"energy budget: {100 * share:+.2f} % of {whole} is not accounted for"
 
 
-def _summed(series: dict[str, np.ndarray], name: str) -> np.ndarray:
+def _work(series: dict[str, np.ndarray], name: str) -> np.ndarray:
     """Energy of a power that is the mean since the last sample (see `analysis.energy_budget`)."""
     if name not in series:
         return np.zeros_like(series["time"])
@@ -228,7 +227,7 @@ def _summed(series: dict[str, np.ndarray], name: str) -> np.ndarray:
     return np.concatenate([[0.0], work])
 
 
-def _integrated(series: dict[str, np.ndarray], name: str) -> np.ndarray:
+def _integral(series: dict[str, np.ndarray], name: str) -> np.ndarray:
     """Energy of a power known at the samples, by the trapezoidal rule."""
     if name not in series:
         return np.zeros_like(series["time"])

@@ -1,9 +1,4 @@
-"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
-
-Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
-record what it shows. `plot_run` writes all of them as PNG files, and an animation;
-`plot_sweep` draws what a sweep or a search found.
-"""
+"""Style of every picture: colours, widths, axes over one time."""
 
 from __future__ import annotations
 
@@ -47,22 +42,25 @@ STYLE = {
 }
 
 
-_styled = matplotlib.rc_context(STYLE)
+in_style = matplotlib.rc_context(STYLE)
+"""Decorator of functions that draw."""
 
 
 WIDTH = 11.0
 """Of every figure, inches."""
 
 
-def _has(series: dict[str, np.ndarray], name: str) -> bool:
+def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
+    """Whether there is enough of a series to draw a line."""
     return name in series and series[name].size > 0 and len(series["time"]) > 1
 
 
-def _name(ax: Axes, kind: str) -> str:
+def axis_name(ax: Axes, kind: str) -> str:
+    """Name of what an axis of a column shows, by its number from the top."""
     return f"{kind} {ax.get_subplotspec().rowspan.start + 1}"
 
 
-def _stack(count: int, height: float) -> tuple[Figure, np.ndarray]:
+def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
     """A column of axes over one time axis; each `height` inches high."""
     figure = Figure(figsize=(WIDTH, 0.8 + height * count), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)
@@ -73,7 +71,8 @@ def _stack(count: int, height: float) -> tuple[Figure, np.ndarray]:
     return figure, axes
 
 
-def _share_limits(axes: Sequence[Axes]) -> None:
+def share_limits(axes: Sequence[Axes]) -> None:
+    """Gives all axes the widest limits of any."""
     low, high = zip(*(ax.get_ylim() for ax in axes), strict=True)
     for ax in axes:
         ax.set_ylim(min(low), max(high))

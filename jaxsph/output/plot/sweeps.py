@@ -1,9 +1,4 @@
-"""Pictures of a run, for engineers: gauges, chamber, sensors, energy budget, particles, animation.
-
-Every function of a run takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not
-record what it shows. `plot_run` writes all of them as PNG files, and an animation;
-`plot_sweep` draws what a sweep or a search found.
-"""
+"""Picture of a sweep, an ensemble or a search: a result over what was varied."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ from jaxsph.output.plot.style import (
     ORANGE,
     STYLE,
     WIDTH,
-    _styled,
+    in_style,
 )
 from jaxsph.output.sweep_file import SweepFile, over_members
 
@@ -46,7 +41,7 @@ def plot_sweep(sweep: SweepFile | str | Path, folder: str | Path | None = None, 
     return [folder / f"{of}.png"]
 
 
-@_styled
+@in_style
 def _over_one(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: str) -> Figure:
     (name, x), y = next(iter(axes.items())), results[of]
     figure = Figure(figsize=(0.7 * WIDTH, 4.5), layout="constrained")
@@ -74,7 +69,7 @@ def _over_one(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: s
     return figure
 
 
-@_styled
+@in_style
 def _over_grid(axes: dict[str, np.ndarray], values: np.ndarray, of: str) -> Figure:
     (x_name, x), (y_name, y) = axes.items()
     figure = Figure(figsize=(0.7 * WIDTH, 5.0), layout="constrained")
@@ -90,7 +85,7 @@ def _over_grid(axes: dict[str, np.ndarray], values: np.ndarray, of: str) -> Figu
     return figure
 
 
-@_styled
+@in_style
 def _over_list(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: str) -> Figure:
     (x_name, x), (y_name, y) = axes.items()
     figure = Figure(figsize=(0.7 * WIDTH, 5.0), layout="constrained")
