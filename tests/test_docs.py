@@ -101,7 +101,7 @@ def test_code_of_pages_runs(page, execute):
 
 
 SLOW = ("own_solid", "own_wavemaker", "two_boxes", "two_chambers")
-"""Examples that compile a run each and share it with none: twelve seconds or so each, most of it compiling."""
+"""Examples that compile a run of their own: twelve seconds or so each, most of it compiling."""
 
 
 def lanes(example):
