@@ -8,12 +8,11 @@ import numpy as np
 import jaxsph as js
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import LaplacianViscosity
-from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 n, nu, rho = 25, 0.01, 1000.0  # particles along a side of 1 m; m2/s; kg/m3
 dx = 1.0 / n
 box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
-scheme = DeltaSPH.of(
+scheme = js.DeltaSPH.of(
     dx, 10.0, rho0=rho, viscosity=LaplacianViscosity(nu), period=box.period, shifting=Shifting(12.0)
 )
 walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())  # none, as all sides are periodic

@@ -8,10 +8,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 import jaxsph as js
-from jaxsph.model.interfaces import AbstractPTO
 
 
-class LinearTurbine(AbstractPTO):
+class LinearTurbine(js.AbstractPTO):
     c: jnp.ndarray  # Pa s/m2
 
     def pressure(self, q_free, compliance, t):

@@ -19,7 +19,7 @@ for label, value in js.check(case):
 
 solution = js.run(case, t1=6.0, out="runs/example.h5", overwrite=True)
 for name in ("chamber_level", "P_a", "flow", "power_pto"):
-    unit, meaning = solution.units[name]
-    print(f"{name:14s} largest {solution[name].max():9.4g} {unit:8s} {meaning}")
+    reading = solution.units[name]
+    print(f"{name:14s} largest {solution[name].max():9.4g} {reading.units:8s} {reading.long_name}")
 print(f"energy taken by the PTO: {solution.results['energy_pto']:.3g} J/m")
 print("pictures: jaxsph plot runs/example.h5")

@@ -79,14 +79,16 @@ def right_hand_side(given: dict[str, np.ndarray]):
     x, u = jnp.asarray(x[order]), jnp.stack([field["u"], field["v"]], axis=1)
     rho = field["rho"] - jnp.float32(rho0)
     n = len(x)
-    particles = Particles(x, jnp.zeros_like(x), u, rho, field["volume"] * field["rho"], jnp.arange(n))
+    p = jnp.float32(c0) ** 2 * rho
+    mass = field["volume"] * field["rho"]
+    particles = Particles(x, jnp.zeros_like(x), u, rho, m=mass, p=p, id=jnp.arange(n))
     every = jnp.ones(n, jnp.int32)
     most = int(search(x, x, grid, 1, every, every, True).most)
     table = search(x, x, grid, needed_capacity(most, 1.0), every, every, True)
     sources = {
         "x": columns(x),
         "rho": rho,
-        "p": jnp.float32(c0) ** 2 * rho,
+        "p": p,
         "V": field["volume"],
         "u": columns(u),
     }
