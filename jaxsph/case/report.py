@@ -47,7 +47,7 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[AbstractProbe, 
 
 def steps_per_sample(case: Case, model: Model) -> int:
     """Steps between two samples (dt was chosen to divide it)."""
-    return int(round(case.output.sample_dt / float(model.dt)))
+    return round(case.output.sample_dt / float(model.dt))
 
 
 def check(case: Case) -> list[tuple[str, str]]:

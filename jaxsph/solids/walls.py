@@ -52,6 +52,7 @@ from jaxsph.solids.placement import (
     lattice,
 )
 from jaxsph.solids.shapes import AbstractShape
+import itertools
 
 
 class Ghosts(eqx.Module):
@@ -179,7 +180,7 @@ class Ghosts(eqx.Module):
             sides=box.sides,
             sliding=jnp.asarray(_sliding(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
-            dummies=tuple(zip(ends[:-1], ends[1:], strict=True)),
+            dummies=tuple(itertools.pairwise(ends)),
         )
 
     @property

@@ -29,6 +29,7 @@ from jaxsph.output.plot.style import (
     _styled,
 )
 from jaxsph.output.run_file import RunFile
+import itertools
 
 MOST_FRAMES = 200
 """Frames of an animation; longer runs skip snapshots."""
@@ -98,7 +99,7 @@ class _Tank:
         margin = 0.01 * (self.x1 - self.x0) + self.dx
         count = max(1, int(np.ceil((self.x1 - self.x0) / (8.0 * self.top) - 0.3)))
         edges = np.linspace(self.x0 - margin, self.x1 + margin, count + 1)
-        return list(zip(edges[:-1], edges[1:], strict=True))
+        return list(itertools.pairwise(edges))
 
     def zoom(self) -> tuple[float, float] | None:
         """x range of the device, where it would be small in the whole picture."""
