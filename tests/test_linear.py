@@ -1,6 +1,7 @@
 """Linear theory of the OWC against an independent table, its identities, and limits known otherwise."""
 
 import csv
+import itertools
 import warnings
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from jaxsph.waves.linear_owc import (
     linear_response,
     radiation_and_scattering,
 )
-import itertools
 
 G = 9.81
 OWC = js.load_case("owc")

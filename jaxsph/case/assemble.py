@@ -154,7 +154,8 @@ def _check_parts(model: Model) -> None:
     if given != needed:
         raise ValueError(
             f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle "
-            "for a box with one, and for each of the walls' shapes a body or a driven solid with its `dummies`"
+            "for a box with one, and for each of the walls' shapes a body or a driven solid with its "
+            "`dummies`"
         )
 
 

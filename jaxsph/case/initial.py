@@ -19,6 +19,7 @@ from jaxsph.solids.walls import Ghosts
 
 
 def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
+    """Velocities `[N, D]` (m/s) at the places x (m): at rest, or those of a standing wave."""
     u = np.zeros_like(x)
     if case.start is None:
         return u

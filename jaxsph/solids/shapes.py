@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import itertools
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +12,6 @@ import shapely
 from scipy.spatial import KDTree
 
 from jaxsph.core.arrays import Array, Float
-import itertools
 
 
 class AbstractShape(eqx.Module):

@@ -9,6 +9,7 @@ set is a static matrix of booleans, packed into bit masks that the neighbour sea
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -52,7 +53,6 @@ from jaxsph.solids.placement import (
     lattice,
 )
 from jaxsph.solids.shapes import AbstractShape
-import itertools
 
 
 class Ghosts(eqx.Module):

@@ -67,6 +67,7 @@ class ChamberGeometry:
     """Of the front wall; 0 is a thin wall."""
 
     def __post_init__(self) -> None:
+        """Refuses lengths that are not positive."""
         if not (self.depth > 0.0 and self.length > 0.0 and self.thickness >= 0.0):
             raise ValueError(f"{self}: depth and length must be positive, thickness not negative")
         if not 0.0 < self.draught < self.depth:

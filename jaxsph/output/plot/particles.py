@@ -7,6 +7,7 @@ record what it shows. `plot_run` writes all of them as PNG files, and an animati
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import tomllib
 from collections.abc import Callable, Sequence
@@ -29,7 +30,6 @@ from jaxsph.output.plot.style import (
     _styled,
 )
 from jaxsph.output.run_file import RunFile
-import itertools
 
 MOST_FRAMES = 200
 """Frames of an animation; longer runs skip snapshots."""
