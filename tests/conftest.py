@@ -43,7 +43,7 @@ _advance = jax.jit(simulate_, static_argnames=("n_steps", "sample_every"))
 
 def advance(case, model, state, samples):
     """(state, readings) after so many samples, with the case's own probes."""
-    every = int(round(case.output.sample_dt / float(model.dt)))
+    every = round(case.output.sample_dt / float(model.dt))
     return _advance(
         model,
         state,

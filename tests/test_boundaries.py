@@ -431,7 +431,7 @@ def test_push_is_conservative():
         x = rng.uniform(tip, tip + 0.25 * DX, size=(50, 2))  # about a corner of the tip
 
         def at(dx, dz):
-            return _pushes(walls, jnp.asarray(x + [dx, dz]))
+            return _pushes(walls, jnp.asarray(x + np.array([dx, dz])))
 
         e = 1e-6
         across = (at(e, 0)[:, 1] - at(-e, 0)[:, 1]) / (2 * e)

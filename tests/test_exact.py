@@ -34,7 +34,7 @@ def test_plane_flow_develops_as_the_series(name):
 def test_drop_begins_as_the_exact_one():
     """R = 10 dx, to 0.7 s, two thirds of the way to the first extreme."""
     run = oscillating_drop.solved(10, 0.7)
-    sigma, A, B, p = oscillating_drop.exact(run.t)
+    sigma, _A, _B, p = oscillating_drop.exact(run.t)
     # the staircase of a coarse circle: its axes differ by dx/R times a fraction of one per cent
     assert oscillating_drop.axes_error(run) < 0.01
     np.testing.assert_allclose(run["sigma"], sigma, atol=0.03 * oscillating_drop.SIGMA0)

@@ -61,7 +61,7 @@ def advanced():
 def test_water_at_rest_stays_and_its_pressure_is_hydrostatic(advanced, walls):
     """On forty rows; of rho g d: a fiftieth for where the surface is, and what the particles settle."""
     case = TANK | {"dx": 0.0125, "tank": TANK["tank"] | {"walls": walls}}
-    model, _, state = advanced(f"fine_{walls}", case, 20)
+    _model, _, state = advanced(f"fine_{walls}", case, 20)
     p = state.particles
     assert int(state.status.bits) == 0
     error = np.asarray(p.p) - 9810.0 * (0.5 - np.asarray(p.x[:, 1]))
@@ -71,7 +71,7 @@ def test_water_at_rest_stays_and_its_pressure_is_hydrostatic(advanced, walls):
 
 def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
     """Density ratio 0.5: added mass is as large as its own, and a lagged coupling would swing."""
-    model, _, state = advanced("floating", FLOATING, 20)
+    _model, _, state = advanced("floating", FLOATING, 20)
     weight = 500.0 * 0.3 * 0.3 * 9.81
     assert int(state.status.bits) == 0
     np.testing.assert_allclose(state.own["body"].force[1], weight, rtol=0.01)

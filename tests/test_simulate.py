@@ -65,7 +65,7 @@ def test_simulate_is_pure(hydrostatic):
 
 
 def test_samples_are_at_the_start_of_their_interval(hydrostatic):
-    case, model, _ = hydrostatic
+    _, model, _ = hydrostatic
     state, series = advance(*hydrostatic, samples=60)
     assert {len(values) for values in series.values()} == {60}
     # Steps are counted, not added up: float32 rounds each time once.

@@ -385,7 +385,7 @@ def _off_lattice(body: BodySection, dx: float) -> list[str]:
         return []
     worst = int(off.argmax())
     # the faces in micrometres: what divides them all divides the lattice
-    common = math.gcd(*(int(round(face * 1e6)) for face in faces)) * 1e-6
+    common = math.gcd(*(round(face * 1e6) for face in faces)) * 1e-6
     fits = "no dx near this one fits all of its faces"
     if common >= 0.25 * dx:
         fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"

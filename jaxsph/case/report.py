@@ -44,7 +44,7 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[AbstractProbe, 
 
 def steps_per_sample(case: Case, model: Model) -> int:
     """Time steps between two readings: the time step was chosen to divide them."""
-    return int(round(case.output.sample_dt / float(model.dt)))
+    return round(case.output.sample_dt / float(model.dt))
 
 
 def check(case: Case) -> list[tuple[str, str]]:

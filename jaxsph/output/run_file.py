@@ -110,6 +110,7 @@ class RunFile:
         self._index: tuple[Any, list[Head]] = (None, [])
 
     def __repr__(self) -> str:
+        """The class and its path."""
         return f"RunFile({str(self.path)!r})"
 
     # --- making and opening
@@ -225,7 +226,7 @@ class RunFile:
         with self._view() as view:
             left = view.journal is not None
         if left:
-            self._fold(lambda file: None)
+            self._fold(lambda _: None)
 
     def amend(
         self, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]

@@ -29,7 +29,7 @@ def time_of(file: h5py.File) -> h5py.Dataset | None:
 
 
 def over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
-    """ "time" once, then the series of every group."""
+    """The name "time" once, then the series of every group."""
     groups = [file[name] for name in GROUPS if name in file and "time" in file[name]]
     if groups:
         yield "time", groups[0]["time"]

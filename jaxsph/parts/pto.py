@@ -50,7 +50,7 @@ class PneumaticPTO(AbstractPTO):
 
 
 class PhasedPTO(AbstractPTO):
-    """A quadratic turbine whose damping follows the waves' phase, by Fourier coefficients of its logarithm:
+    """A quadratic turbine whose damping follows the waves' phase, by Fourier coefficients of its logarithm.
 
         ln(K_dm(t)/K_dm) = sum_n a_n cos(n omega t) + b_n sin(n omega t).
 

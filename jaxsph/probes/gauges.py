@@ -94,7 +94,7 @@ class ParticleGauge(AbstractProbe):
             "V": jnp.concatenate([V, ghosts.V]),
         }
         around = pair_sum(
-            lambda pair, i, j: j["V"] * pair.W,
+            lambda pair, _, j: j["V"] * pair.W,
             scheme.smoothing,
             {"x": columns(p.x)},
             with_empty(sources),

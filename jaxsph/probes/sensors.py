@@ -58,7 +58,7 @@ class VelocityProbe(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        found = _interpolated(self.x, model, state, lambda r: state.particles.u)
+        found = _interpolated(self.x, model, state, lambda _: state.particles.u)
         return {f"velocity_{axis}": found[:, k] for k, axis in enumerate(self._axes)}
 
     def describe(self):

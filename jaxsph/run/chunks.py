@@ -29,7 +29,7 @@ def search_settings(model: Model) -> dict[str, int]:
 
 def steps_per_chunk(case: Case, sample_every: int) -> int:
     """Steps between two snapshots, a whole number of samples."""
-    return max(1, int(round(case.output.snapshot_dt / case.output.sample_dt))) * sample_every
+    return max(1, round(case.output.snapshot_dt / case.output.sample_dt)) * sample_every
 
 
 def sample_times(like: np.ndarray, every: float) -> np.ndarray:

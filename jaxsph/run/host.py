@@ -182,8 +182,8 @@ def march(
     the state given, the last one sample before t1.
     **Raises** ValueError where t1 is no sample after the state's time, SimulationError as `run`.
     """
-    sample_every = int(round(sample_dt / float(model.dt)))
-    last = int(round(t1 / sample_dt)) * sample_every
+    sample_every = round(sample_dt / float(model.dt))
+    last = round(t1 / sample_dt) * sample_every
     start = int(state.step)
     if last <= start or start % sample_every:
         raise ValueError(f"t1 = {t1:g} s is not a sample after the state's {start * float(model.dt):g} s")

@@ -81,7 +81,7 @@ def end_at_once(words: Callable[[], str]) -> Iterator[None]:
         return
     ear, mouth = socket.socketpair()
     mouth.setblocking(False)
-    before = signal.signal(signal.SIGINT, lambda number, frame: None)
+    before = signal.signal(signal.SIGINT, lambda *_: None)
     fd_before = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
     thread = threading.Thread(target=_listen, args=(ear, words), daemon=True)
     _watched = True

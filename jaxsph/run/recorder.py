@@ -46,7 +46,7 @@ class Recorder:
         for probe in self.probes:
             self.units |= probe.describe()
         self.first = int(start.state.step)
-        self.last = int(round(t1 / start.case.output.sample_dt)) * self.sample_every
+        self.last = round(t1 / start.case.output.sample_dt) * self.sample_every
         self._chunks: list[dict[str, np.ndarray]] = []
         self._began = time.perf_counter()
 

@@ -51,7 +51,7 @@ def simulate(
     def measure(s, tables):
         due = (s.step - start) % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
-        readings = jax.lax.cond(in_any_lane(due), read, lambda s, tables: blank, s, tables)
+        readings = jax.lax.cond(in_any_lane(due), read, lambda *_: blank, s, tables)
         own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
         return eqx.tree_at(lambda a: (a.own, a.ledger, a.limits), s, (own, ledger, limits)), readings
 

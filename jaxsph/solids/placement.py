@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.special import gamma
 
 from jaxsph.solids.box import Box, Platform, WallPlate
@@ -97,7 +97,7 @@ def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
     behind = int(np.ceil(box.stroke / dx)) if box.paddle else 0
     axes = []
     for axis in range(dim):
-        count = int(round((high[axis] - low[axis]) / dx))
+        count = round((high[axis] - low[axis]) / dx)
         floor, lid = box.walls[axis]
         first = -layers - (behind if axis == 0 else 0) if floor else 0
         last = count + (layers if lid else 0)
@@ -201,7 +201,7 @@ def _plate_ghosts(
     wall.check(plate, dx, layers)
     top = box.high[-1]
     depth = wall.body(plate, dx, layers)
-    rows = plate.tip + (np.arange(int(round((top - plate.tip) / dx))) + 0.5) * dx
+    rows = plate.tip + (np.arange(round((top - plate.tip) / dx)) + 0.5) * dx
     parts = []
     for which, (across, up) in enumerate(depth):
         # the columns fill the extent, which inside a plate need not be a whole number of spacings
@@ -249,7 +249,7 @@ def _inner_axes(box: Box) -> list[tuple[float, float]]:
 def _fill(points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float) -> np.ndarray:
     """sum V W at points for a tank full of water to the brim (Gaussian weights are near enough)."""
     dim = points.shape[1]
-    tree = cKDTree(water)
+    tree = KDTree(water)
     total = np.zeros(len(points))
     if not len(water):
         return total
@@ -257,7 +257,7 @@ def _fill(points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, r
     most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
     rows = max(1, int(_PAIRS / most))
     for start in range(0, len(points), rows):
-        some = cKDTree(points[start : start + rows])
+        some = KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
         weight = volume[pairs["j"]] * np.exp(-((pairs["v"] / h) ** 2))
         total[start : start + some.n] = np.bincount(pairs["i"], weight, some.n)

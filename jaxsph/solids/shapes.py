@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import abc
+import itertools
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxsph.core.arrays import Array, Float
 
@@ -103,7 +104,7 @@ class Polygon(AbstractShape):
         x = np.concatenate(found)
         # where insets come close to each other the later ones give way
         keep = np.ones(len(x), bool)
-        close = cKDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
+        close = KDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
         for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
             keep[later] &= not keep[earlier]
         return x[keep]
@@ -140,7 +141,7 @@ def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:
     """Points about dx apart along every side, corners included."""
     corners = np.asarray(line.coords)
     found = []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in itertools.pairwise(corners):
         count = max(1, round(float(np.hypot(*(b - a))) / dx))
         found.append(a + (np.arange(count) / count)[:, None] * (b - a))
     return np.concatenate(found)

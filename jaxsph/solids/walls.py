@@ -9,6 +9,7 @@ set is a static matrix of booleans, packed into bit masks that the neighbour sea
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -179,7 +180,7 @@ class Ghosts(eqx.Module):
             sides=box.sides,
             sliding=jnp.asarray(_sliding(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
-            dummies=tuple(zip(ends[:-1], ends[1:], strict=True)),
+            dummies=tuple(itertools.pairwise(ends)),
         )
 
     @property

@@ -83,7 +83,7 @@ def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], f
         raise CaseError(f"of = {of!r} needs a device with a damping: pto.K_dm, or a body with body.pto")
     if of == "energy_pto":
         # a reading is the mean since the one before it: none for the first
-        return lambda t, power: float(np.sum(power) * case.output.sample_dt)
+        return lambda _, power: float(np.sum(power) * case.output.sample_dt)
     if of not in ("xi", "P_owc"):
         raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
     periods = settled_periods(case, case.t1 - case.output.sample_dt) if case.waves is not None else 0

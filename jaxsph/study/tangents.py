@@ -60,7 +60,7 @@ class _ThroughLoop(AbstractMethod):
         model = self._model_to_differentiate(model)
         probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe | BodyProbe))
         sample_every = steps_per_sample(case, model)
-        last = int(round(case.t1 / case.output.sample_dt)) * sample_every
+        last = round(case.t1 / case.output.sample_dt) * sample_every
         chunk = steps_per_chunk(case, sample_every)
         readings, slopes, grains = [], [], []
         bar = tqdm(total=last, unit="step", disable=not progress, dynamic_ncols=True)

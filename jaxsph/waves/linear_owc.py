@@ -42,7 +42,7 @@ from scipy.special import gamma, ive, jv, zeta
 
 from jaxsph.waves import theory
 
-Matrix = NDArray[np.float64]
+Matrix = NDArray[np.floating]
 
 
 _FUNCTIONS = 16
@@ -67,6 +67,7 @@ class ChamberGeometry:
     """Of the front wall; 0 is a thin wall."""
 
     def __post_init__(self) -> None:
+        """Refuses lengths that are not positive."""
         if not (self.depth > 0.0 and self.length > 0.0 and self.thickness >= 0.0):
             raise ValueError(f"{self}: depth and length must be positive, thickness not negative")
         if not 0.0 < self.draught < self.depth:
@@ -376,10 +377,11 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
 
 def _propagating(Kh: float) -> float:
     """kh with kh tanh kh = Kh."""
-    return float(brentq(lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=1e-15))
+    found = brentq(lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=np.float64(1e-15))
+    return float(np.asarray(found))
 
 
-def _evanescent(Kh: float, count: int) -> NDArray[np.float64]:
+def _evanescent(Kh: float, count: int) -> NDArray[np.floating]:
     """k_n h, n = 1 .. count, with k_n h tan k_n h = -Kh."""
     n = np.arange(1, count + 1)
     x = n * np.pi - np.arctan(Kh / (n * np.pi))
@@ -388,19 +390,19 @@ def _evanescent(Kh: float, count: int) -> NDArray[np.float64]:
     return x
 
 
-def _transform(kappa: NDArray[np.float64], order: float, functions: int) -> Matrix:
+def _transform(kappa: NDArray[np.floating], order: float, functions: int) -> Matrix:
     """Cosine transforms of the edge functions, J_{2m+L}(kappa) / kappa^L, [kappa, m]."""
     return jv(2.0 * np.arange(functions) + order, kappa[:, None]) / kappa[:, None] ** order
 
 
-def _mean(order: float, functions: int) -> NDArray[np.float64]:
+def _mean(order: float, functions: int) -> NDArray[np.floating]:
     """The transform at kappa = 0: only the first function carries water."""
     e = np.zeros(functions)
     e[0] = 0.5**order / gamma(1.0 + order)
     return e
 
 
-def _wave(ratio: float, kh: float, norm: float, order: float, functions: int) -> NDArray[np.float64]:
+def _wave(ratio: float, kh: float, norm: float, order: float, functions: int) -> NDArray[np.floating]:
     """int v_m psi_0 dz: the transform at kappa = ikc, where J becomes I; c = ratio h is the gap."""
     m, kc = np.arange(functions), ratio * kh
     return (-1.0) ** m * ive(2.0 * m + order, kc) * np.exp(kc - kh) / (kc**order * np.sqrt(norm))

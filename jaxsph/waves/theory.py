@@ -82,7 +82,7 @@ def _x_over_sinh(x: Array) -> Array:
 def group_velocity(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Array, "..."]:
     """Linear group velocity (m/s): (omega / 2k) (1 + 2kd / sinh 2kd)."""
     k = wavenumber(omega, d, g)
-    return 0.5 * omega / k * (1.0 + _x_over_sinh(2.0 * k * d))
+    return jnp.asarray(0.5 * omega / k * (1.0 + _x_over_sinh(2.0 * k * d)))
 
 
 def incident_power(
@@ -94,7 +94,7 @@ def incident_power(
     """
     A = 0.5 * real(H)
     omega = 2.0 * jnp.pi / real(T)
-    return 0.5 * rho0 * g * A**2 * group_velocity(omega, d, g)
+    return jnp.asarray(0.5 * rho0 * g * A**2 * group_velocity(omega, d, g))
 
 
 def biesel(k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
@@ -129,7 +129,7 @@ def stokes2_elevation(
     `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. Source: Dean and
     Dalrymple (1991), section 11.2; the mean level is the still water level.
     """
-    x, t, H = real(x), real(t), real(H)
+    x, t, H, d = real(x), real(t), real(H), real(d)
     omega = 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)
     theta = k * x - omega * t

@@ -30,7 +30,8 @@ class Cells(AbstractSearch):
 
     @classmethod
     def of(cls, grid, water, nodes):
-        """See `AbstractSearch`."""
+        """See `AbstractSearch`; nothing has a size that would follow from positions."""
+        del water, nodes
         return cls(grid)
 
     def table(self, targets, sources, capacity, sees, kind, same):
@@ -73,8 +74,8 @@ def wrapped(
     if period is None:
         return x, carry
     length = jnp.asarray([0.0 if a is None else a for a in period], x.dtype)
-    low = jnp.asarray(low, x.dtype)
-    shift = jnp.where(x < low, length, jnp.where(x >= low + length, -length, 0.0))
+    start = jnp.asarray(low, x.dtype)
+    shift = jnp.where(x < start, length, jnp.where(x >= start + length, -length, 0.0))
     new = x + shift
     kept = new - x
     return new, carry + ((x - (new - kept)) + (shift - kept))
@@ -128,7 +129,8 @@ def search(
         every = (
             a if b else jnp.broadcast_to(a, (lanes, *a.shape)) for a, b in zip(arrays, batched, strict=True)
         )
-        return find(*every), Table(True, True)
+        tables = find(*every)
+        return tables, jax.tree.map(lambda _: True, tables)
 
     return one(targets, sources, sees, kind)
 
@@ -138,6 +140,7 @@ def _search(
     sources: Float[Array, "B M D"],
     sees: Int[Array, "B N"],
     kind: Int[Array, "B M"],
+    *,
     grid: Grid,
     capacity: int,
     same: bool,

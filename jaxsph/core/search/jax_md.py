@@ -77,8 +77,8 @@ class JaxMD(AbstractSearch):
 
     def grown(self):
         """See `AbstractSearch`: room in the cells."""
-        room = tuple(int(1.25 * count) + 1 for count in self.cell_capacity)
-        return JaxMD(self.origin, self.box, self.radius, room)
+        water, nodes = (int(1.25 * count) + 1 for count in self.cell_capacity)
+        return JaxMD(self.origin, self.box, self.radius, (water, nodes))
 
     def _lists(self, x: Float[Array, "N D"], room: int, most: int) -> tuple[Int[Array, "N L"], Array]:
         """jax-md's lists of one set of particles, and whether they, or a cell, have overflowed."""

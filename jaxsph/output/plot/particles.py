@@ -5,6 +5,7 @@ Functions take a `RunFile` and give a matplotlib `Figure`, or None where there i
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import tomllib
 from collections.abc import Callable, Sequence
@@ -96,7 +97,7 @@ class _Tank:
         margin = 0.01 * (self.x1 - self.x0) + self.dx
         count = max(1, int(np.ceil((self.x1 - self.x0) / (8.0 * self.top) - 0.3)))
         edges = np.linspace(self.x0 - margin, self.x1 + margin, count + 1)
-        return list(zip(edges[:-1], edges[1:], strict=True))
+        return list(itertools.pairwise(edges))
 
     def zoom(self) -> tuple[float, float] | None:
         """x range of the device, where it would be small in the whole picture."""
