@@ -140,9 +140,9 @@ def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
     volume, h, reach = rng.uniform(1e-3, 2e-3, 400), 0.1, 3.0
     r = np.linalg.norm(points[:, None] - water, axis=-1)
     weight = np.where(r < reach * h, np.exp(-((r / h) ** 2)), 0.0) / (np.pi ** (dim / 2) * h**dim)
-    found = placement._fill(points, water, volume, h, reach)
+    found = placement.kernel_fill(points, water, volume, h, reach)
     np.testing.assert_allclose(found, weight @ volume, rtol=1e-12)
-    assert not placement._fill(points, water[:0], volume[:0], h, reach).any()
+    assert not placement.kernel_fill(points, water[:0], volume[:0], h, reach).any()
 
 
 def test_where_insets_meet_the_later_dummies_give_way():

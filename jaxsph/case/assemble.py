@@ -168,8 +168,8 @@ def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
         raise ValueError(
             f"the smoothing's period, {scheme.smoothing.period}, must be that of the box, {walls.period}"
         )
-    for axis, length in enumerate(walls.period or ()):
-        if length is not None and abs(length / dx - round(length / dx)) > 1e-6 * length / dx:
+    for axis, length in walls.period:
+        if abs(length / dx - round(length / dx)) > 1e-6 * length / dx:
             raise ValueError(f"dx = {dx:g} m does not divide the period {length:g} m of axis {axis}")
     slack = 1e-6 * (np.asarray(walls.high) - np.asarray(walls.low))
     if (x < walls.low - slack).any() or (x > walls.high + slack).any():

@@ -38,7 +38,7 @@ def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
         (geometry.column, *across, geometry.depth),
         dx,
         () if geometry.plate is None else (geometry.plate,),
-        geometry.platform,
+        () if geometry.platform is None else (geometry.platform,),
     )
     if not geometry.layer:
         return x, volume
@@ -96,7 +96,7 @@ def still_water(
     """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles of water that fills a tank to a
     level (m), around its plates, over its platform and around solids of these shapes."""
     regions = walls.regions
-    x, volume = lattice(walls.low, (*walls.high[:-1], level), dx, regions.plates, regions.platform)
+    x, volume = lattice(walls.low, (*walls.high[:-1], level), dx, regions.plates, regions.platforms)
     for shape in shapes:
         outside = outside_body(np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx)
         x, volume = x[outside], volume[outside]

@@ -29,7 +29,7 @@ from jaxsph.parts.pto import (
 from jaxsph.parts.sponge import Sponge
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves.absorption import ActiveAbsorption
-from jaxsph.waves.regular import RegularWaves, SecondOrderPiston
+from jaxsph.waves.regular import FirstOrderPiston, RegularWaves, SecondOrderPiston
 
 
 def make_bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
@@ -81,7 +81,7 @@ def make_paddle(
         leaf(geometry.depth),
         leaf(case.g),
         leaf(section.ramp_periods * section.T),
-        SecondOrderPiston() if section.second_order else None,
+        SecondOrderPiston() if section.second_order else FirstOrderPiston(),
     )
     if not section.absorption:
         return Paddle(motion=WaveMotion(regular), rows=walls.paddle)

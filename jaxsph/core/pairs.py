@@ -32,8 +32,8 @@ FAR = 1.0e3
 """Coordinate (m) of the empty source: outside every kernel, and small enough for float32 squares."""
 
 
-Period = tuple[float | None, ...] | None
-"""Length (m) of the domain along every axis that is periodic, None along the others; None: no axis is."""
+Period = tuple[tuple[int, float], ...]
+"""Every periodic axis of the domain with its length (m); empty where none is."""
 
 
 class Smoothing(eqx.Module):
@@ -41,7 +41,7 @@ class Smoothing(eqx.Module):
 
     kernel: AbstractKernel
     h: Scalar
-    period: Period = eqx.field(static=True, default=None)
+    period: Period = eqx.field(static=True, default=())
 
     @property
     def radius(self) -> Scalar:
@@ -55,16 +55,11 @@ def nearest_image(r: Components, period: Period) -> Components:
     Nearer ones than half a period are left as they are. One period at most is added: the empty source
     must stay far away.
     """
-    if period is None:
-        return r
-
-    def nearest(a, length):
-        if length is None:
-            return a
-        length = jnp.asarray(length, a.dtype)
-        return a - jnp.where(a > 0.5 * length, length, 0.0) + jnp.where(a < -0.5 * length, length, 0.0)
-
-    return tuple(nearest(a, length) for a, length in zip(r, period, strict=True))
+    found = list(r)
+    for axis, size in period:
+        a, length = r[axis], jnp.asarray(size, r[axis].dtype)
+        found[axis] = a - jnp.where(a > 0.5 * length, length, 0.0) + jnp.where(a < -0.5 * length, length, 0.0)
+    return tuple(found)
 
 
 class Pair(NamedTuple):

@@ -3,6 +3,7 @@ Equation numbers are those of Yeylaghi et al. unless another source is named."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.body import advance_body
 from jaxsph.schemes.base import (
     AbstractParticleScheme,
+    BodyCoupling,
     Dissipation,
     GhostFields,
     Interval,
@@ -140,7 +142,7 @@ class ISPH(AbstractParticleScheme):
         surface: AbstractSurface | None = None,
         relaxation: float = RELAXATION,
         least: float = 0.0,
-        period: Period = None,
+        period: Period = (),
         shifting: Shifting | None = None,
         dtype: Any = jnp.float32,
         **options: Any,
@@ -149,7 +151,7 @@ class ISPH(AbstractParticleScheme):
 
         **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
         default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx, by default
-        `H_OVER_DX`; `period`: `Box.period`; `options`: further objects by name.
+        `H_OVER_DX`; `period`: `Box.period`; `options`: further objects by name. (An argument for each choice.)
         """
         kernel = WendlandC2() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -412,14 +414,7 @@ class ISPH(AbstractParticleScheme):
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
         # what the water does not bear, a body does not feel
-        q_ghosts = at_walls(pressure) + beyond
-        accelerations = [coupling.accelerated(pressure, q_ghosts) for coupling in couplings]
-        for coupling, a in zip(couplings, accelerations, strict=True):
-            q_ghosts = coupling.press(q_ghosts, coupling.movable * a)
-        bodies = {}
-        for body, coupling, a in zip(model.bodies, couplings, accelerations, strict=True):
-            new = advance_body(interval.before[body.name], a, interval.dt)
-            bodies[body.name] = eqx.tree_at(lambda s: s.force, new, coupling.force(pressure, q_ghosts))
+        q_ghosts, bodies = _with_bodies(model, couplings, interval, pressure, at_walls(pressure) + beyond)
         limited = {"tension": jnp.sum(cut).astype(b.dtype), "crowding": poisson.held}
         return Projected(pressure, q_ghosts, bodies, residual, converged, limited)
 
@@ -466,6 +461,25 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.placed(model, state, tables)
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         return -self._sum(laws.divergence, self._sources(p, ghosts, p.u, ghosts.u), tables)
+
+
+def _with_bodies(
+    model: Model,
+    couplings: Sequence[BodyCoupling],
+    interval: Interval,
+    pressure: Float[Array, " N"],
+    p_ghosts: Float[Array, " G"],
+) -> tuple[Float[Array, " G"], dict[str, Any]]:
+    """Pressures of the ghosts (Pa) with what the bodies' accelerations add to `p_ghosts`, and the bodies'
+    motions at the end of the interval under the water's `pressure` (Pa), by name."""
+    accelerations = [coupling.accelerated(pressure, p_ghosts) for coupling in couplings]
+    for coupling, a in zip(couplings, accelerations, strict=True):
+        p_ghosts = coupling.press(p_ghosts, coupling.movable * a)
+    bodies = {}
+    for body, coupling, a in zip(model.bodies, couplings, accelerations, strict=True):
+        new = advance_body(interval.before[body.name], a, interval.dt)
+        bodies[body.name] = eqx.tree_at(lambda s: s.force, new, coupling.force(pressure, p_ghosts))
+    return p_ghosts, bodies
 
 
 def _checked_solution(state: State, projected: Projected) -> Status:

@@ -60,7 +60,7 @@ class DeltaSPH(AbstractRateScheme):
         kernel: AbstractKernel | None = None,
         h_over_dx: float = 1.2,
         integrator: AbstractIntegrator | None = None,
-        period: Period = None,
+        period: Period = (),
         shifting: Shifting | None = None,
         dtype: Any = jnp.float32,
         **options: Any,
@@ -70,6 +70,7 @@ class DeltaSPH(AbstractRateScheme):
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), ten times the largest speed or
         more; `viscosity`, by default water's; `kernel`, by default the Gaussian: the support is
         3 `h_over_dx` dx whichever it is; `period`: `Box.period`; `options`: further objects by name.
+        (An argument for each choice.)
         """
         kernel = Gaussian() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity

@@ -114,9 +114,6 @@ class Box:
 
     @property
     def period(self) -> Period:
-        """Length of every periodic axis, None for the others; None where there is none."""
-        found = tuple(
-            float(b - a) if side == "periodic" else None
-            for a, b, side in zip(self.low, self.high, self.sides, strict=True)
-        )
-        return found if any(found) else None
+        """Every periodic axis with its length, m."""
+        sides = enumerate(zip(self.low, self.high, self.sides, strict=True))
+        return tuple((axis, float(b - a)) for axis, (a, b, side) in sides if side == "periodic")

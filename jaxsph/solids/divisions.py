@@ -128,7 +128,8 @@ class Regions(eqx.Module):
 
     plates: tuple[WallPlate, ...] = eqx.field(static=True)
     division: AbstractDivision
-    platform: Platform | None = eqx.field(static=True, default=None)
+    platforms: tuple[Platform, ...] = eqx.field(static=True, default=())
+    """One raised bed or none."""
 
     def __check_init__(self) -> None:
         """Refuses more regions than an integer has bits."""
@@ -142,7 +143,7 @@ class Regions(eqx.Module):
     @property
     def _parts(self) -> tuple[int, ...]:
         """Number of parts that every divider makes."""
-        return (len(self.division.regions),) * len(self.plates) + (2,) * (self.platform is not None)
+        return (len(self.division.regions),) * len(self.plates) + (2,) * len(self.platforms)
 
     @property
     def count(self) -> int:
@@ -153,7 +154,7 @@ class Regions(eqx.Module):
     def sets(self) -> tuple[tuple[int, str], ...]:
         """Ghost sets beside the plain ones, in the order of their bits: (divider, name of the face)."""
         plates = [(k, name) for k in range(len(self.plates)) for name in SETS]
-        return (*plates, *((len(self.plates), name) for name in PLATFORM_SETS if self.platform is not None))
+        return (*plates, *((len(self.plates), name) for _ in self.platforms for name in PLATFORM_SETS))
 
     def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
         """Region of every particle at x (m)."""
@@ -161,8 +162,8 @@ class Regions(eqx.Module):
         for plate in self.plates:
             region = region + stride * self.division.region(columns(x), plate)
             stride *= len(self.division.regions)
-        if self.platform is not None:
-            region = region + stride * self.platform.in_front(columns(x)).astype(jnp.int32)
+        for platform in self.platforms:
+            region = region + stride * platform.in_front(columns(x)).astype(jnp.int32)
         return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:

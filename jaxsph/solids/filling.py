@@ -134,7 +134,7 @@ class DummyParticles(AbstractFilling):
         return NodeFit(norm, none, tuple(c * norm * h for c in first), wet)
 
 
-def _interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:
+def interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:
     r = tuple(-c / h for c in pair.r)
     return laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
 

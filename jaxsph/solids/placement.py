@@ -33,7 +33,7 @@ def lattice(
     high: Sequence[float],
     dx: float,
     plates: Sequence[WallPlate] = (),
-    platform: Platform | None = None,
+    platforms: Sequence[Platform] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around plates and over
     a platform.
@@ -58,7 +58,7 @@ def lattice(
             x = np.stack(np.meshgrid(along, *axes[1:-1], rows, indexing="ij"), -1).reshape(-1, len(low))
             parts.append((x, np.full(len(x), width * dx ** (len(low) - 1))))
     x, volume = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if platform is not None:
+    for platform in platforms:
         wet = (x[:, 0] < platform.start) | (x[:, -1] > platform.height)
         x, volume = x[wet], volume[wet]
     if not plates:
@@ -67,7 +67,7 @@ def lattice(
     return x[order], volume[order]
 
 
-class _Lattice(NamedTuple):
+class GhostSet(NamedTuple):
     x: np.ndarray
     node: np.ndarray
     mirror: np.ndarray
@@ -77,7 +77,14 @@ class _Lattice(NamedTuple):
     volume: np.ndarray
 
 
-def _sliding(x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]]) -> np.ndarray:
+def joined(parts: Sequence[GhostSet]) -> GhostSet:
+    """One set of all the ghosts of several."""
+    return GhostSet(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+
+
+def sliding_velocity(
+    x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]]
+) -> np.ndarray:
     """Velocity of the wall that each ghost is behind, m/s."""
     u = np.zeros_like(x)
     for (axis, end), velocity in sliding.items():
@@ -90,7 +97,7 @@ def _sliding(x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence
     return u
 
 
-def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
+def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
     """Ghosts on the lattice outside the box; a corner's are mirrored in every wall they are behind."""
     dim = len(box.low)
     low, high = np.array(box.low), np.array(box.high)
@@ -112,7 +119,7 @@ def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
     mirror = np.where(normal, -1.0, 1.0)
     moves = np.zeros(len(x), bool)
     keep = np.ones(len(x), bool)
-    extra: list[_Lattice] = []
+    extra: list[GhostSet] = []
     if box.paddle:
         at_paddle = under[:, 0]
         others = normal[:, 1:].any(axis=1)
@@ -131,17 +138,17 @@ def _box_ghosts(box: Box, dx: float, layers: int) -> _Lattice:
             plain = np.full(n, PLAIN, np.int32)
             volume = np.full(n, dx**dim)
             extra.append(
-                _Lattice(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool), volume)
+                GhostSet(sub, node_bed, mirror_bed, plain, np.full(n, -1), np.zeros(n, bool), volume)
             )
     plain = np.full(len(x), PLAIN, np.int32)
-    whole = _Lattice(x, node, mirror, plain, np.full(len(x), -1), moves, np.full(len(x), dx**dim))
-    whole = _Lattice(*(a[keep] for a in whole))
-    return _Lattice(*(np.concatenate(parts) for parts in zip(whole, *extra, strict=True)))
+    whole = GhostSet(x, node, mirror, plain, np.full(len(x), -1), moves, np.full(len(x), dx**dim))
+    whole = GhostSet(*(a[keep] for a in whole))
+    return GhostSet(*(np.concatenate(parts) for parts in zip(whole, *extra, strict=True)))
 
 
-def _above_platform(
-    ghosts: _Lattice, box: Box, platform: Platform, regions: Regions, dx: float, layers: int
-) -> _Lattice:
+def cut_by_platform(
+    ghosts: GhostSet, box: Box, platform: Platform, regions: Regions, dx: float, layers: int
+) -> GhostSet:
     """The box's ghosts where a platform fills its end: those in the two inner corners of the platform are
     mirrored in its faces too and seen from one side, and what else is behind it is left out."""
     x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
@@ -160,11 +167,11 @@ def _above_platform(
         mirror[rows, axis] = -1.0
         kind[rows], node_sees[rows] = regions.set_kind(which), regions.node_sees(which)
         keep |= rows
-    changed = _Lattice(x, node, mirror, kind, node_sees, ghosts.moves, ghosts.volume)
-    return _Lattice(*(a[keep] for a in changed))
+    changed = GhostSet(x, node, mirror, kind, node_sees, ghosts.moves, ghosts.volume)
+    return GhostSet(*(a[keep] for a in changed))
 
 
-def _platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> _Lattice:
+def platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> GhostSet:
     """Behind each face its own full depth of ghosts, which the other face's water does not see."""
     depth = layers * dx
     faces = {
@@ -184,18 +191,18 @@ def _platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, 
         node[:, axis] = 2 * face - x[:, axis]
         mirror[:, axis] = -1.0
         kind, sees = np.full(n, regions.set_kind(which), np.int32), np.full(n, regions.node_sees(which))
-        parts.append(_Lattice(x, node, mirror, kind, sees, np.zeros(n, bool), volume))
-    return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+        parts.append(GhostSet(x, node, mirror, kind, sees, np.zeros(n, bool), volume))
+    return GhostSet(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
-def _plate_ghosts(
+def plate_ghosts(
     box: Box,
     plate: WallPlate,
     wall: AbstractThinWall,
     regions: Regions,
     dx: float,
     layers: int,
-) -> _Lattice:
+) -> GhostSet:
     """Behind each face of a plate its own ghosts (`AbstractThinWall.body`)."""
     first = len(SETS) * regions.plates.index(plate)
     wall.check(plate, dx, layers)
@@ -221,7 +228,7 @@ def _plate_ghosts(
         mirror[:, axis] = -1.0
         n = len(x)
         parts.append(
-            _Lattice(
+            GhostSet(
                 x,
                 node,
                 mirror,
@@ -231,22 +238,24 @@ def _plate_ghosts(
                 np.full(n, width * dx ** (len(box.low) - 1)),
             )
         )
-    return _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+    return GhostSet(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
-def _solid_ghosts(x: np.ndarray, dx: float) -> _Lattice:
+def solid_ghosts(x: np.ndarray, dx: float) -> GhostSet:
     """Dummies of a solid: they carry its own velocity, and nothing for a viscous force to hold on to."""
     n = len(x)
     plain = np.full(n, PLAIN, np.int32)
     volume = np.full(n, dx ** x.shape[1])
-    return _Lattice(x, x, np.zeros_like(x), plain, np.full(n, -1), np.zeros(n, bool), volume)
+    return GhostSet(x, x, np.zeros_like(x), plain, np.full(n, -1), np.zeros(n, bool), volume)
 
 
 def _inner_axes(box: Box) -> list[tuple[float, float]]:
     return [(box.low[k], box.high[k]) for k in range(1, len(box.low) - 1)]
 
 
-def _fill(points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float) -> np.ndarray:
+def kernel_fill(
+    points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float
+) -> np.ndarray:
     """sum V W at points for a tank full of water to the brim (Gaussian weights are near enough)."""
     dim = points.shape[1]
     tree = KDTree(water)

@@ -38,19 +38,20 @@ from jaxsph.solids.filling import (
     DummyParticles,
     MirrorNodes,
     NodeFit,
-    _interpolation_weight,
+    interpolation_weight,
 )
 from jaxsph.solids.fixed import PlatformBed, TankWalls, ThinPlate
 from jaxsph.solids.placement import (
-    _above_platform,
-    _box_ghosts,
-    _fill,
-    _Lattice,
-    _plate_ghosts,
-    _platform_ghosts,
-    _sliding,
-    _solid_ghosts,
+    GhostSet,
+    box_ghosts,
+    cut_by_platform,
+    joined,
+    kernel_fill,
     lattice,
+    plate_ghosts,
+    platform_ghosts,
+    sliding_velocity,
+    solid_ghosts,
 )
 from jaxsph.solids.shapes import AbstractShape
 
@@ -108,67 +109,36 @@ class Ghosts(eqx.Module):
         low or 1 for the high end); only walls without slip drag the fluid with them. `platform`: a raised
         bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings. `filling`: by
         default `MirrorNodes`. `shapes`: solids in the water, which need `DummyParticles`.
+        (An argument for each thing that walls can be made of.)
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
-        reach, h = smoothing.kernel.reach, float(smoothing.h)
-        layers = int(np.ceil(reach * h / dx - 0.5))
+        layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
         thin_wall = RegionalGhosts() if thin_wall is None else thin_wall
-        regions = Regions(tuple(plates), thin_wall.division, platform)
-        parts = [_box_ghosts(box, dx, layers)]
-        if platform is not None:
-            if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
-                raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
-            parts = [
-                _above_platform(parts[0], box, platform, regions, dx, layers),
-                _platform_ghosts(box, platform, regions, dx, layers),
-            ]
-        parts += [_plate_ghosts(box, plate, thin_wall, regions, dx, layers) for plate in plates]
+        regions = Regions(tuple(plates), thin_wall.division, () if platform is None else (platform,))
         filling = MirrorNodes() if filling is None else filling
         if shapes and not isinstance(filling, DummyParticles):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
-        parts += [_solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
-        counts = [len(part.x) for part in parts[len(parts) - len(shapes) :]]
-        ghosts = _Lattice(*(np.concatenate(a) for a in zip(*parts, strict=True)))
+        fixed = _fixed_ghosts(box, regions, thin_wall, dx, layers)
+        dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
+        ghosts = joined([fixed, *dummies])
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         # 0 for walls, 1 for the first solid of dummies, ...
-        owner = np.repeat(np.arange(1 + len(shapes)), [len(ghosts.x) - sum(counts), *counts])
-        in_solid = owner > 0
+        owner = np.repeat(np.arange(1 + len(shapes)), [len(part.x) for part in (fixed, *dummies)])
         # solids' last, the paddle's first, then by column: a gather from neighbours in memory is cheaper
         order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner))
-        ghosts = _Lattice(*(a[order] for a in ghosts))
-        own = np.asarray(regions.index(jnp.asarray(ghosts.node, jnp.float32)))
-        water_bits = (1 << regions.count) - 1
-        plain = np.asarray(regions.sees(jnp.asarray(own))) & water_bits
-        node_sees = np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
-
-        # full to the brim and a little over it, as over every end without a wall
-        beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
-        under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
-        brim, brim_volume = lattice(under, over, dx, plates, platform)
-        for shape in shapes:
-            outside = np.asarray(shape.distance(jnp.asarray(brim, jnp.float32))) > 0
-            brim, brim_volume = brim[outside], brim_volume[outside]
-        full = np.zeros(len(ghosts.x))
-        brim_kind = np.asarray(regions.kind(regions.index(jnp.asarray(brim, jnp.float32))))
-        for mask in np.unique(node_sees):
-            of = node_sees == mask
-            seen = (brim_kind & mask) != 0
-            full[of] = _fill(ghosts.node[of], brim[seen], brim_volume[seen], h, reach)
+        ghosts = GhostSet(*(a[order] for a in ghosts))
+        # The paddle is free-slip whatever the tank's walls are (section 2.4), and so are dummies.
+        tangential = np.where(owner[order, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
+        normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
+        node_sees = _seen_by_nodes(ghosts, regions)
+        full = _full(ghosts, node_sees, _brimful(box, regions, shapes, dx, layers), regions, smoothing)
+        ends = [int(end) for end in np.cumsum([len(part.x) for part in (fixed, *dummies)])]
         count = int(ghosts.moves.sum())
-        ends = [int(end) for end in len(ghosts.x) - sum(counts) + np.cumsum([0, *counts])]
         return cls(
             x=jnp.asarray(ghosts.x, dtype),
             node=jnp.asarray(ghosts.node, dtype),
             mirror=jnp.asarray(ghosts.mirror, dtype),
-            # The paddle is free-slip whatever the tank's walls are (section 2.4).
-            shear=jnp.asarray(
-                np.where(
-                    (ghosts.mirror == -1.0) | ghosts.moves[:, None],
-                    ghosts.mirror,
-                    np.where(in_solid[order, None], 1.0, np.minimum(ghosts.mirror, slip.tangential)),
-                ),
-                dtype,
-            ),
+            shear=jnp.asarray(np.where(normal, ghosts.mirror, tangential), dtype),
             full=jnp.asarray(np.maximum(full, filling.least), dtype),
             volume=jnp.asarray(ghosts.volume, dtype),
             kind=jnp.asarray(ghosts.kind, jnp.int32),
@@ -178,7 +148,7 @@ class Ghosts(eqx.Module):
             low=box.low,
             high=box.high,
             sides=box.sides,
-            sliding=jnp.asarray(_sliding(ghosts.x, box, sliding or {}), dtype),
+            sliding=jnp.asarray(sliding_velocity(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
             dummies=tuple(itertools.pairwise(ends)),
         )
@@ -196,8 +166,7 @@ class Ghosts(eqx.Module):
     def solids(self) -> tuple[AbstractSolid, ...]:
         """Solids at rest whose ghosts these are."""
         tank = TankWalls(self.low, self.high, self.sides, bool(self.paddle))
-        beds = () if self.regions.platform is None else (PlatformBed(self.regions.platform),)
-        return (tank, *map(ThinPlate, self.regions.plates), *beds)
+        return (tank, *map(ThinPlate, self.regions.plates), *map(PlatformBed, self.regions.platforms))
 
     @property
     def count(self) -> int:
@@ -226,7 +195,7 @@ class Ghosts(eqx.Module):
         """Interpolated values of `law(j)` (a pytree of fields of the water) at the nodes."""
 
         def weighted(pair: Pair, i, j):
-            w = _interpolation_weight(pair, i, j, smoothing.h)
+            w = interpolation_weight(pair, i, j, smoothing.h)
             return jax.tree.map(lambda f: w * f, law(j))
 
         targets = {"x": columns(nodes), "a": fit.a, "b": fit.b}
@@ -243,7 +212,7 @@ class Ghosts(eqx.Module):
         """The weights of `at_nodes`, zero at dry nodes, for `pairs.weighted_sum`."""
 
         def law(pair: Pair, i, j):
-            return (), i["wet"] * _interpolation_weight(pair, i, j, smoothing.h)
+            return (), i["wet"] * interpolation_weight(pair, i, j, smoothing.h)
 
         wet = jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
         targets = {"x": columns(nodes), "a": fit.a, "b": fit.b, "wet": wet}
@@ -271,6 +240,59 @@ class Ghosts(eqx.Module):
         return stacked(
             [m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)]
         )
+
+
+def _fixed_ghosts(
+    box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int
+) -> GhostSet:
+    """Ghosts of a tank's walls, of its platform and of its plates."""
+    parts = [box_ghosts(box, dx, layers)]
+    for platform in regions.platforms:
+        if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
+            raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
+        parts = [
+            cut_by_platform(parts[0], box, platform, regions, dx, layers),
+            platform_ghosts(box, platform, regions, dx, layers),
+        ]
+    return joined([*parts, *(plate_ghosts(box, p, thin_wall, regions, dx, layers) for p in regions.plates)])
+
+
+def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
+    """Bits of the particles that every node uses: a set's own, or those that its own region sees."""
+    own = regions.index(jnp.asarray(ghosts.node, jnp.float32))
+    plain = np.asarray(regions.sees(own)) & ((1 << regions.count) - 1)
+    return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
+
+
+def _brimful(
+    box: Box, regions: Regions, shapes: Sequence[AbstractShape], dx: float, layers: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (m) and volumes of water that fills the tank to the brim and a little over it, as over every end
+    without a wall."""
+    beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
+    under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
+    x, volume = lattice(under, over, dx, regions.plates, regions.platforms)
+    for shape in shapes:
+        outside = np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) > 0
+        x, volume = x[outside], volume[outside]
+    return x, volume
+
+
+def _full(
+    ghosts: GhostSet,
+    node_sees: np.ndarray,
+    brim: tuple[np.ndarray, np.ndarray],
+    regions: Regions,
+    smoothing: Smoothing,
+) -> np.ndarray:
+    """Sum of V W at every node over the water `brim` that it sees."""
+    x, volume = brim
+    full, kind = np.zeros(len(ghosts.x)), np.asarray(regions.kind(regions.index(jnp.asarray(x, jnp.float32))))
+    for mask in np.unique(node_sees):
+        of, seen = node_sees == mask, (kind & mask) != 0
+        h, reach = float(smoothing.h), smoothing.kernel.reach
+        full[of] = kernel_fill(ghosts.node[of], x[seen], volume[seen], h, reach)
+    return full
 
 
 def wall_normals(

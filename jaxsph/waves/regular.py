@@ -12,6 +12,8 @@ U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
 
 from __future__ import annotations
 
+import abc
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -40,11 +42,34 @@ def second_order_piston(H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array
     return H**2 / (32.0 * d) * (3.0 * _sech2(kd) / sigma**3 - 2.0 / biesel(k, d))
 
 
-class SecondOrderPiston(eqx.Module):
-    """Second-order wave generation: Madsen's (1971) motion and the bound harmonic.
+class AbstractGeneration(eqx.Module):
+    """Order of wave generation: what it adds to the piston's linear motion, and to the linear wave."""
 
-    Held by `RegularWaves.correction`; `None` there is first-order generation.
-    """
+    @abc.abstractmethod
+    def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
+        """Correction of the paddle's displacement (m) at t (s), without ramp."""
+
+    @abc.abstractmethod
+    def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
+        """Correction of the elevation at x = 0 (m) at t (s), without ramp."""
+
+
+class FirstOrderPiston(AbstractGeneration):
+    """First-order wave generation: nothing beside the linear motion."""
+
+    def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
+        """See `AbstractGeneration`."""
+        del waves
+        return jnp.zeros_like(real(t))
+
+    def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
+        """See `AbstractGeneration`."""
+        del waves
+        return jnp.zeros_like(real(t))
+
+
+class SecondOrderPiston(AbstractGeneration):
+    """Second-order wave generation: Madsen's (1971) motion and the bound harmonic."""
 
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
         """Correction of the paddle's displacement (m), without ramp."""
@@ -74,8 +99,8 @@ class RegularWaves(eqx.Module):
     """Acceleration of gravity, m/s2."""
     ramp: Scalar = eqx.field(converter=real, default=0.0)
     """Length of the start-up, s; 0 starts at once."""
-    correction: SecondOrderPiston | None = None
-    """Second-order generation, or None for first order."""
+    correction: AbstractGeneration = FirstOrderPiston()
+    """Order of generation."""
 
     @property
     def omega(self) -> Scalar:
@@ -114,8 +139,6 @@ class RegularWaves(eqx.Module):
         (S0 / 2) sin(omega t), S0 = H / Phi, plus the correction, both times the ramp.
         """
         X = self.first_order_displacement(t)
-        if self.correction is None:
-            return X
         return X + self.ramp_factor(t) * self.correction.displacement(self, t)
 
     def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:
@@ -145,6 +168,4 @@ class RegularWaves(eqx.Module):
         """
         t = real(t) - self.k * x / self.omega
         eta = self.paddle_elevation(t)
-        if self.correction is None:
-            return eta
         return eta + self.ramp_factor(t) ** 2 * self.correction.elevation(self, t)

@@ -28,7 +28,7 @@ class Grid(eqx.Module):
     cell: float = eqx.field(static=True)
     """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of them fits."""
     shape: tuple[int, ...] = eqx.field(static=True)
-    period: Period = eqx.field(static=True, default=None)
+    period: Period = eqx.field(static=True, default=())
 
     @property
     def radius(self) -> float:
@@ -38,10 +38,8 @@ class Grid(eqx.Module):
     @property
     def sides(self) -> tuple[float, ...]:
         """Sides of a cell along every axis, m."""
-        period = self.period or (None,) * len(self.shape)
-        return tuple(
-            self.cell if length is None else length / n for n, length in zip(self.shape, period, strict=True)
-        )
+        lengths = dict(self.period)
+        return tuple(lengths[k] / n if k in lengths else self.cell for k, n in enumerate(self.shape))
 
 
 class Table(NamedTuple):

@@ -43,7 +43,7 @@ class Cells(AbstractSearch):
         return self
 
 
-def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = None) -> Grid:
+def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = ()) -> Grid:
     """The grid that covers the box from `low` to `high` for searches within `radius`.
 
     Along a periodic axis it covers one period from `low`. **Raises** ValueError for a period so short that
@@ -52,9 +52,7 @@ def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period =
     cell = float(radius) / WIDTH
     span = np.asarray(high, float) - np.asarray(low, float)
     shape = [int(n) for n in np.maximum(np.ceil(span / cell), 1)]
-    for axis, length in enumerate(period or ()):
-        if length is None:
-            continue
+    for axis, length in period:
         shape[axis] = int(length / cell)
         if shape[axis] < 2 * WIDTH + 1:
             raise ValueError(
@@ -71,9 +69,10 @@ def wrapped(
 
     The move is exact: what x cannot hold of it goes into the carry (Knuth's two-sum).
     """
-    if period is None:
+    if not period:
         return x, carry
-    length = jnp.asarray([0.0 if a is None else a for a in period], x.dtype)
+    lengths = dict(period)
+    length = jnp.asarray([lengths.get(axis, 0.0) for axis in range(x.shape[1])], x.dtype)
     start = jnp.asarray(low, x.dtype)
     shift = jnp.where(x < start, length, jnp.where(x >= start + length, -length, 0.0))
     new = x + shift
@@ -82,7 +81,7 @@ def wrapped(
 
 
 def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
-    side = grid.cell if grid.period is None else jnp.asarray(grid.sides, x.dtype)
+    side = jnp.asarray(grid.sides, x.dtype) if grid.period else grid.cell
     scaled = (x - jnp.asarray(grid.origin, x.dtype)) / side
     # clip first: an integer conversion of a huge float is undefined
     upper = jnp.asarray(grid.shape, x.dtype) - 1
@@ -164,11 +163,11 @@ def _search(
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
     home = _cells(targets, grid)
-    period = grid.period or (None,) * len(grid.shape)
+    periodic = dict(grid.period)
     last = grid.shape[-1]
     bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
     spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
-    if period[-1] is not None:
+    if len(grid.shape) - 1 in periodic:
         # what sticks out at one end of the last axis goes on at the other
         over = jnp.where(bottom < 0, bottom + last, 0)
         spans.append((over, jnp.where(bottom < 0, last - 1, jnp.where(top >= last, top - last, -1))))
@@ -179,7 +178,7 @@ def _search(
         row = jnp.zeros(n, jnp.int32)
         for axis, step in enumerate(offset):
             index = home[:, axis] + step
-            if period[axis] is not None:
+            if axis in periodic:
                 index = index % grid.shape[axis]
             inside &= (index >= 0) & (index < grid.shape[axis])
             row = row * grid.shape[axis] + index

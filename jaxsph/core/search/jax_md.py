@@ -40,7 +40,7 @@ class JaxMD(AbstractSearch):
     @classmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> JaxMD:
         """See `AbstractSearch`; without periodic axes."""
-        if grid.period is not None:
+        if grid.period:
             raise ValueError(f'search = "jax_md" has no periodic axes, and here the period is {grid.period}')
         md = partition()
         # Two cells at both ends, so that all coordinates are positive and nothing is near its own image.
