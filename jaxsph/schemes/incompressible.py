@@ -151,7 +151,8 @@ class ISPH(AbstractParticleScheme):
 
         **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
         default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx, by default
-        `H_OVER_DX`; `period`: `Box.period`; `options`: further objects by name. (An argument for each choice.)
+        `H_OVER_DX`; `period`: `Box.period`; `options`: further objects by name. (An argument
+        for each choice.)
         """
         kernel = WendlandC2() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity

@@ -135,6 +135,7 @@ class DummyParticles(AbstractFilling):
 
 
 def interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:
+    """Weight of the particle j in an interpolation at the node i that is exact for linear fields."""
     r = tuple(-c / h for c in pair.r)
     return laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
 

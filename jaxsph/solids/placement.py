@@ -68,6 +68,8 @@ def lattice(
 
 
 class GhostSet(NamedTuple):
+    """Ghosts of a wall on the host: places, nodes, mirror factors, masks, whether they move, volumes."""
+
     x: np.ndarray
     node: np.ndarray
     mirror: np.ndarray
