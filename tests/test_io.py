@@ -307,7 +307,7 @@ def test_append_does_not_slow_down_with_the_length_of_the_run(tmp_path, monkeypa
         faster.setattr(run_file, "COPIES", 0)
         _seconds(run, 40, 960)
     late = min(_seconds(run, 1000 + 10 * k) for k in range(3))
-    # Measured: 0.3 to 1.4; the machine is shared. A copy of the whole file at every append grows with the run.
+    # Measured: 0.3 to 1.4; the machine is shared. Copies of the whole file would grow with the run.
     assert late < 1.7 * early
 
 

@@ -49,7 +49,7 @@ def test_waves_and_sponge_follow_the_precision_of_their_leaves(dtype):
             waves.elevation(one, 0.3),
             absorption.velocity(waves, 0.0, 0.3, 0.0),
             absorption.filter_time(waves),
-            Sponge(one, 2.0 * one).factor(1.5 * one, 0.01),
+            Sponge(one, 2.0 * one).factor(jnp.full((1, 2), 1.5, dtype), 0.01),
             jax.grad(lambda T: RegularWaves(0.04 * one, T, 0.42 * one).k)(1.2 * one),
         ]
         assert {a.dtype for a in found} == {np.dtype(dtype)}

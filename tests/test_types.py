@@ -24,33 +24,32 @@ def test_types_pass_pyright():
     _succeeds(sys.executable, "-m", "pyright", "--pythonpath", sys.executable)
 
 
+STEPS = """
+import sys
+sys.path.insert(0, "tests")
+if "checked" in sys.argv:
+    from jaxtyping import install_import_hook
+    rooms = ("core", "model", "solids", "parts", "schemes")
+    install_import_hook([f"jaxsph.{room}" for room in rooms], "beartype.beartype")
+import jaxsph as js
+from conftest import advance, coarse
+tank = {"dx": 0.1, "tank.length": 1.6, "sponge": {"length": 0.4}, "probes": {"gauges": [0.4, 0.8]}}
+flap = js.load_case("flap_2d").replace({"dx": 0.06, "body.block": {"low": [6.0, 0.06], "high": [6.24, 0.66]}})
+for case in (coarse("wave_tank", tank), coarse("owc"), flap):
+    model, state = js.build(case)
+    state, _ = advance(case, model, state, 1)
+    assert not int(state.status.bits), case.name
+"""
+"""A few steps of a tank, of the OWC and of a flap in the incompressible scheme."""
+
+
 @pytest.mark.slow
 def test_shapes_of_arrays_are_those_annotated():
-    """A few small tests with every annotated function of these rooms checked at run time by beartype."""
-    hook = ",".join(f"jaxsph.{room}" for room in ("core", "model", "solids", "parts", "schemes"))
-    tests = (
-        "tests/test_pairs.py",
-        "tests/test_shapes.py",
-        "tests/test_neighbours.py::test_overflow_is_flagged_and_says_how_much",
-        "tests/test_precision.py",
-    )
-    _succeeds(
-        sys.executable,
-        "-m",
-        "pytest",
-        "-n",
-        "0",
-        "-x",
-        f"--jaxtyping-packages={hook},beartype.beartype",
-        *tests,
-    )
+    """With every annotated function of five rooms checked at run time, by jaxtyping and beartype."""
+    _succeeds(sys.executable, "-c", STEPS, "checked")
 
 
 @pytest.mark.slow
 def test_no_step_mixes_precisions():
-    """A few steps of a tank and of the OWC where jax refuses to promote one precision to another."""
-    _succeeds(
-        sys.executable,
-        *("-m", "pytest", "-n", "0", "-x", "tests/test_precision.py"),
-        JAX_NUMPY_DTYPE_PROMOTION="strict",
-    )
+    """Where jax refuses to promote one precision to another."""
+    _succeeds(sys.executable, "-c", STEPS, JAX_NUMPY_DTYPE_PROMOTION="strict")

@@ -12,8 +12,9 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import ArrayLike
 
-from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.arrays import Array, Float
 
 
 class AbstractKernel(eqx.Module):
@@ -23,11 +24,11 @@ class AbstractKernel(eqx.Module):
     """Support radius in units of h."""
 
     @abc.abstractmethod
-    def value(self, r2: Float[Array, "..."], h: Scalar, dim: int) -> Float[Array, "..."]:
+    def value(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
         """W(r) in m^-dim, not cut: the caller masks r < reach * h."""
 
     @abc.abstractmethod
-    def slope(self, r2: Float[Array, "..."], h: Scalar, dim: int) -> Float[Array, "..."]:
+    def slope(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
         """(dW/dr)/r in m^-(dim+2), not cut, never positive."""
 
 

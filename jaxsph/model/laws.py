@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import ArrayLike
 
 from jaxsph.core.arrays import dot
 from jaxsph.core.pairs import Fields, Pair, outer_upper
@@ -61,7 +62,7 @@ def pressure_force(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     return tuple(w * r for r in pair.r)
 
 
-def viscous_force(pair: Pair, i: Fields, j: Fields, guard: jax.Array) -> tuple[jax.Array, ...]:
+def viscous_force(pair: Pair, i: Fields, j: Fields, guard: ArrayLike) -> tuple[jax.Array, ...]:
     """sum (u_j - u_i).(x_j - x_i)/r^2 grad W V_j: Eq. 4 and 6 without their coefficient, m/s2 per m2/s."""
     u = tuple(a - b for a, b in zip(i["u"], j["u"], strict=True))
     w = dot(u, pair.r) / (pair.r2 + guard) * volume(j) * pair.F
@@ -74,7 +75,7 @@ def laplacian(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     return tuple(w * (a - b) for a, b in zip(i["u"], j["u"], strict=True))
 
 
-def laplacian_weight(pair: Pair, j: Fields, guard: jax.Array) -> jax.Array:
+def laplacian_weight(pair: Pair, j: Fields, guard: ArrayLike) -> jax.Array:
     """w_ij of sum w_ij (f_j - f_i) = lap f (Yeylaghi et al. 2016, Eq. 6 with one density, times it), 1/m2."""
     return -2.0 * volume(j) * pair.F * (pair.r2 / (pair.r2 + guard))
 
@@ -85,7 +86,7 @@ def divergence(pair: Pair, i: Fields, j: Fields) -> jax.Array:
     return dot(u, pair.r) * volume(j) * pair.F
 
 
-def density_diffusion(pair: Pair, i: Fields, j: Fields, guard: jax.Array) -> jax.Array:
+def density_diffusion(pair: Pair, i: Fields, j: Fields, guard: ArrayLike) -> jax.Array:
     """sum Psi_ij . grad W V_j (Eq. 8-9) without delta h c0, kg/m5. Antisymmetric in i and j."""
     gradient = tuple(a + b for a, b in zip(i["grad_rho"], j["grad_rho"], strict=True))
     # Psi . grad W with x_j - x_i = -r: both terms share r^2/(r^2 + guard) and cancel in a linear field.

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, Scalar, stacked
+from jaxsph.core.arrays import Array, Float, Scalar, real, stacked
 from jaxsph.core.pairs import Pair, pair_sum, with_empty
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
@@ -29,7 +29,7 @@ class Shifting(eqx.Module):
     lost within 0.4 s without, when the particles fall out of line (`python -m experiments run taylor_green`).
     """
 
-    strength: Scalar
+    strength: Scalar = eqx.field(converter=real)
     """1; 12 keeps the particles of the exact tests in order, with 3 some energy is still lost. As a diffusion
     it is stable while strength U is below c0."""
 

@@ -7,7 +7,7 @@ import abc
 
 import equinox as eqx
 
-from jaxsph.core.arrays import Components, Scalar
+from jaxsph.core.arrays import Components, Scalar, real
 from jaxsph.core.pairs import Fields, Pair
 from jaxsph.model import laws
 
@@ -32,7 +32,7 @@ class PhysicalViscosity(AbstractViscosity):
     """Eq. 6: 2 (dim + 2) nu. On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
     (`python -m experiments run taylor_green`): see `LaplacianViscosity`."""
 
-    nu: Scalar
+    nu: Scalar = eqx.field(converter=real)
 
     def coefficient(self, h, c0, dim):
         """See `AbstractViscosity`."""
@@ -56,7 +56,7 @@ class LaplacianViscosity(AbstractViscosity):
     nu |grad u|^2, half of what it should in a wave.
     """
 
-    nu: Scalar
+    nu: Scalar = eqx.field(converter=real)
 
     def coefficient(self, h, c0, dim):
         """See `AbstractViscosity`."""
@@ -74,7 +74,7 @@ class LaplacianViscosity(AbstractViscosity):
 class ArtificialViscosity(AbstractViscosity):
     """Eq. 4: alpha h c0."""
 
-    alpha: Scalar
+    alpha: Scalar = eqx.field(converter=real)
 
     def coefficient(self, h, c0, dim):
         """See `AbstractViscosity`."""

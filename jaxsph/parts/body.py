@@ -134,7 +134,7 @@ class RigidBody(AbstractBody):
 
     def movable(self, t):
         """See `AbstractBody`."""
-        return jnp.asarray(self.free, t.dtype) * (t >= self.release)
+        return jnp.asarray(self.free, t.dtype) * (t >= self.release).astype(t.dtype)
 
     def generalised_mass(self):
         """See `AbstractBody`."""

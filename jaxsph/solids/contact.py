@@ -36,8 +36,8 @@ def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[j
     distance = jnp.sqrt(jnp.where(corner, beside**2 + beyond**2, 1.0))
     out = away(jnp.where(corner, distance, jnp.maximum(beside, beyond)))
     return (
-        out * jnp.where(corner, beside / distance, beside > beyond),
-        out * jnp.where(corner, beyond / distance, beside <= beyond),
+        out * jnp.where(corner, beside / distance, (beside > beyond).astype(beside.dtype)),
+        out * jnp.where(corner, beyond / distance, (beside <= beyond).astype(beside.dtype)),
     )
 
 
