@@ -9,7 +9,7 @@ import pytest
 from conftest import advance, coarse
 
 import jaxsph as js
-from jaxsph.case.initial import _search_speed, _speed_scale
+from jaxsph.case.speeds import search_speed, speed_scale
 from jaxsph.waves import theory
 
 
@@ -70,7 +70,7 @@ def test_speeds_of_waves_come_in_few_classes():
     classes = set()
     for H in np.linspace(0.01, 0.3, 60):
         case = coarse("owc", {"waves.H": float(H)})
-        speed, found = _speed_scale(case), _search_speed(case)
+        speed, found = speed_scale(case), search_speed(case)
         assert found == pytest.approx(least) or 2**-0.251 < found / speed < 2**0.251
         assert found >= 2**-0.251 * speed
         classes.add(round(found, 9))
