@@ -68,13 +68,13 @@ def test_speeds_of_waves_come_in_few_classes():
     """A fifth off at most (the fourth root of two), where they are not below all classes."""
     least = 0.13 * np.sqrt(9.81 * coarse("owc").tank.depth)
     classes = set()
-    for H in np.linspace(0.01, 0.3, 60):
+    for H in np.linspace(0.01, 0.245, 48):
         case = coarse("owc", {"waves.H": float(H)})
         speed, found = speed_scale(case), search_speed(case)
         assert found == pytest.approx(least) or 2**-0.251 < found / speed < 2**0.251
         assert found >= 2**-0.251 * speed
         classes.add(round(found, 9))
-    assert len(classes) == 7  # over a factor of thirty
+    assert len(classes) == 7  # over a factor of 24, up to breaking
 
 
 @pytest.mark.parametrize("T", [0.8, 1.2, 2.0])
