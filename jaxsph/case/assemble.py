@@ -27,6 +27,7 @@ from jaxsph.model.interfaces import (
     own_states,
 )
 from jaxsph.model.state import Particles, Search, State, Status, Tally
+from jaxsph.parts.rim import Rim
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.walls import Ghosts
 
@@ -118,6 +119,7 @@ def assemble(
         bodies=tuple(bodies),
         chambers=tuple(chambers),
         dampers=tuple(dampers),
+        outlets=_rims(walls, dx),
         forces=tuple(forces),
         tangents=ExactTangents(),
         g=leaf(g),
@@ -140,9 +142,16 @@ def assemble(
     return model, state
 
 
+def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
+    """Rim of a tank whose upper side lets water out; none where it does not."""
+    if walls.sides[-1] != "spill":
+        return ()
+    return (Rim((*(a + 0.5 * dx for a in walls.low[:-1]), walls.high[-1])),)
+
+
 def _check_parts(model: Model) -> None:
     """Raises ValueError for parts that share a name, or do not go with the walls' ghosts."""
-    parts = (*model.moving, *model.bodies, *model.chambers)
+    parts = (*model.moving, *model.bodies, *model.chambers, *model.outlets)
     names = [part.name for part in parts] + [damper.name for damper in model.dampers]
     energies = [name for part in (*parts, *model.dampers, model.scheme) for name in part.entries()]
     for given, what in ((names, "names"), (energies, "energies in the ledger")):

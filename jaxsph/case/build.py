@@ -91,7 +91,8 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
 
 def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
     """Ghosts of the tank's walls, of its device's plate and platform, and of its body."""
-    box = Box((0.0,) * case.dim, tuple(geometry.upper), case.waves is not None, geometry.withdrawal)
+    sides = ("walls",) * (case.dim - 1) + ("spill" if case.tank.rim == "open" else "floor",)
+    box = Box((0.0,) * case.dim, tuple(geometry.upper), case.waves is not None, geometry.withdrawal, sides)
     dummies = case.tank.walls == "dummy" or case.body is not None
     return Ghosts.build(
         box,

@@ -18,21 +18,27 @@ from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProb
 
 
 def make_probes(case: Case, model: Model, state: State) -> tuple[AbstractProbe, ...]:
-    """Probes that a case asks for, zeroed in its initial state, at their places on the lattice."""
+    """Probes that a case asks for, at their places on the lattice.
+
+    Elevations of all gauges have one zero: the still water level, or the bed where a column is released.
+    """
     geometry = Geometry.of(case)
     dtype = model.dt.dtype
     found: list[AbstractProbe] = [*default_probes(model, state, case.output.sample_dt)]
+    released = case.tank.column is not None
+    level = jnp.zeros_like(model.depth) if released else model.depth
     if geometry.gauges:
         at = jnp.asarray(geometry.gauges, dtype)
         gauge = WaveGauge(at, jnp.zeros_like(at))
-        still = gauge.measure(model, state, None)["eta"]
+        # a gauge reads the depth of the water, over a raised bed too
+        still = jnp.zeros_like(at) if released else gauge.measure(model, state, None)["eta"]
         found.append(WaveGauge(at, still))
     if geometry.surface:
         at, top = np.asarray(geometry.surface), model.walls.high[-1]
         levels = np.arange(0.0, top, 0.5 * case.dx)
         at, levels, half = (jnp.asarray(a, dtype) for a in (at, levels, 0.5 * case.dx))
-        found.append(InterpolatedGauge(at, levels, model.depth))
-        found.append(ParticleGauge(at, model.depth - half))
+        found.append(InterpolatedGauge(at, levels, level))
+        found.append(ParticleGauge(at, level - half))
     if geometry.pressure:
         found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
     if geometry.velocity:

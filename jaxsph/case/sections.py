@@ -137,6 +137,8 @@ class Tank(_Section):
     """Given, the case is three-dimensional."""
     height: Length | None = None
     """Top of the walls, m; by default enough for waves and a body, and four depths for a released column."""
+    rim: Literal["closed", "open"] = "closed"
+    """Whether water that splashes over the walls ends the run, or leaves and is counted (`spilt`)."""
     column: Length | None = None
     """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
     layer: Length | None = None

@@ -24,6 +24,7 @@ __all__ = [
     "AbstractDamper",
     "AbstractForce",
     "AbstractMovingSolid",
+    "AbstractOutlet",
     "AbstractPTO",
     "AbstractProbe",
     "AbstractScheme",
@@ -146,6 +147,25 @@ class AbstractDamper(eqx.Module):
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
         """Energies that the damper books: its own under its name."""
+
+
+class AbstractOutlet(eqx.Module):
+    """A place where water leaves the model for good."""
+
+    name: eqx.AbstractVar[str]
+    """Key of its state in `State.own`, and of its energy in the ledger."""
+
+    @abc.abstractmethod
+    def start(self, dtype: Any) -> Any:
+        """State at t = 0, to become `State.own[name]`."""
+
+    @abc.abstractmethod
+    def entries(self) -> Mapping[str, Entry]:
+        """Energies that the outlet books."""
+
+    @abc.abstractmethod
+    def drain(self, model: Model, state: State) -> State:
+        """The state without the water that has come to the outlet since the last search."""
 
 
 # --------------------------------------------------------------------------- solids
@@ -385,6 +405,8 @@ class Model(eqx.Module):
     """Chambers of trapped air."""
     dampers: tuple[AbstractDamper, ...]
     """Zones that take velocity out of the water."""
+    outlets: tuple[AbstractOutlet, ...]
+    """Places where water leaves for good."""
     forces: tuple[AbstractForce, ...]
     """Body forces beside the uniform g."""
     tangents: AbstractTangents
@@ -432,7 +454,14 @@ class Model(eqx.Module):
     def entries(self) -> dict[str, Entry]:
         """Meaning of every energy of the ledger, by name."""
         found: dict[str, Entry] = {}
-        parts = (*self.moving, *self.bodies, *self.chambers, *self.dampers, self.scheme)
+        parts = (
+            *self.moving,
+            *self.bodies,
+            *self.chambers,
+            *self.dampers,
+            *self.outlets,
+            self.scheme,
+        )
         for part in parts:
             found |= part.entries()
         return found
@@ -444,4 +473,5 @@ class Model(eqx.Module):
 
 def own_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
     """States of all parts at t = 0, by name."""
-    return {part.name: part.start(dtype) for part in (*model.moving, *model.bodies, *model.chambers)}
+    parts = (*model.moving, *model.bodies, *model.chambers, *model.outlets)
+    return {part.name: part.start(dtype) for part in parts}

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 from jaxsph.model.interfaces import AbstractProbe, Model
 from jaxsph.model.state import State
 from jaxsph.parts.paddle import Paddle
-from jaxsph.probes.devices import BodyProbe, ChamberProbe, PaddleProbe
+from jaxsph.parts.rim import Rim
+from jaxsph.probes.devices import BodyProbe, ChamberProbe, PaddleProbe, RimProbe
 from jaxsph.probes.energy import EnergyProbe
 
 __all__ = ["default_probes"]
@@ -25,4 +26,5 @@ def default_probes(model: Model, state: State, sample_dt: float) -> tuple[Abstra
         found.append(ChamberProbe(every, k, chamber.name.removeprefix("chamber")))
     for k, body in enumerate(model.bodies):
         found.append(BodyProbe(every, k, body.name.removeprefix("body"), len(model.g)))
+    found += [RimProbe(rim.name, len(model.g)) for rim in model.outlets if isinstance(rim, Rim)]
     return tuple(found)

@@ -8,7 +8,7 @@ from jaxsph.core.arrays import Scalar, columns
 from jaxsph.model.interfaces import AbstractProbe, Reading
 from jaxsph.probes.energy import per_metre
 
-__all__ = ["BodyProbe", "ChamberProbe", "PaddleProbe"]
+__all__ = ["BodyProbe", "ChamberProbe", "PaddleProbe", "RimProbe"]
 
 
 class ChamberProbe(AbstractProbe):
@@ -108,3 +108,21 @@ class PaddleProbe(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {self.name: Reading("m", f"displacement of the {self.name}")}
+
+
+class RimProbe(AbstractProbe):
+    """Water that has left a tank over its rim."""
+
+    name: str = eqx.field(static=True, default="rim")
+    """Name of the rim."""
+    dim: int = eqx.field(static=True, default=2)
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        del tables
+        return {"spilt": state.own[self.name].mass.total / model.scheme.rho0}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        units = "m2" if self.dim == 2 else "m3"
+        return {"spilt": Reading(units, "volume of water that has left over the rim since the start")}

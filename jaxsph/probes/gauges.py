@@ -17,7 +17,7 @@ class WaveGauge(AbstractProbe):
 
     x: Float[Array, " k"]
     still: Float[Array, " k"]
-    """Depth read in the initial state, m."""
+    """Depth (m) that the gauge reads where the elevation is zero."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -45,7 +45,7 @@ class InterpolatedGauge(AbstractProbe):
     levels: Float[Array, " L"]
     """Heights of the interpolation points, m, upwards."""
     still: Scalar
-    """Depth at rest, m."""
+    """Height (m) from which the elevation counts."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -66,7 +66,7 @@ class InterpolatedGauge(AbstractProbe):
             above = jnp.minimum(top + 1, self.levels.shape[0] - 1)
             on = (share[top] - 0.5) / jnp.maximum(share[top] - share[above], 1e-6)
             z = self.levels[top] + on * (self.levels[above] - self.levels[top])
-            return jnp.where(jnp.any(wet), z, 0.0)
+            return jnp.where(jnp.any(wet), z, 0.0)  # a dry bed: the surface is on it
 
         return {"eta_interpolated": jax.lax.map(at, self.x) - self.still}
 
@@ -83,7 +83,7 @@ class ParticleGauge(AbstractProbe):
     x: Float[Array, "k H"]
     """Horizontal coordinates, m."""
     still: Scalar
-    """Height of the surface's particles at rest, m."""
+    """Height (m) of the surface's particles where the elevation is zero: half a spacing under it."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -109,7 +109,9 @@ class ParticleGauge(AbstractProbe):
             # spray that falls back is above, a bubble below: what is within a spacing of the highest counts
             highest = jnp.max(jnp.where(near, z, 0.0))
             near = near & (z > highest - model.dx)
-            return jnp.sum(jnp.where(near, z, 0.0)) / jnp.maximum(jnp.sum(near), 1)
+            mean = jnp.sum(jnp.where(near, z, 0.0)) / jnp.maximum(jnp.sum(near), 1)
+            # without a particle of the surface nearby there is no reading, and none is made up
+            return jnp.where(jnp.any(near), mean, jnp.nan)
 
         return {"eta_particles": jax.lax.map(at, self.x) - self.still}
 

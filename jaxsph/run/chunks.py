@@ -122,7 +122,8 @@ def _cause(model: Model, status: Status) -> tuple[str, str]:
         higher = f"{max(1.25 * top, z + 0.25 * top):.3g}"
         return (
             f"a particle has left over the rim of the tank, which is {top:g} m high",
-            f"raise tank.height and go on: jaxsph resume FILE --set tank.height={higher}",
+            f"raise tank.height and go on: jaxsph resume FILE --set tank.height={higher}; "
+            'or let it go: tank.rim = "open"',
         )
     if failed & Failure.THROUGH_WALL:
         return "a particle has gone through a wall", "a smaller scheme.cfl or dx"

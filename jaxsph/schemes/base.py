@@ -182,6 +182,8 @@ class AbstractParticleScheme(AbstractScheme):
 
     def prepare(self, model, state):
         """See `AbstractScheme`."""
+        for outlet in model.outlets:
+            state = outlet.drain(model, state)
         s, walls, p = model.search, model.walls, state.particles
         x, carry = wrapped(p.x, p.x_carry, walls.low, self.smoothing.period)
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))

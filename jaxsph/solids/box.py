@@ -73,6 +73,7 @@ class Platform:
 SIDES = {
     "walls": (True, True),
     "floor": (True, False),
+    "spill": (True, False),
     "lid": (False, True),
     "open": (False, False),
     "periodic": (False, False),

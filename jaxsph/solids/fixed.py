@@ -43,7 +43,10 @@ class TankWalls(AbstractSolid):
         under = x < low - 0.5 * dx
         if self.paddle:
             under = under.at[:, 0].set(False)
-        return jnp.any(under | (x > high + 0.5 * dx), axis=1)
+        over = x > high + 0.5 * dx
+        # over an open rim water is on its way out, beside the tank too
+        gone = over[:, -1] & (self.sides[-1] == "spill")
+        return jnp.any(under | over, axis=1) & ~gone
 
 
 class ThinPlate(AbstractSolid):

@@ -1,0 +1,69 @@
+"""Open rim of a tank: water that splashes over the top of its walls leaves, and is counted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Scalar
+from jaxsph.model.interfaces import AbstractOutlet, Entry, Model
+from jaxsph.model.state import State, Tally
+
+__all__ = ["Rim", "Spill"]
+
+
+class Spill(eqx.Module):
+    """Water that has left a tank over its rim."""
+
+    mass: Tally
+    """kg (kg/m in 2-D)."""
+
+
+class Rim(AbstractOutlet):
+    """Top of a tank's walls, over which water leaves for good.
+
+    A particle above the rim at a search loses its mass, and with it all part in the flow, and rests in a
+    corner over the tank: the number of particles stays, as the shapes of arrays want it.
+    """
+
+    corner: tuple[float, ...] = eqx.field(static=True)
+    """Place over the tank where particles without mass rest, m; its height is the rim's."""
+    name: str = eqx.field(static=True, default="rim", kw_only=True)
+
+    def start(self, dtype: Any) -> Spill:
+        """See `AbstractOutlet`: nothing has left."""
+        return Spill(Tally.zero(dtype))
+
+    def entries(self):
+        """See `AbstractOutlet`."""
+        return {self.name: Entry(f"energy of the water that leaves over the {self.name}")}
+
+    def drain(self, model: Model, state: State) -> State:
+        """See `AbstractOutlet`."""
+        p, own = state.particles, state.own[self.name]
+        over = (p.x[:, -1] > self.corner[-1] + 0.5 * model.dx) | (p.m == 0.0)
+        rest = jnp.asarray(self.corner, p.x.dtype)
+        left = eqx.tree_at(
+            lambda a: (a.x, a.u, a.m, a.p),
+            p,
+            (
+                jnp.where(over[:, None], rest, p.x),
+                jnp.where(over[:, None], 0.0, p.u),
+                jnp.where(over, 0.0, p.m),
+                jnp.where(over, 0.0, p.p),
+            ),
+        )
+        lost = energy(model, state) - energy(model, eqx.tree_at(lambda s: s.particles, state, left))
+        spill = Spill(own.mass.add(jnp.sum(p.m - left.m)))
+        ledger = {**state.ledger, self.name: state.ledger[self.name].add(lost)}
+        parts = (left, {**state.own, self.name: spill}, ledger)
+        return eqx.tree_at(lambda s: (s.particles, s.own, s.ledger), state, parts)
+
+
+def energy(model: Model, state: State) -> Scalar:
+    """Energy of the water, kinetic, of compression and over its initial height, J (J/m in 2-D)."""
+    p = state.particles
+    lifted = -model.g[-1] * (p.x[:, -1] - model.z0[p.id])
+    return jnp.sum(p.m * (0.5 * jnp.sum(p.u**2, axis=1) + lifted)) + model.scheme.compression(p)
