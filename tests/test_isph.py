@@ -255,9 +255,10 @@ def test_a_solution_that_does_not_converge_is_a_failure(advanced):
 
 
 def test_limiters_are_counted(advanced):
-    """Still water bears no tension and is not crowded; with a tenth too much mass every deep particle is."""
+    """With three tenths too much mass every deep particle is crowded beyond the fifth that is taken back at
+    once; still water bears no tension."""
     model, state, end = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
-    assert float(end.limits["crowding"].total) == 0.0
+    assert float(end.limits["tension"].total) < 0.01 * state.particles.m.size * int(end.step)
     heavy = eqx.tree_at(lambda s: s.particles.m, state, 1.3 * state.particles.m)
     heavy, tables = model.scheme.prepare(model, heavy)
     after = model.step(heavy, tables)

@@ -16,7 +16,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power, linear_owc
 from jaxsph.model.solution import Solution
 from jaxsph.run.results import _power
-from jaxsph.study.base import _result
+from jaxsph.study.base import result_of_power
 from jaxsph.waves import theory
 from jaxsph.waves.linear_owc import (
     _FUNCTIONS,
@@ -277,7 +277,7 @@ def test_every_efficiency_is_relative_to_one_incident_power():
     results = _power(case, solution)
     assert results["P_inc"] == P and results["P_owc"] == pytest.approx(P, rel=1e-9)
     assert results["xi"] == pytest.approx(1.0, rel=1e-9)
-    assert _result(case, "xi")(t, all_of_it) == pytest.approx(1.0, rel=1e-9)
+    assert result_of_power(case, "xi")(t, all_of_it) == pytest.approx(1.0, rel=1e-9)
     # theory in float64 beside float32
     assert linear_owc(case).P_inc == pytest.approx(P, rel=1e-5)
     assert dict(js.check(case))["incident power"] == f"{P:.4g} W per metre of width"

@@ -112,7 +112,7 @@ def test_wrapping_moves_by_the_period_exactly(x, carry):
     Places below 1e-38 m are flushed to zero."""
     length, low = np.float32(1.7), np.float32(-0.6)
     place = jnp.full((1, 2), x, jnp.float32)
-    new, rest = wrapped(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), (1.7, None))
+    new, rest = wrapped(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), ((0, 1.7),))
     new, rest = np.asarray(new, float), np.asarray(rest, float)
     assert new[0, 1] == np.float32(x) and rest[0, 1] == np.float32(carry)
     assert low <= new[0, 0] <= low + length or not (low - length <= x < low + 2 * length)
@@ -263,7 +263,7 @@ def test_jax_md_s_overflows_are_flagged():
 
 
 def test_jax_md_refuses_a_period():
-    grid = grid_over(np.zeros(2), np.full(2, 4.0), RADIUS, (4.0, None))
+    grid = grid_over(np.zeros(2), np.full(2, 4.0), RADIUS, ((0, 4.0),))
     with pytest.raises(ValueError, match=r'search = "jax_md" has no periodic axes'):
         JaxMD.of(grid, *np.zeros((2, 1, 2)))
 

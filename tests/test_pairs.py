@@ -106,6 +106,7 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
         sources["rho"],
         m,
         jnp.arange(n),
+        jnp.zeros(n),
     )
     scheme = DeltaSPH(
         smoothing=_smoothing(),
