@@ -100,7 +100,7 @@ def test_code_of_pages_runs(page, execute):
     assert numbers(execute(named(page), "\n".join(script) + "\n"))
 
 
-SLOW = ("own_solid", "own_wavemaker", "two_boxes", "two_chambers")
+SLOW = ("own_fluid", "own_solid", "own_wavemaker", "run", "slope", "sweep", "two_boxes", "two_chambers")
 """Examples that compile a run of their own: twelve seconds or so each, most of it compiling."""
 
 

@@ -44,7 +44,8 @@ def exact():
 
 
 # for another parameter the derivative is another program
-@pytest.mark.parametrize("parameter", ["pto.K_dm", pytest.param("waves.H", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("parameter", ["pto.K_dm", "waves.H"])
 def test_exact_slope_is_that_of_differences(exact, parameter):
     section, name = parameter.split(".")
     value = getattr(getattr(CASE, section), name)
@@ -66,6 +67,7 @@ def test_a_slope_that_speaks_of_no_change_is_refused(exact):
         exact({}, "pto.K_dm", js.Exact(least=1e6))
 
 
+@pytest.mark.slow
 def test_a_filtered_slope_has_the_filter_s_bias_for_an_error(exact):
     """Within 0.2 s, twenty averages, little of the water's response is lost; the value is the run's own."""
     sharp, smooth = (exact({}, "pto.K_dm", method) for method in (js.Exact(0.0), js.Filtered()))

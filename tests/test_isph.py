@@ -41,6 +41,12 @@ FLAP = {
 }
 
 
+# eagerly every loop of a step would be compiled on its own
+prepare_ = jax.jit(lambda model, state: model.scheme.prepare(model, state))
+step_ = jax.jit(lambda model, state, tables: model.step(state, tables))
+divergence_ = jax.jit(lambda model, state, tables: model.scheme.divergence(model, state, tables))
+
+
 @pytest.fixture(scope="module")
 def advanced():
     """Steps of a model, compiled once for each."""
@@ -125,7 +131,7 @@ def test_gauges_read_the_surface_in_three_dimensions():
     model, state = js.build(case)
     assert float(model.moving[0].motion.still) == pytest.approx(0.3, rel=1e-5)
     gauges = [p for p in make_probes(case, model, state) if "Gauge" in type(p).__name__]
-    state, tables = model.scheme.prepare(model, state)
+    state, tables = prepare_(model, state)
     lifted = eqx.tree_at(lambda s: s.particles.x, state, state.particles.x + jnp.array([0.0, 0.0, 0.01]))
     for gauge, expected in zip(gauges, (0.0, 0.01, 0.01), strict=True):
         (at_rest,) = gauge.measure(model, state, tables).values()
@@ -140,7 +146,7 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     """Both sums go over the same pairs: they differ by rounding of some ten thousand terms."""
     model, _, state = advanced("floating", FLOATING, 20)
     scheme = model.scheme
-    state, tables = scheme.prepare(model, state)
+    state, tables = prepare_(model, state)
     ghosts = scheme.placed(model, state, tables)
     body = model.bodies[0]
     rows = slice(*body.rows)
@@ -170,10 +176,10 @@ def test_projection_takes_the_divergence_out():
     state = eqx.tree_at(
         lambda s: s.particles.u, state, 0.1 * jnp.sin(2 * jnp.pi * x) * jnp.cos(2 * jnp.pi * x)
     )
-    state, tables = model.scheme.prepare(model, state)
+    state, tables = prepare_(model, state)
     deep = np.asarray(state.particles.x[:, 1]) < 0.4
-    before = np.asarray(model.scheme.divergence(model, state, tables))[deep]
-    after = np.asarray(model.scheme.divergence(model, model.step(state, tables), tables))[deep]
+    before = np.asarray(divergence_(model, state, tables))[deep]
+    after = np.asarray(divergence_(model, step_(model, state, tables), tables))[deep]
     assert np.sqrt(np.mean(after**2)) < 0.2 * np.sqrt(np.mean(before**2))
 
 
@@ -186,10 +192,10 @@ def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     state = eqx.tree_at(lambda s: s.particles.m, state, 1.02 * state.particles.m)
     model = eqx.tree_at(lambda m: m.dt, model, share * model.dt)
-    state, tables = model.scheme.prepare(model, state)
-    after = model.step(state, tables)
+    state, tables = prepare_(model, state)
+    after = step_(model, state, tables)
     deep = np.asarray(state.particles.x[:, 1]) < 0.25
-    found = np.asarray(model.scheme.divergence(model, after, tables))[deep].mean()
+    found = np.asarray(divergence_(model, after, tables))[deep].mean()
     rate = RELAXATION * np.sqrt(9.81 / float(model.scheme.smoothing.h))
     np.testing.assert_allclose(found, 0.02 * rate, rtol=0.15)
 
@@ -197,11 +203,12 @@ def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
 def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
     """Jacobi's sweeps reach the same pressure, slowly: 400 of them from a pressure without the deep half."""
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
-    state, tables = model.scheme.prepare(model, state)
+    state, tables = prepare_(model, state)
 
     def pressure(solver):
         scheme = dataclasses.replace(model.scheme, solver=solver)
-        return np.asarray(scheme.step(model, state, tables).particles.p)
+        other = dataclasses.replace(model, scheme=scheme)
+        return np.asarray(step_(other, state, tables).particles.p)
 
     exact = pressure(BiCGStab(1e-5))
     far = np.abs(pressure(Explicit(1)) - exact).max()
@@ -247,9 +254,9 @@ def test_slopes_of_a_step_are_linear_and_those_of_differences(flap_step):
 def test_a_solution_that_does_not_converge_is_a_failure(advanced):
     """And its residual is kept; the words are those of the driver."""
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
-    state, tables = model.scheme.prepare(model, state)
+    state, tables = prepare_(model, state)
     scheme = dataclasses.replace(model.scheme, solver=BiCGStab(1e-5, iterations=2))
-    after = scheme.step(model, state, tables)
+    after = step_(dataclasses.replace(model, scheme=scheme), state, tables)
     assert Failure(int(after.status.bits)) & Failure.NOT_CONVERGED
     assert 1e-5 < float(after.status.residual) < 1.0
 
@@ -260,8 +267,8 @@ def test_limiters_are_counted(advanced):
     model, state, end = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     assert float(end.limits["tension"].total) < 0.01 * state.particles.m.size * int(end.step)
     heavy = eqx.tree_at(lambda s: s.particles.m, state, 1.3 * state.particles.m)
-    heavy, tables = model.scheme.prepare(model, heavy)
-    after = model.step(heavy, tables)
+    heavy, tables = prepare_(model, heavy)
+    after = step_(model, heavy, tables)
     deep = int(np.sum(np.asarray(state.particles.x[:, 1]) < 0.3))
     assert float(after.limits["crowding"].recent) >= 0.8 * deep
 

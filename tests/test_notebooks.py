@@ -13,7 +13,12 @@ from nbclient import NotebookClient
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+def lanes(path):
+    """A notebook, in the slow lane from the third on: two show that they run."""
+    return pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem > "03"))
+
+
+@pytest.mark.parametrize("path", [lanes(path) for path in NOTEBOOKS])
 def test_notebook_runs(path):
     notebook = nbformat.read(path, as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells), "commit notebooks without outputs"
