@@ -7,7 +7,7 @@ from jaxsph.run import interrupt
 
 
 def main() -> None:
-    """Runs the command."""
+    """Runs the `jaxsph` command and ends the program with its exit status."""
     interrupt.end_early()
     from jaxsph.cli import app
 

@@ -1,4 +1,4 @@
-"""Post-processing of recorded series on the host: reflection, efficiency, errors, decay.
+"""Analysis of recorded series on the host: reflection, efficiency, errors, decay, the energy budget.
 
 numpy in, numpy out; nothing here is traced. Equation numbers are those of Zhu et al.
 (2020) unless another source is named. Times in s, elevations in m.
@@ -16,48 +16,49 @@ from scipy.signal import find_peaks, savgol_filter
 from jaxsph.waves import theory
 
 Series = NDArray[np.float64]
+"""Array of samples in double precision."""
 
 
 class Reflection(NamedTuple):
-    """Result of `reflection`."""
+    """Amplitudes of an incident and a reflected wave, and their ratio: the result of `reflection`."""
 
     incident: float
-    """Amplitude of the wave along +x, m."""
+    """Amplitude of the incident wave, along +x, m."""
     reflected: float
-    """Amplitude of the wave along -x, m."""
+    """Amplitude of the reflected wave, along -x, m."""
     coefficient: float
-    """reflected / incident (-)."""
+    """Reflection coefficient, reflected / incident (-)."""
 
 
 class Efficiency(NamedTuple):
-    """Result of `efficiency`."""
+    """Hydrodynamic efficiency, mean and by period: the result of `efficiency`."""
 
     xi: float
-    """Mean over the periods (-)."""
+    """Mean efficiency over the periods (-)."""
     per_period: Series
-    """One value for each period, oldest first (-)."""
+    """Efficiency in each period, oldest first (-)."""
 
 
 class Extrema(NamedTuple):
     """Crests and troughs of a series, in time order."""
 
     t: Series
-    """Times, s."""
+    """Times of the extrema, s."""
     y: Series
-    """Values, in the unit of the series."""
+    """Values of the extrema, in the unit of the series."""
     sign: NDArray[np.int_]
-    """+1 for a crest, -1 for a trough."""
+    """Kinds of the extrema: +1 for a crest, -1 for a trough."""
 
 
 class DampedOscillation(NamedTuple):
-    """y = offset + amplitude exp(-decay_rate s) cos(omega s + phase), s = t - t[0]."""
+    """Damped oscillation y = offset + amplitude exp(-decay_rate s) cos(omega s + phase), s = t - t[0]."""
 
     offset: float
     """Final value, in the unit of y."""
     amplitude: float
     """Amplitude at t[0], positive, in the unit of y."""
     decay_rate: float
-    """1/s; negative where the oscillation grows."""
+    """Decay rate, 1/s; negative where the oscillation grows."""
     omega: float
     """Damped angular frequency, rad/s."""
     phase: float
@@ -65,7 +66,7 @@ class DampedOscillation(NamedTuple):
 
 
 def _series(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
-    """The pair as float64, checked: one time per sample, increasing, finite."""
+    """Times and values as float64, checked: one time per sample, times increasing, values finite."""
     t, y = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if t.ndim != 1 or t.size < 2 or y.shape[-1:] != t.shape:
         raise ValueError(f"series of shape {y.shape} does not go with times of shape {t.shape}")
@@ -79,8 +80,8 @@ def _series(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
 def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
     """Mask of the samples in the last `periods` whole periods, both ends included.
 
-    Raises ValueError if the record is shorter. A fraction of a sample is forgiven, for
-    times that were accumulated or rounded to float32.
+    `t`: times (s); `T`: period (s). **Raises** ValueError if the record is shorter by more than a hundredth
+    of a sampling interval, which times accumulated or rounded to float32 may lack.
     """
     t = np.asarray(t, np.float64)
     if periods < 1 or T <= 0.0:
@@ -95,11 +96,11 @@ def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
 
 
 def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tuple[Series, Series, Series]:
-    """Phase t / T in [0, 1) of the bins' centres, and the mean and deviation in each.
+    """Phases t / T of bins (-), and the mean and standard deviation of y in each, in the unit of y.
 
-    Bins are centred on j / n_bins, so that sampling at those phases does not fall on an
-    edge. All samples count: choose whole periods first. Raises ValueError for an empty
-    bin.
+    The phases are in [0, 1). Bins are centred on j / n_bins, so that sampling at those phases
+    does not fall on an edge. All samples count: choose whole periods first. **Raises**
+    ValueError for an empty bin.
     """
     t, y = _series(t, y)
     index = np.round(t / T * n_bins).astype(int) % n_bins
@@ -112,11 +113,12 @@ def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tup
 
 
 def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: int) -> Efficiency:
-    """Hydrodynamic efficiency xi over the last whole periods, Eqs 24 and 25.
+    """Hydrodynamic efficiency xi over the last whole periods (-), Eqs 24 and 25.
 
-    `power` absorbed by the device at times `t`, in the unit of `P_inc` (W, or W/m per
-    unit width as `theory.incident_power`). Trapezoidal integral, with the power
-    interpolated at the ends of the periods. Raises ValueError for a short record.
+    `power`: absorbed by the device at times `t` (s), in the unit of the incident power
+    `P_inc` (W, or W/m per unit width as `theory.incident_power`). The integral is
+    trapezoidal, with the power interpolated at the ends of the periods. **Raises** ValueError
+    for a short record.
     """
     t, power = _series(t, power)
     if not P_inc > 0.0:
@@ -133,21 +135,23 @@ def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: 
 
 
 _MIN_SAMPLES_PER_PERIOD = 8
+"""Least number of samples per period for `reflection`."""
 
 
 _MAX_CONDITION = 10.0
+"""Largest condition number of the gauges' equations for `reflection` (-)."""
 
 
 def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
-    """Complex amplitudes B of y ~ mean + Re(B exp(i 2 pi t / T)) + second harmonic, by least squares.
+    """Complex amplitudes B of series at the period T (s), in the unit of y, by least squares.
 
-    `t` [times] and `T` (s), `y` [..., times]; B [...] has the units of y. An angle of B1 / B2 is by how much
-    the first leads the second.
+    y ~ mean + Re(B exp(i 2 pi t / T)) + second harmonic. Shapes: `t` [times] (s), `y` [..., times], B [...].
+    The angle of B1 / B2 is the lead in phase of the first series over the second.
     """
     t, y = _series(t, y)
     phase = 2.0 * np.pi / T * t
     columns = [np.ones_like(t)]
-    for n in (1, 2):  # over near-whole periods, what is fitted cannot leak into B
+    for n in (1, 2):  # over near-whole periods, a fitted harmonic cannot leak into B
         columns += [np.cos(n * phase), np.sin(n * phase)]
     solution = np.linalg.lstsq(np.stack(columns, axis=-1), y.reshape(-1, t.size).T, rcond=None)[0]
     return (solution[1] - 1j * solution[2]).reshape(y.shape[:-1])
@@ -162,15 +166,15 @@ def reflection(
     g: float = theory.GRAVITY,
     periods: int | None = None,
 ) -> Reflection:
-    """Incident and reflected amplitude from a row of gauges, at the fundamental 1 / T, over the last so many
-    periods (all by default).
+    """Amplitudes of the incident and the reflected wave (m) at the frequency 1 / T, from a row of gauges.
 
-    `eta` elevations [gauges, times] (m), `x` their positions [gauges] (m), `t` [times]
-    (s), depth `d` (m). Least squares
-    over the gauges after Mansard and Funke (1980), with linear wavenumbers; the gauges
-    should stand a wavelength from paddle and device.
+    Least squares over the gauges after Mansard and Funke (1980), with linear wavenumbers; the gauges should
+    stand a wavelength from paddle and device.
 
-    Raises ValueError for fewer than two gauges, a record under one period, fewer than 8
+    **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges] (m); `t`
+    [times] (s); period `T` (s); depth `d` (m); `periods`: number of last periods to use, all by default.
+
+    **Raises** ValueError for fewer than two gauges, a record under one period, fewer than 8
     samples per period, and for distances that cannot tell the waves apart (all near a
     multiple of half a wavelength: condition number over 10, a distance within about
     0.03 wavelengths of it).
@@ -201,12 +205,12 @@ def reflection(
 
 
 def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1) -> Extrema:
-    """Crests and troughs of a series, each located by the parabola through three points.
+    """Crests and troughs of a series y at times t (s), each located by a parabola through three points.
 
     `window` samples (odd, 5 or more) smooth a noisy, uniformly sampled series by local
     parabolas (Savitzky-Golay), which keep the height of a crest; 1 is none.
-    `prominence`, a fraction of the series' range, is what an extremum must stand out by.
-    Raises ValueError where there is none.
+    `prominence` is the least height by which an extremum must stand out, as a fraction of the
+    series' range. **Raises** ValueError where there is no extremum.
     """
     t, y = _series(t, y)
     if window > 1:
@@ -235,11 +239,11 @@ def matched_extrema(
     window: int = 1,
     prominence: float = 0.1,
 ) -> tuple[Series, Series]:
-    """Pairs of extrema (reference, series): times [pairs, 2] (s) and values [pairs, 2] (m).
+    """Matched extrema (reference, series) of two elevations: times [pairs, 2] (s), values [pairs, 2] (m).
 
-    Each reference extremum goes with the nearest of its kind within T / 2. One without a
-    partner is left out within T / 2 of the ends of the common time; elsewhere it raises
-    ValueError, since leaving it out would flatter the error. So does an empty pairing.
+    Each reference extremum goes with the nearest of its kind within T / 2. An extremum without a partner is
+    left out within T / 2 of the ends of the common time. **Raises** ValueError for one without a partner
+    elsewhere, since leaving it out would flatter the error, and where there is no pair.
     """
     found = extrema(t, eta, window, prominence)
     reference = extrema(t_ref, eta_ref, 1, prominence)
@@ -270,10 +274,9 @@ def mae_amplitude(
     window: int = 1,
     prominence: float = 0.1,
 ) -> float:
-    """Mean error of the extrema's values over the amplitude A (m), Eq. 29, as a fraction.
+    """Mean absolute error of the values of crests and troughs over the amplitude A (m), Eq. 29 (-).
 
-    Crests and troughs count alike; see `matched_extrema` for the pairing, its options
-    and its errors.
+    Crests and troughs count alike; pairing, options and errors are those of `matched_extrema`.
     """
     _, values = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(values[:, 0] - values[:, 1])) / A)
@@ -288,20 +291,20 @@ def mae_phase(
     window: int = 1,
     prominence: float = 0.1,
 ) -> float:
-    """Mean error of the extrema's times over the period T (s), Eq. 30, as a fraction.
+    """Mean absolute error of the times of crests and troughs over the period T (s), Eq. 30 (-).
 
-    Options and errors as `matched_extrema`.
+    Pairing, options and errors are those of `matched_extrema`.
     """
     times, _ = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(times[:, 0] - times[:, 1])) / T)
 
 
 def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
-    """Period (s) from the upward crossings of the mean, over as many periods as there are.
+    """Period of an oscillation, s, from the upward crossings of its mean over all its periods.
 
-    For a clean series of several periods. `fit_damped_oscillation` is the one to use
-    where the oscillation decays to another level or carries noise. Raises ValueError for
-    fewer than two crossings.
+    For a clean series of several periods: use `fit_damped_oscillation` where the oscillation
+    decays to another level or carries noise. **Raises** ValueError for fewer than two
+    crossings.
     """
     t, y = _series(t, y)
     y = y - np.mean(y)
@@ -313,17 +316,17 @@ def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
 
 
 def _damped_basis(s: Series, decay_rate: float, omega: float) -> Series:
-    """Columns 1, exp(-decay_rate s) cos(omega s), and the same with sin."""
+    """Columns 1, exp(-decay_rate s) cos(omega s) and exp(-decay_rate s) sin(omega s) (-)."""
     envelope = np.exp(np.clip(-decay_rate * s, -700.0, 700.0))
     return np.stack([np.ones_like(s), envelope * np.cos(omega * s), envelope * np.sin(omega * s)], axis=-1)
 
 
 def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
-    """Least-squares fit of a damped cosine about its final value.
+    """Damped oscillation fitted to a series by least squares, about its final value.
 
-    Only the decay rate and omega are sought; offset, amplitude and phase are linear and
-    follow (variable projection, Golub and Pereyra 1973). The start is the best of a grid
-    of half a cycle to 60 cycles in the record. Raises ValueError for under 8 samples, a
+    The search is over the decay rate and omega alone; offset, amplitude and phase are linear
+    and follow (variable projection, Golub and Pereyra 1973). The start is the best of a grid
+    of half a cycle to 60 cycles in the record. **Raises** ValueError for under 8 samples, a
     constant series, or one that a damped cosine does not describe (under half of its
     variance).
     """
@@ -357,10 +360,10 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
 
 
 def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) -> float:
-    """Share of the amplitude lost over one wavelength (-): 1 - exp(-gamma lambda).
+    """Share of a wave's amplitude lost over one wavelength (-): 1 - exp(-gamma lambda).
 
-    gamma (1/m) is the least-squares slope of ln(amplitude) over `x` (m). Negative where
-    the wave grows. Raises ValueError for under two positions or amplitudes that are not
+    gamma (1/m) is the least-squares slope of ln(amplitude) over `x` (m). The share is negative where
+    the wave grows. **Raises** ValueError for under two positions or amplitudes that are not
     positive.
     """
     x, amplitude = np.asarray(x, np.float64), np.asarray(amplitude, np.float64)
@@ -373,12 +376,13 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
 
 
 def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
-    """Where the paddle's work went over a whole record, J per metre of width.
+    """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it went.
 
     Keys: `paddle` (work of paddles and driven bodies), `stored` (change of kinetic, potential and compression
-    energy), `pto` (of all power take-offs), `viscous`, `diffusive`, and whatever else a series `power_` is
-    of: `sponge`, `contact`, `projection` (each taken from the water); `residual` (what is missing) and
-    `residual_share` (of the paddle's work; of the largest stored energy where there is no paddle).
+    energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, and the energies of all other
+    series `power_`, such as `sponge`, `contact`, `projection` (each taken from the water); `residual` (the
+    imbalance) and `residual_share` (its ratio to the paddle's work, or to the largest kinetic energy where
+    that is larger).
     Powers called `power_` are means over the interval before their sample; the losses called `loss_` are
     values at their sample, and integrated by the trapezoidal rule.
     """

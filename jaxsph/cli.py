@@ -51,11 +51,11 @@ RESULTS = {
     "reflection": ("reflection coefficient", ""),
     "incident_height": ("incident wave height", "m"),
 }
-"""Words and units of the scalar results in two dimensions, in the order of the table."""
+"""Labels and units of the scalar results in two dimensions, in the order of the table."""
 
 
 PER_METRE = ("P_inc",)
-"""Those that are per metre of width in three dimensions too."""
+"""Names of the results that are per metre of width in three dimensions too."""
 
 
 CaseName = Annotated[str, typer.Argument(metavar="CASE", help="A TOML file or a built-in name.")]
@@ -92,14 +92,14 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 
 
 class Way(enum.StrEnum):
-    """A method of `jaxsph.gradients`."""
+    """Method of a slope by its name on the command line; the methods are in `jaxsph.study`."""
 
     ensemble = enum.auto()
     filtered = enum.auto()
     exact = enum.auto()
 
     def of(self, spread: float, members: int, out: Path | None = None) -> Any:
-        """The method itself."""
+        """Method with these numbers of an ensemble, which the other methods do not use."""
         import jaxsph as js
 
         match self:
@@ -393,7 +393,7 @@ def _bounds(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _match_precision(precision: str | None) -> None:
-    """float64 has to be switched on before the first array is made."""
+    """Switches JAX to float64 where a case asks for it, before the first array is made."""
     if precision == "float64":
         import jax
 

@@ -1,4 +1,4 @@
-"""Errors for users: each says what is wrong, with its value, and what to do about it."""
+"""Errors for users: every message says what is wrong, with its value, and what to do about it."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ __all__ = ["CaseError", "DerivativeError", "FileError", "JaxsphError", "Simulati
 
 
 class JaxsphError(Exception):
-    """Any error of jaxsph that a user can act on."""
+    """Base class of the errors of jaxsph that a user can act on."""
 
 
 class CaseError(JaxsphError):
-    """A case that cannot be run: names the field, its value, and what is allowed."""
+    """Error of a case that cannot be run: names the field, its value, and what is allowed."""
 
 
 class FileError(JaxsphError):
-    """A file that cannot be read or written: names the file and the remedy."""
+    """Error of a file that cannot be read or written: names the file and the remedy."""
 
 
 class DerivativeError(JaxsphError):
-    """A derivative that cannot be trusted: says since when and which method to use instead."""
+    """Error of a derivative that cannot be trusted: says since when, and which method to use instead."""
 
 
 class SimulationError(JaxsphError):
-    """A run that had to stop; its last good checkpoint stays in the file."""
+    """Error of a run that had to stop; its last good checkpoint stays in the file."""
 
     step: int | None
-    """Step of the first failure."""
+    """Number of the step of the first failure."""
     time: float | None
-    """Its physical time, s."""
+    """Physical time of the first failure, s."""
     where: Sequence[float] | None
-    """Its place, m."""
+    """Position of the first failure, m."""
 
     def __init__(
         self,
@@ -40,6 +40,6 @@ class SimulationError(JaxsphError):
         time: float | None = None,
         where: Sequence[float] | None = None,
     ) -> None:
-        """**Arguments**: text for the user; step, time (s) and place (m) of the first failure."""
+        """Error with a text for the user, and the step, time (s) and position (m) of the first failure."""
         super().__init__(message)
         self.step, self.time, self.where = step, time, where

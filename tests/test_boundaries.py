@@ -206,7 +206,7 @@ def test_a_platform_pushes_away_from_its_faces_and_its_edge():
         )
         push = _pushes(walls, x)
         inside = jnp.asarray([[0.5 + 0.6 * DX, 0.1], [0.5 + 0.4 * DX, 0.1], [0.8, 0.31]])
-        entered = np.any([solid.entered(None, inside, jnp.asarray(DX)) for solid in walls.solids()], axis=0)
+        entered = np.any([solid.contains(None, inside, jnp.asarray(DX)) for solid in walls.solids()], axis=0)
     assert push[0, 0] < 0 == push[0, 1] and push[1, 1] > 0 == push[1, 0]
     assert push[2, 0] < 0 < push[2, 1] and push[2, 0] == pytest.approx(-push[2, 1])
     assert not push[3].any()

@@ -130,7 +130,7 @@ class _Given(AbstractGrip):
     def force(self, chamber, x, V, sums, table):
         return self.forces
 
-    def carried(self, weight):
+    def water_pressure(self, weight):
         return jnp.zeros_like(weight)
 
 

@@ -147,7 +147,7 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     model, _, state = advanced("floating", FLOATING, 20)
     scheme = model.scheme
     state, tables = prepare_(model, state)
-    ghosts = scheme.placed(model, state, tables)
+    ghosts = scheme.place_ghosts(model, state, tables)
     body = model.bodies[0]
     rows = slice(*body.rows)
     p_ghosts = jnp.zeros_like(ghosts.p).at[rows].set(1000.0)

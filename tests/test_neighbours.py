@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import jaxsph as js
 from jaxsph.core.search import cells
 from jaxsph.core.search.base import Grid, needed_capacity
-from jaxsph.core.search.cells import Cells, cell_order, grid_over, search, wrapped
+from jaxsph.core.search.cells import Cells, cell_order, grid_over, search, wrap
 from jaxsph.core.search.jax_md import JaxMD
 from jaxsph.run.host import run
 
@@ -90,7 +90,7 @@ def test_periodic_table_is_brute_force_with_nearest_images(dim, which, seed):
     length = np.array([dict(period).get(axis, 2.0) for axis in range(dim)])
     sources = LOW + rng.random((M, dim)) * length
     sources[:3] = LOW + (np.arange(3)[:, None] - 1.0) * length * 1e-7  # around the seam
-    sources, _ = wrapped(jnp.float32(sources), jnp.zeros((M, dim)), (LOW,) * dim, period)
+    sources, _ = wrap(jnp.float32(sources), jnp.zeros((M, dim)), (LOW,) * dim, period)
     sources = np.asarray(sources)
     grid = grid_over(np.full(dim, LOW), LOW + length, RADIUS, period)
     found = _matrix(_find(sources[:N], sources, grid, M, same=True), M)
@@ -112,7 +112,7 @@ def test_wrapping_moves_by_the_period_exactly(x, carry):
     Places below 1e-38 m are flushed to zero."""
     length, low = np.float32(1.7), np.float32(-0.6)
     place = jnp.full((1, 2), x, jnp.float32)
-    new, rest = wrapped(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), ((0, 1.7),))
+    new, rest = wrap(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), ((0, 1.7),))
     new, rest = np.asarray(new, float), np.asarray(rest, float)
     assert new[0, 1] == np.float32(x) and rest[0, 1] == np.float32(carry)
     assert low <= new[0, 0] <= low + length or not (low - length <= x < low + 2 * length)

@@ -11,7 +11,7 @@ import pytest
 from conftest import coarse, enable_x64
 
 import jaxsph as js
-from jaxsph.core.arrays import columns, stacked
+from jaxsph.core.arrays import columns, stack
 from jaxsph.model.tangents import TangentFilter, average_of
 
 CHANGES = {
@@ -40,7 +40,7 @@ def averaged(moving):
     """The average of a field `[N, D]` as numpy."""
     with enable_x64():
         average = jax.jit(average_of)(*moving)
-    apply = jax.jit(lambda field: stacked(average((columns(field),))[0]))
+    apply = jax.jit(lambda field: stack(average((columns(field),))[0]))
 
     def averaged(field):
         with enable_x64():

@@ -1,7 +1,7 @@
-"""Cases: a validated description in SI units, and `build`, which turns it into a model and a state.
+"""`assemble`: model and initial state from arrays of particles, walls and parts, on the host.
 
-Everything that fixes an array's shape is spent here, on the host. Lengths are snapped to the lattice of
-spacing dx, and `Case.notices` says what became of each.
+Everything that fixes an array's shape is spent here: numbers of particles, sizes of the neighbour tables, and
+the steps between two searches.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
-"""Skin of the neighbour tables over dx. What it saves in searches it costs in every pair sum: a step of the
-OWC takes as long with 0.3 (`python -m experiments run bench_step`)."""
+"""Skin of the neighbour tables (their reach beyond the kernel's support) over dx. What a wider one saves in
+searches it costs in every pair sum: a step of the OWC takes as long with 0.3
+(`python -m experiments run bench_step`)."""
 
 
 def assemble(
@@ -59,21 +60,19 @@ def assemble(
     settings: dict[str, int] | None = None,
     search_by: type[AbstractSearch] = Cells,
 ) -> tuple[Model, State]:
-    """Model and initial state from arrays: any fluid in any box, where `build` makes the tanks of cases.
+    """Model and initial state of any fluid in any box, from arrays; `case.build` makes those of a case.
 
     **Arguments**: `x` `[N, D]` (m) and `u` `[N, D]` (m/s); the numbers have the scheme's precision.
-    `p` `[N]`, the gauge pressure (Pa), by default none. `volume` (m3; m2 in 2-D): each particle's, by
-    default dx^D.
+    `p` `[N]`: gauge pressure (Pa), by default 0. `volume` (m3; m2 in 2-D): each particle's, by default dx^D.
     `walls`: `Ghosts.build` of a `Box`, whose `period` the scheme's smoothing must have.
-    `g` `[D]` (m/s2), by default none. Parts: `moving` walls (the `paddle` of the box where it has one; driven
-    solids); `bodies`; `chambers`; `dampers`; `forces` beside g. (One
-    argument for each kind of part and each number: they are all keywords.)
+    `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (the `paddle` of the box where it has one; driven
+    solids); `bodies`; `chambers`; `dampers`; `forces` beside g.
     `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
     that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
     tables: a wider one costs pairs and saves searches, which pays where particles move far in a step.
     `depth` (m): for depth-averaged results, by default the box's height.
-    `settings`: as for `build`. `search_by`: who finds the neighbours, `Cells` or `JaxMD`.
+    `settings`: as for `build`. `search_by`: class of the neighbour search, `Cells` or `JaxMD`.
     **Raises** ValueError for shapes that do not fit, another period than the walls', a
     period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
     """
@@ -93,10 +92,10 @@ def assemble(
         speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(dt_most))
     skin = skin * dx
     if bounded:
-        # nor may a step take a particle out of what a table holds
+        # a step may not carry a particle out of reach of its neighbour table
         dt_most = min(dt_most, 0.4 * skin / speed)
-    # A table is good while no particle has moved half a skin. A sample is a whole number of blocks of
-    # an even number of steps, so that there are shorter ones for a table that goes stale.
+    # A table holds while no particle has moved half a skin. A sample is a whole number of blocks of an
+    # even number of steps, so that there are shorter blocks for a table that goes stale.
     needed = sample_dt / dt_most
     most = max(2.0, 0.5 * skin / (speed * dt_most))
     blocks = int(np.ceil(needed / most))
@@ -110,7 +109,7 @@ def assemble(
         id=jnp.arange(n, dtype=jnp.int32),
         p=jnp.zeros(n, dtype),
     )
-    particles = scheme.started(particles, leaf(np.zeros(n) if p is None else p))
+    particles = scheme.with_pressure(particles, leaf(np.zeros(n) if p is None else p))
     model = Model(
         scheme=scheme,
         walls=walls,
@@ -200,7 +199,8 @@ def _search(
     everything = np.concatenate([np.asarray(walls.x), x])
     low, high = everything.min(axis=0), everything.max(axis=0)
     for axis, side in enumerate(walls.sides):
-        # what no wall holds may go anywhere in the box; cells along a period begin at its low end
+        # without walls across it an axis is open to particles all along the box; the cells of a period begin
+        # at its low end
         if side in ("open", "periodic"):
             low[axis], high[axis] = walls.low[axis], walls.high[axis]
     grid = grid_over(low, high, radius, walls.period)

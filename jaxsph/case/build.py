@@ -31,14 +31,16 @@ from jaxsph.solids.filling import DummyParticles, MirrorNodes
 from jaxsph.solids.walls import Ghosts
 
 LONG_STEP_SKIN = 0.5
-"""The same for steps in which a particle goes as far as a fifth of a spacing."""
+"""Skin of the neighbour tables over dx for the incompressible scheme, in whose steps a particle goes as far
+as a fifth of a spacing."""
 
 
 def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
     """Model and initial state of a case.
 
-    `settings` overrides the capacities and the cadence found here (see `state.Search`): a resumed or
-    regrown run passes the ones that it had. **Raises** CaseError for a case that cannot be built.
+    `settings`: sizes of the neighbour tables and steps between searches (see `model.state.Search`) in the
+    place of those found here; a run that is resumed, or whose tables have grown, passes its own. **Raises**
+    CaseError for a case that cannot be built.
     """
     if case.precision == "float64" and not jax.config.jax_enable_x64:
         raise CaseError(
@@ -109,7 +111,7 @@ def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Gh
 
 
 def _search_method(case: Case) -> type[AbstractSearch]:
-    """Who finds the neighbours. **Raises** CaseError where what it needs is not installed."""
+    """Class of a case's neighbour search. **Raises** CaseError where its package is not installed."""
     if case.search == "cells":
         return Cells
     try:

@@ -36,7 +36,7 @@ class Case(Sections):
         """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`.
 
         None removes a field. Another `scheme.kind` starts from that kind's defaults: the numbers of one
-        scheme mean nothing in the other. A law of the PTO takes the place of the other law.
+        scheme mean nothing in the other. `pto.K_dm` removes `pto.P_a`, and the reverse.
         **Raises** CaseError as `from_dict`.
         """
         data = self.model_dump(exclude_none=True, mode="json")
@@ -44,7 +44,7 @@ class Case(Sections):
             data.pop("scheme")
         for key, value in changes.items():
             if value is None and key not in key_names(Case):
-                _check_keys(_nested(key))  # what is not there is removed in silence only where it could be
+                _check_keys(_nested(key))  # an absent key is removed only where a section has it
             *path, last = key.split(".")
             place = data
             for part in path:
@@ -194,7 +194,7 @@ def _readable(error: ValidationError) -> str:
     lines = []
     found = error.errors()
     for item in found[:5]:
-        # the scheme's kind stands in the place of its field, and is none
+        # pydantic's path has the scheme's kind in it, which is no field
         path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] != "scheme"]
         field = ".".join(str(part) for part in path) or "case"
         value = (

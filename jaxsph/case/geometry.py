@@ -35,23 +35,23 @@ Points = tuple[tuple[float, ...], ...]
 
 
 class Geometry:
-    """A case's lengths on the lattice (m), and in `notices` what became of each."""
+    """Lengths of a case on its lattice (m), and in `notices` those that are not what was asked for."""
 
     dx: float
     length: float
     depth: float
     height: float
     width: float | None
-    """None in two dimensions."""
+    """Width of the tank, m; None in two dimensions."""
     column: float
-    """Length that the water fills at the start."""
+    """Length that the water fills at the start, m."""
     layer: float
-    """Depth of water on the rest of the bed."""
+    """Depth of the water on the rest of the bed, m; 0 where that is dry."""
     stroke: float
-    """Stroke of the paddle from end to end; 0 without waves."""
+    """Stroke of the paddle from end to end, m; 0 without waves."""
     withdrawal: float
-    """Distance behind the paddle's place at rest to which the bed goes on: the depth's in most waves, so that
-    another height makes no other shapes; 0 without waves."""
+    """Length of the bed behind the paddle at rest, m; 0 without waves. In most waves the depth alone sets it,
+    so that another wave height changes no array's shape."""
     plate: WallPlate | None
     platform: Platform | None
     chamber_length: float
@@ -105,7 +105,7 @@ class Geometry:
         return self.length if self.plate is None else self.plate.x0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
-        """`value` (m) as a whole number of spacings, at least `least`.
+        """Length (m) nearest to `value` (m) that is a whole number of spacings, `least` or more.
 
         **Raises** CaseError where that changes it by more than the share `slack`.
         """
@@ -136,7 +136,7 @@ class Geometry:
             self.width = self.snap("tank.width", tank.width, least=4, slack=0.1)
         over = 0.1 + 0.1 * tank.depth
         if case.waves is not None:
-            # in most waves the depth's: another height makes no other shapes
+            # in most waves the depth: another wave height then changes no array's shape
             over = max(tank.depth, 0.1 + 3.0 * case.waves.H)
         if tank.column is not None:
             over = 3.0 * tank.depth  # the jet at the far wall: twice the depth where all energy is kept
@@ -239,7 +239,7 @@ class Geometry:
         corners = _turned(_corners(section), section)
         if case.tank.height is None:
             self.height = max(self.height, self._rounded_up(float(corners[:, -1].max()) + 4 * self.dx))
-        # its dummies stand half a spacing behind the surface, and it is they that must be in the tank
+        # the body's dummies stand half a spacing inside its surface, and they must be in the tank
         half = 0.5 * self.dx
         out = ((corners < -half) | (corners > np.asarray(self.upper) + half)).any(axis=1)
         if out.any():
@@ -310,7 +310,7 @@ class Geometry:
 
 
 def thin_wall(device: Device) -> AbstractThinWall:
-    """Way in which the ghosts of a device's plate are placed."""
+    """Method by which the ghosts of a device's plate are placed: regional or multi-node, in its division."""
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()
     return {"regional": RegionalGhosts, "multi_node": MultiNodeGhosts}[device.thin_wall](division)
 

@@ -35,11 +35,11 @@ STEEPNESS_BREAKING = 0.142
 STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
 NEAR = 0.8
-"""Share of a limit above which a case gets a notice."""
+"""Share of the breaking height above which a case gets a notice."""
 
 
 def check_limits(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for a case whose sections together ask for what cannot be."""
+    """**Raises** CaseError for a case that no run can follow, as of breaking waves or too many steps."""
     _check_waves(case, geometry)
     _check_standing_wave(case, geometry)
     _check_places(case, geometry)
@@ -124,7 +124,7 @@ def machine_memory() -> float:
     try:
         found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):
-        pass  # not every system tells
+        pass  # the system does not say
     try:
         found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
     except (OSError, ValueError):
@@ -257,7 +257,7 @@ def _check_air(case: Sections, geometry: Geometry) -> None:
     asked = f"pto.P_a = {case.pto.P_a:g} Pa"
     if case.g == 0.0:
         raise CaseError(f"{asked}: without gravity nothing holds the air's pressure (g = 0)")
-    # what one side falls the other rises: by the lengths of their surfaces
+    # the water that leaves one side rises on the other, in inverse proportion to their lengths
     share = geometry.front / (geometry.front + geometry.chamber_length)
     fall = share * case.pto.P_a / (case.fluid.rho0 * case.g)
     draught = geometry.depth - geometry.plate.tip

@@ -45,8 +45,8 @@ def linear_owc(case: Case) -> LinearOWC:
 
 
 def linear_check(case: Case) -> list[tuple[str, str]]:
-    """Efficiency, pressure and level of a chamber by linear theory: labels and values, for people; empty for
-    a case of which it says nothing."""
+    """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values; empty for
+    a case that the theory does not cover."""
     if _missing(case) is not None:
         return []
     found = linear_owc(case)

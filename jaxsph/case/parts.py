@@ -1,6 +1,6 @@
 """Parts of a case's model: rigid body, wavemaker, chamber, background pressure and sponge from its sections.
 
-`leaf` makes an array of the case's precision of a number.
+`leaf` turns a number into an array of the case's precision.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def make_bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tup
         body = RigidBody(
             free=tuple(name in section.free for name in ("surge", "heave", "pitch")),
             shape=solid,
-            mass=leaf(mass or 1.0),  # what nothing moves needs no mass
+            mass=leaf(mass or 1.0),  # a body without free motions needs none
             inertia=leaf(inertia or 1.0),
             pivot=leaf(pivot),
             centre=leaf(centre),
@@ -136,9 +136,10 @@ def make_background(case: Case, geometry: Geometry, leaf: Any) -> tuple[Backgrou
     fall = case.waves.H if case.waves is not None else 0.0
     if case.pto is not None and case.pto.P_a is not None:
         fall = max(fall, abs(case.pto.P_a) / (case.fluid.rho0 * case.g))
-    # Measured at rest and in waves. R must end below the surface, where it would be a false pressure. With
-    # much more head left in the sum the tip grows unquiet, with none nothing keeps the particles in order; a
-    # narrower zone's own gradients disturb them, and over the whole tank the waves lost 40 % of their height.
+    # Measured at rest and in waves. The background must end below the surface, where it would be a false
+    # pressure. With much more head left in the pair sums the tip grows unquiet, with none nothing keeps the
+    # particles in order; the gradients of a narrower zone disturb them, and with a background over the whole
+    # tank the waves lost 40 % of their height.
     background = Background(
         x=leaf(plate.middle),
         inner=leaf(0.2 * draught),

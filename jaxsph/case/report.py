@@ -49,19 +49,19 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[AbstractProbe, 
 
 
 def steps_per_sample(case: Case, model: Model) -> int:
-    """Time steps between two readings: the time step was chosen to divide them."""
+    """Number of time steps between two samples; the time step divides the sampling interval."""
     return round(case.output.sample_dt / float(model.dt))
 
 
 def check(case: Case) -> list[tuple[str, str]]:
-    """Report of what a case's run will be: labels and values, for people."""
+    """Report before a run, as labels and values: particles, time step, waves, incident power, wall time."""
     model, state = build(case)
     n, ghosts = state.particles.x.shape[0], model.walls.count
     steps = int(np.ceil(case.t1 / float(model.dt) - 1e-3))
     rows = [
         ("case", f"{case.name}: {case.description}"),
         ("particles", f"{n:,} of water, {ghosts:,} ghosts, dx = {case.dx:g} m"),
-        ("scheme", model.scheme.described()),
+        ("scheme", model.scheme.description()),
         ("time step", f"{float(model.dt):.3e} s, {steps:,} steps to t1 = {case.t1:g} s"),
     ]
     if case.waves is not None:

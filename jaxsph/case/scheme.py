@@ -34,7 +34,7 @@ def stable_time_step(case: Sections) -> float:
 
 
 def shortest_limit(case: Sections) -> str:
-    """What sets `stable_time_step`, in words that name the keys to change."""
+    """Cause of the stable time step in words: speed, viscosity or gravity, and the keys to change."""
     dt = stable_time_step(case)
     if dt == _stable_dt(case, 0.0, 0.0):
         if case.scheme.kind == "incompressible":

@@ -34,7 +34,7 @@ class _Section(BaseModel):
 
 
 class Fluid(_Section):
-    """The water."""
+    """Properties of the water: density, viscosity, numerical speed of sound."""
 
     rho0: Density = 1000.0
     """Density at zero gauge pressure, kg/m3."""
@@ -45,19 +45,21 @@ class Fluid(_Section):
 
 
 class WeaklyCompressible(_Section):
-    """Delta-SPH and its closures: `kind = "weakly_compressible"`, or no kind."""
+    """Weakly compressible delta-SPH (Zhu et al. 2020): `kind = "weakly_compressible"`, or no kind."""
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
     kernel: Literal["gaussian", "wendland"] = "gaussian"
+    """Smoothing kernel: the Gaussian, cut off, or Wendland's C2."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
     """Smoothing length of the Gaussian over dx; the support is three times as wide with either kernel."""
     delta: float = Field(0.1, ge=0, le=1)
-    """Factor of the density's diffusion (Eq. 8)."""
+    """Coefficient delta of the density diffusion (Eq. 8)."""
     alpha: float | None = Field(None, ge=0, le=1)
-    """Artificial viscosity of Eq. 4 in the place of fluid.nu."""
+    """Coefficient alpha of the artificial viscosity (Eq. 4), in the place of fluid.nu."""
     integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
+    """Time integrator, with one evaluation of the water a step (symplectic Euler) or two."""
     cfl: float | None = Field(None, ge=1e-6, le=1.5)
-    """Share of h/c0 for the time step; by default the integrator's own."""
+    """Courant number, the time step's share of h/c0; by default the integrator's own."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 1000, 3: 2200}
     """Memory of a particle of water or wall by dimensions, bytes: growth of a run's largest memory between
@@ -78,20 +80,22 @@ class Incompressible(_Section):
 
     kind: Literal["incompressible"] = "incompressible"
     h_over_dx: float | None = Field(None, ge=1.2, le=2.5)
-    """Of Wendland's kernel, which reaches 2 h; by default 2 in two and 1.5 in three dimensions."""
+    """Smoothing length of Wendland's kernel, which reaches 2 h, over dx; by default 2 in two and 1.5 in three
+    dimensions."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
-    """Share of h over the largest speed to expect for the time step."""
+    """Courant number, the time step's share of h over the largest speed to expect."""
     speed: Speed | None = None
     """Largest speed to expect, m/s; by default from the waves, the water's depth and the body."""
     solver: Literal["bicgstab", "explicit"] = "bicgstab"
+    """Solution of the Poisson equation: iterative (BiCGStab), or explicit."""
     tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
-    """Of the residual of the Poisson equation, over its right-hand side."""
+    """Largest residual of the Poisson equation over its right-hand side."""
     relaxation: float = Field(RELAXATION, ge=0, le=4)
     """Rate at which crowding of particles is taken back, over sqrt(g/h)."""
     shifting: float | None = Field(None, ge=1e-6, le=20)
-    """Strength of particle shifting."""
+    """Strength of particle shifting; by default there is none."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
-    """Where the pressure is zero: beyond the surface, or at its particles (Eq. 23-24)."""
+    """Place of zero pressure: beyond the surface, or at its particles (Eq. 23-24)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 2100, 3: 1900}
     """Memory of a particle of water or wall by dimensions, bytes: measured as the other scheme's (80 and
@@ -130,13 +134,14 @@ class Tank(_Section):
     """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
 
     length: Length
-    """From the paddle at rest, or the near end wall, to the far end wall, m."""
+    """Length from the paddle at rest, or the near end wall, to the far end wall, m."""
     depth: Length
-    """Of still water, or of a released column, m."""
+    """Depth of still water, or of a released column, m."""
     width: Length | None = None
-    """Given, the case is three-dimensional."""
+    """Width of the tank, m; given, the case is three-dimensional."""
     height: Length | None = None
-    """Top of the walls, m; by default enough for waves and a body, and four depths for a released column."""
+    """Height of the walls' top, m; by default enough for waves and a body, and four depths for a released
+    column."""
     rim: Literal["closed", "open"] = "closed"
     """Whether water that splashes over the walls ends the run, or leaves and is counted (`spilt`)."""
     column: Length | None = None
@@ -144,31 +149,32 @@ class Tank(_Section):
     layer: Length | None = None
     """Depth of the water that the rest of the bed is wet with, m; with `column`."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
+    """Slip of the water along the walls: free, or none."""
     walls: Literal["mirror", "dummy"] | None = None
-    """Where walls take their pressure from: their mirror image (by default), or the water around them (with a
-    body)."""
+    """Source of the pressure on walls: the mirror images of their ghosts (by default), or the water around
+    them (by default with a body)."""
 
 
 class WavesSection(_Section):
     """Regular waves from a piston at x = 0."""
 
     H: float = Field(ge=1e-6, le=1e5)
-    """Height from trough to crest, m."""
+    """Wave height from trough to crest, m."""
     T: float = Field(ge=1e-3, le=1e4)
-    """Period, s."""
+    """Wave period, s."""
     ramp_periods: float = Field(2.0, ge=0, le=1e4)
     """Periods over which the paddle's amplitude grows from zero."""
     second_order: bool = True
-    """Whether the paddle adds what keeps a second free harmonic out of the waves."""
+    """Second-order correction of the paddle's motion, which keeps a free second harmonic out of the waves."""
     absorption: bool = True
-    """Whether the paddle takes up waves that come back to it."""
+    """Active absorption: the paddle takes up the waves that come back to it."""
 
 
 class SpongeSection(_Section):
     """Damping zone at the end of the tank (Eq. 27-28)."""
 
     length: Length
-    """From the end wall, m."""
+    """Length of the zone, from the end wall, m."""
     strength: float = Field(10.0, ge=1e-6, le=1e6)
     """Largest rate of damping, 1/s."""
 
@@ -177,18 +183,19 @@ class Device(_Section):
     """An onshore OWC: a plate that pierces the surface in front of the end wall."""
 
     chamber_length: Length
-    """From the plate to the end wall, m."""
+    """Length of the chamber, from the plate to the end wall, m."""
     wall_thickness: Length
-    """Of the plate, m."""
+    """Thickness of the plate, m."""
     draught: Length
     """Depth of the plate's tip below still water, m."""
     thin_wall: Literal["regional", "multi_node"] = "regional"
+    """Ghosts of the plate: of each face for its own region of water, or in the plate with a node per face."""
     division: Literal["a", "b", "c"] = "b"
-    """Regions around the plate (section 2.4.1.2)."""
+    """Division of the water around the plate into regions (section 2.4.1.2)."""
     platform_length: Length | None = None
     """Length of a raised bed under the OWC, from the end wall, m; given with its height, or neither."""
     platform_height: float | None = Field(None, ge=0, le=1e5)
-    """Height of that bed, m; 0 leaves the bed flat."""
+    """Height of the raised bed, m; 0 leaves the bed flat."""
 
     @model_validator(mode="after")
     def _whole_platform(self) -> Device:
@@ -198,14 +205,15 @@ class Device(_Section):
 
 
 class PTOSection(_Section):
-    """What the chamber's air does: a quadratic damping or a prescribed pressure."""
+    """Power take-off of the chamber's air: a quadratic damping or a prescribed pressure."""
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
     """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
     phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
         None, min_length=2, max_length=100
     )
-    """Cosine and sine of every harmonic of ln(K_dm(t)/K_dm) over the waves' phase, [a1, b1, a2, b2]."""
+    """Fourier coefficients of ln(K_dm(t)/K_dm) over the waves' phase, a cosine's and a sine's for each
+    harmonic: [a1, b1, a2, b2]."""
     P_a: float | None = Field(None, ge=-1e9, le=1e9)
     """Prescribed gauge pressure, Pa."""
     ramp: Duration = 0.0
@@ -226,9 +234,9 @@ class BlockSection(_Section):
     """A box with faces across the axes, at rest."""
 
     low: Point
-    """Its corner of least coordinates, (x, z) or (x, y, z), m."""
+    """Corner of least coordinates, (x, z) or (x, y, z), m."""
     high: Point
-    """The opposite corner, m."""
+    """Corner of largest coordinates, m."""
 
     @model_validator(mode="after")
     def _extent(self) -> BlockSection:
@@ -243,24 +251,24 @@ class DiscSection(_Section):
     """A circular cylinder across a two-dimensional tank, at rest."""
 
     centre: tuple[Coordinate, Coordinate]
-    """(x, z), m."""
+    """Centre (x, z), m."""
     radius: Length
-    """m."""
+    """Radius, m."""
 
 
 class RotationalPTOSection(_Section):
-    """Moment against the pitch; per metre in two dimensions."""
+    """Power take-off on a body's pitch; in two dimensions its values are per metre of width."""
 
     damping: Coefficient = 0.0
-    """N m s/rad."""
+    """Linear damping, N m s/rad."""
     coulomb: Coefficient = 0.0
-    """N m."""
+    """Moment of Coulomb friction, N m."""
     spring: Coefficient = 0.0
-    """N m/rad, about the upright."""
+    """Stiffness of a spring about the upright, N m/rad."""
     stop: float = Field(math.pi, ge=1e-6, le=1e3)
     """Angle to either side at which end stops begin, rad."""
     stop_stiffness: Coefficient = 0.0
-    """N m/rad."""
+    """Stiffness of the end stops, N m/rad."""
 
 
 class BodySection(_Section):
@@ -268,29 +276,29 @@ class BodySection(_Section):
 
     block: BlockSection | None = None
     polygon: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(None, min_length=3, max_length=1000)
-    """Corners (x, z), m."""
+    """Corners (x, z) of a polygon, in order around it, m."""
     disc: DiscSection | None = None
     free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
-    """Motions that the water drives; the others go on at their `velocity`."""
+    """Motions that the water's forces drive; the others go on at their `velocity`."""
     mass: Inertia | None = None
-    """kg (kg/m in 2-D)."""
+    """Mass, kg (kg/m in 2-D)."""
     inertia: Inertia | None = None
-    """About the pivot, kg m2 (kg m in 2-D)."""
+    """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
     density: Density | None = None
-    """kg/m3: gives mass and inertia in the place of both."""
+    """Density of the body, kg/m3, which gives mass and inertia in the place of both."""
     pivot: tuple[Coordinate, Coordinate] | None = None
-    """(x, z) of the hinge, m; by default the centre of mass."""
+    """Place (x, z) of the hinge, m; by default the centre of mass."""
     centre: tuple[Coordinate, Coordinate] | None = None
-    """(x, z) of the centre of mass, m; by default that of the shape."""
+    """Centre of mass (x, z), m; by default that of the shape."""
     velocity: tuple[Velocity, Velocity, Velocity] = (0.0, 0.0, 0.0)
-    """Surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
+    """Velocities of surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
     angle: float = Field(0.0, ge=-1.6, le=1.6)
     """Pitch at the start, rad."""
     release: Duration = 0.0
-    """Time up to which it is held at rest, s: so long the water settles around it."""
+    """Time up to which the body is held at rest while the water settles around it, s."""
     pto: RotationalPTOSection | None = None
     sensors: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
-    """Points of pressure sensors on it, in its place at rest, m."""
+    """Points of the pressure sensors on the body in its place at rest, m."""
 
     @model_validator(mode="after")
     def _whole(self) -> BodySection:
@@ -313,16 +321,16 @@ class StandingWave(_Section):
     """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
 
     amplitude: float = Field(ge=1e-6, le=1e5)
-    """Of the elevation that the velocities lead to, m."""
+    """Amplitude of the elevation that the velocities lead to, m."""
     mode: int = Field(1, ge=1, le=10**6)
-    """Half wavelengths along the tank."""
+    """Number of half wavelengths along the tank."""
 
 
 class ProbesSection(_Section):
-    """Where to measure."""
+    """Places of gauges and sensors."""
 
     gauges: tuple[Coordinate, ...] = Field((), max_length=MOST_POINTS)
-    """x of the wave gauges, m: elevations averaged across the tank."""
+    """Places x of the wave gauges, m; their elevations are averaged across the tank."""
     surface: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points, (x,) or (x, y), m, where the elevation is measured by both methods of Yeylaghi et al. 2016:
     interpolated density, and the surface's particles."""
@@ -333,31 +341,32 @@ class ProbesSection(_Section):
 
 
 class Output(_Section):
-    """How often to record."""
+    """Intervals of recording, and periods over which results are averaged."""
 
     sample_dt: Time = 0.01
     """Time between two readings, s; at most t1."""
     snapshot_dt: Time = 0.2
     """Time between two snapshots of all particles, s, as a whole number of readings."""
     periods: int = Field(10, ge=1, le=10**6)
-    """Whole periods at the end over which power and efficiency are averaged."""
+    """Number of whole periods at the end over which power and efficiency are averaged."""
 
 
 class Sections(_Section):
     """All sections of a case, in SI units."""
 
     name: str = Field("case", min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
-    """Without slashes: a run's file is named after it."""
+    """Name of the case, without slashes: a run's file is named after it."""
     description: str = Field("", max_length=10_000)
     dx: Length
     """Spacing of the particles, m."""
     t1: Time
     """End of the run, s."""
     g: float = Field(9.81, ge=0, le=1e3)
-    """Acceleration of gravity, m/s2: none, or at least 0.001."""
+    """Acceleration of gravity, m/s2: 0, or at least 0.001."""
     precision: Literal["float32", "float64"] = "float32"
+    """Floating-point type of the model's and the state's numbers."""
     search: Literal["cells", "jax_md"] = "cells"
-    """Who finds the neighbours: the solver's own search, or jax-md's (the extra `jaxsph[jax-md]`)."""
+    """Neighbour search: the solver's own, or jax-md's (the extra `jaxsph[jax-md]`)."""
     fluid: Fluid = Fluid()
     scheme: SchemeSection = WeaklyCompressible()
     tank: Tank

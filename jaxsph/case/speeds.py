@@ -63,8 +63,8 @@ def search_speed(case: Sections) -> float:
 
 
 def reference_speed(case: Sections) -> float:
-    """Larger of the speed to expect and of waves in shallow water, m/s: in proportion to it the
-    sound speed and the incompressible time step are chosen."""
+    """Larger of the speed to expect and the speed of shallow-water waves, m/s: the scale of the sound speed
+    and of the incompressible time step."""
     return max(speed_scale(case), float(np.sqrt(case.g * case.tank.depth)))
 
 
@@ -78,5 +78,5 @@ def projection_speed(case: Sections) -> float:
     """Largest speed that the incompressible scheme's time step allows for, m/s."""
     if case.scheme.speed is not None:
         return case.scheme.speed
-    # a column's: of the jet where the tip meets a wall
+    # of a released column: the jet where its tip meets a wall
     return (1.5 if case.tank.column is not None else 1.0) * reference_speed(case)

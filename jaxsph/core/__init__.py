@@ -1,0 +1,1 @@
+"""Core: arrays, kernels, pair sums, the time loop and the neighbour search."""

@@ -9,20 +9,21 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-__all__ = ["Array", "Bool", "Components", "Float", "Int", "Scalar", "columns", "dot", "real", "stacked"]
+__all__ = ["Array", "Bool", "Components", "Float", "Int", "Scalar", "columns", "dot", "real", "stack"]
 
 Scalar: TypeAlias = Float[Array, ""]
+"""A real number as an array without dimensions."""
 
 
 Components: TypeAlias = tuple[jax.Array, ...]
-"""A vector field as one array per component: the layout in which XLA runs the pair loop fastest."""
+"""A vector field as one array `[N]` per component: the layout in which XLA runs the pair loop fastest."""
 
 
 def real(value: ArrayLike) -> Float[Array, "..."]:
-    """Array of floating-point numbers; an array's own precision is left as it is.
+    """Array of floating-point numbers made from a value; an array of such numbers keeps its precision.
 
-    A Python number has no precision of its own: it becomes a weakly typed array, which takes that of what
-    it is combined with, so that float32 stays float32 where `jax_enable_x64` is on.
+    A Python number has no precision of its own: it becomes a weakly typed array, which takes the precision
+    of what it is combined with, so that float32 stays float32 where `jax_enable_x64` is on.
     """
     if isinstance(value, bool | int | float):
         return jnp.asarray(float(value))
@@ -31,12 +32,12 @@ def real(value: ArrayLike) -> Float[Array, "..."]:
 
 
 def columns(vector: Float[Array, "N D"]) -> Components:
-    """The D components of a field of vectors."""
+    """The D components `[N]` of a vector field `[N, D]`."""
     return tuple(vector[:, k] for k in range(vector.shape[1]))
 
 
-def stacked(components: Sequence[jax.Array]) -> Float[Array, "N D"]:
-    """The inverse of `columns`."""
+def stack(components: Sequence[jax.Array]) -> Float[Array, "N D"]:
+    """Vector field `[N, D]` of D components `[N]`: the inverse of `columns`."""
     return jnp.stack(tuple(components), axis=-1)
 
 

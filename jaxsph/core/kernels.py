@@ -1,6 +1,6 @@
 """Smoothing kernels: W and its slope factor F = (dW/dr)/r, so that grad W = F (x_i - x_j).
 
-Both are functions of r^2: no square root where the kernel needs none, and nothing singular at r = 0.
+W and F are functions of r^2: no square root where the kernel needs none, and nothing singular at r = 0.
 """
 
 from __future__ import annotations
@@ -18,48 +18,53 @@ from jaxsph.core.arrays import Array, Float
 
 
 class AbstractKernel(eqx.Module):
-    """A radial kernel of smoothing length h that vanishes for r >= `reach` * h."""
+    """A radial smoothing kernel of smoothing length h (m) that vanishes for r >= `reach` * h."""
 
     reach: eqx.AbstractClassVar[float]
     """Support radius in units of h."""
 
     @abc.abstractmethod
     def value(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """W(r) in m^-dim, not cut: the caller masks r < reach * h."""
+        """Kernel W(r), m^-dim, from r2 = r^2 (m2); not cut: the caller masks r < reach * h."""
 
     @abc.abstractmethod
     def slope(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """(dW/dr)/r in m^-(dim+2), not cut, never positive."""
+        """Slope factor (dW/dr)/r of the kernel, m^-(dim+2), from r2 = r^2 (m2); not cut, never positive."""
 
 
 class Gaussian(AbstractKernel):
-    """exp(-r^2/h^2) / (pi^(dim/2) h^dim), cut at 3h and not renormalised: the cut loses
-    1.2e-4 of it in two dimensions and 4.4e-4 in three."""
+    """Gaussian kernel exp(-r^2/h^2) / (pi^(dim/2) h^dim), cut at 3h.
+
+    It is not renormalised: the cut loses 1.2e-4 of its integral in two dimensions and 4.4e-4 in three.
+    """
 
     reach: ClassVar[float] = 3.0
 
     def value(self, r2, h, dim):
-        """W(r); see `AbstractKernel`."""
+        """See `AbstractKernel`."""
         return jnp.exp(-r2 / (h * h)) / (math.pi ** (dim / 2) * h**dim)
 
     def slope(self, r2, h, dim):
-        """(dW/dr)/r; see `AbstractKernel`."""
+        """See `AbstractKernel`."""
         return self.value(r2, h, dim) * (-2.0 / (h * h))
 
 
 class WendlandC2(AbstractKernel):
-    """(1 - q/2)^4 (1 + 2q), q = r/h, of support 2h, in two and three dimensions (Wendland 1995)."""
+    """Wendland's C2 kernel (1 - q/2)^4 (1 + 2q), q = r/h, of support 2h, in two and three dimensions.
+
+    Source: Wendland (1995); the constant in front makes its integral 1.
+    """
 
     reach: ClassVar[float] = 2.0
 
     def value(self, r2, h, dim):
-        """W(r); see `AbstractKernel`."""
-        # The square root needs r > 0 for a finite derivative; the guard changes W by nothing visible.
+        """See `AbstractKernel`."""
+        # The square root needs r > 0 for a finite derivative; the guard changes W by some 1e-12 of W(0).
         q = jnp.sqrt(r2 / (h * h) + 1e-12)
         return _wendland_constant(dim) / h**dim * (1.0 - 0.5 * q) ** 4 * (1.0 + 2.0 * q)
 
     def slope(self, r2, h, dim):
-        """(dW/dr)/r; see `AbstractKernel`."""
+        """See `AbstractKernel`."""
         q = jnp.sqrt(r2 / (h * h) + 1e-12)
         return -5.0 * _wendland_constant(dim) / h ** (dim + 2) * (1.0 - 0.5 * q) ** 3
 
@@ -69,5 +74,5 @@ def _wendland_constant(dim: int) -> float:
 
 
 def support(kernel: AbstractKernel, h: jax.Array | float) -> jax.Array | float:
-    """Radius in m beyond which the kernel is zero."""
+    """Support radius of a kernel of smoothing length h (m), beyond which it is zero, m."""
     return kernel.reach * h

@@ -1,4 +1,4 @@
-"""The only owner of the time loop: blocks of steps between two searches, and what is kept of them."""
+"""The time loop: steps, in blocks between two neighbour searches, and the readings taken at each block."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import jax
 
-from jaxsph.core.transforms import kept, rematerialised
+from jaxsph.core.transforms import keep, rematerialise
 
 S = TypeVar("S")
 
@@ -16,8 +16,11 @@ T = TypeVar("T")
 
 
 def steps(step: Callable[[S], S], state: S, n: int) -> S:
-    """`step` applied n times. In reverse mode a step is rematerialised from its state and what is `kept`."""
-    step = rematerialised(step)
+    """State after `step` is applied n times.
+
+    In reverse mode every step is run again from its state and the arrays marked by `transforms.keep`.
+    """
+    step = rematerialise(step)
     state, _ = jax.lax.scan(lambda s, _: (step(s), None), state, length=n)
     return state
 
@@ -30,16 +33,17 @@ def blocks(
     n_blocks: int,
     steps_per_block: int,
 ) -> tuple[S, Any]:
-    """n_blocks times: `prepare` tables, `measure` with them, then the steps of the block.
+    """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
 
+    In each block `prepare` makes the tables, `measure` takes readings with them, then come the steps.
     Readings belong to the start of their block, so that a run cut at any block continues exactly.
-    Reverse mode keeps tables and pair sums and makes the rest again: memory grows with the number of steps,
+    Reverse mode stores tables and pair sums and runs the rest again: memory grows with the number of steps,
     by a state and its pair sums for each.
     """
 
-    @rematerialised
+    @rematerialise
     def block(s, _):
-        s, tables = kept(prepare(s))
+        s, tables = keep(prepare(s))
         s, reading = measure(s, tables)
         return steps(lambda a: step(a, tables), s, steps_per_block), reading
 

@@ -1,4 +1,4 @@
-"""The one loop over pairs of particles, and what is made of pair sums directly.
+"""Sums over pairs of particles, and the small matrices that correct them.
 
 A table of neighbours is slot-major, `[K, N]`: slot k of target i holds the index of a source, or the
 index of the empty source (the last one, of no volume and far away). The loop goes over the K slots and
@@ -18,42 +18,44 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, dot
 from jaxsph.core.kernels import AbstractKernel
-from jaxsph.core.transforms import in_any_lane, kept, plainly_taken, taken
+from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
 
 Fields = Any
 """Mapping from a field's name to an array `[N]` or a tuple of arrays `[N]`; it always holds "x"."""
 
 
 SPARE = 1.15
-"""Slots of a table over the neighbours of its fullest target when it was sized."""
+"""Ratio of a table's slots to the neighbours of its fullest target when it was sized (-)."""
 
 
 FAR = 1.0e3
-"""Coordinate (m) of the empty source: outside every kernel, and small enough for float32 squares."""
+"""Coordinate of the empty source, m: outside every kernel, and small enough for float32 squares."""
 
 
 Period = tuple[tuple[int, float], ...]
-"""Every periodic axis of the domain with its length (m); empty where none is."""
+"""Pairs of a periodic axis of the domain and its length (m); empty where no axis is periodic."""
 
 
 class Smoothing(eqx.Module):
-    """Kernel, smoothing length and periods: what turns two places into a weight."""
+    """Kernel, smoothing length and periodic axes of a pair sum."""
 
     kernel: AbstractKernel
     h: Scalar
+    """Smoothing length, m."""
     period: Period = eqx.field(static=True, default=())
+    """Periodic axes, along which the distance to the nearest image counts."""
 
     @property
     def radius(self) -> Scalar:
-        """Support radius, m."""
+        """Support radius of the kernel, m."""
         return self.kernel.reach * self.h
 
 
 def nearest_image(r: Components, period: Period) -> Components:
-    """x_i - x_j (m) to the nearest image of j, for places at most one period apart.
+    """Separation x_i - x_j (m) to the nearest image of j, for positions at most one period apart.
 
-    Nearer ones than half a period are left as they are. One period at most is added: the empty source
-    must stay far away.
+    Separations of less than half a period are left as they are. One period at most is added: the empty
+    source must stay far away.
     """
     found = list(r)
     for axis, size in period:
@@ -63,21 +65,25 @@ def nearest_image(r: Components, period: Period) -> Components:
 
 
 class Pair(NamedTuple):
-    """Geometry of one pair, as a law sees it: r_ij = x_i - x_j and the kernel there."""
+    """Geometry of a pair of particles i and j, as a pair law sees it."""
 
     r: Components
+    """Separation x_i - x_j, m."""
     r2: jax.Array
+    """Square of the distance, m2."""
     F: jax.Array
-    """(dW/dr)/r, zero outside the support: grad_i W_ij = F r."""
+    """Slope factor (dW/dr)/r of the kernel, m^-(D+2), zero outside the support: grad_i W_ij = F r."""
     W: jax.Array
+    """Kernel, m^-D, zero outside the support."""
 
     @property
     def grad_W(self) -> Components:
-        """Gradient of W at i, m^-(D+1)."""
+        """Gradient of the kernel W at particle i, m^-(D+1)."""
         return tuple(self.F * component for component in self.r)
 
 
 Law = Callable[[Pair, Fields, Fields], Any]
+"""Pair law: the term of one pair in a sum, from its geometry and the fields of i and of j."""
 
 
 def pair_sum(
@@ -89,22 +95,28 @@ def pair_sum(
     `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
     the last source is the empty one. **Returns** the law's pytree with `[N]` leaves.
     """
-    return kept(_summed(law, smoothing, targets, sources, table, taken))
+    return keep(_summed(law, smoothing, targets, sources, table, gather))
 
 
 def linear_pair_sum(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> Any:
-    """`pair_sum` of fields that are derivatives themselves, and are transposed for reverse mode."""
-    return _summed(law, smoothing, targets, sources, table, plainly_taken)
+    """Sum of `law(pair, i, j)` as in `pair_sum`, for fields that are derivatives and a law linear in them.
+
+    Its gathers have a transpose, which reverse mode needs of derivatives.
+    """
+    return _summed(law, smoothing, targets, sources, table, gather_linearly)
 
 
 def pair_weights(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> tuple[Any, Any]:
-    """`pair_sum` of the first of the two things that the law gives, and for every slot `[K, N]` the second:
-    the weights of a sum that is wanted many times over (`weighted_sum`)."""
-    terms = _terms(law, smoothing, targets, sources, taken)
+    """Sum over neighbours of the law's first result, and its second result for every slot, `[K, N]`.
+
+    The second result is the weights of a sum that is wanted many times over (`weighted_sum`). Arguments as
+    `pair_sum`; the law returns a pair (term, weight).
+    """
+    terms = _terms(law, smoothing, targets, sources, gather)
     summed = jax.tree.map(
         lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(lambda slot: terms(slot)[0], table[0])
     )
@@ -119,17 +131,20 @@ def pair_weights(
 def weighted_sum(
     weights: Float[Array, "K N"], f: Float[Array, " M"], table: Int[Array, "K N"]
 ) -> Float[Array, " N"]:
-    """sum_k weights[k] f[table[k]]; f has a value, any, for the empty source too. Linear in f."""
+    """Weighted sum over neighbours, sum_k weights[k] f[table[k]], in the unit of both; linear in f.
+
+    The last of the M values of f is the empty source's: any number, since its weights are zero.
+    """
 
     def add(total, row):
         weight, slot = row
-        return total + weight * plainly_taken(f, slot), None
+        return total + weight * gather_linearly(f, slot), None
 
     return jax.lax.scan(add, jnp.zeros(weights.shape[1], f.dtype), (weights, table))[0]
 
 
 def _terms(law, smoothing, targets, sources, take):
-    """The law's value for every target and its source in one slot."""
+    """Function that gives the law's value for every target and its source in one slot."""
     x_i = targets["x"]
     dim = len(x_i)
     kernel, h = smoothing.kernel, smoothing.h
@@ -149,6 +164,7 @@ def _terms(law, smoothing, targets, sources, take):
 
 
 def _summed(law, smoothing, targets, sources, table, take):
+    """Sum of the law over the slots of the table; `take` gathers a source's fields."""
     pair_terms = _terms(law, smoothing, targets, sources, take)
     empty = sources["x"][0].shape[0] - 1
     # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
@@ -168,7 +184,7 @@ def _summed(law, smoothing, targets, sources, table, take):
 
     def where_filled(add, total, rows, *closed):
         # Tables have spare rows at their end, which are empty in most blocks.
-        filled = in_any_lane(jnp.any(rows != empty))
+        filled = any_lane(jnp.any(rows != empty))
         return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
 
     @jax.custom_jvp
@@ -177,8 +193,8 @@ def _summed(law, smoothing, targets, sources, table, take):
 
     @total_of.defjvp
     def _(primals, tangents):
-        # One choice for all spare rows, outside the loop: of a branch, reverse mode stores all that it saw,
-        # and inside the loop that would be the sources for every row.
+        # One choice for all spare rows, outside the loop: reverse mode stores all inputs of a branch, and
+        # inside the loop that would be the sources for every row.
         def total_of(table, *closed):
             own = int(len(table) / SPARE)
             add_rows = functools.partial(added, add)
@@ -190,7 +206,7 @@ def _summed(law, smoothing, targets, sources, table, take):
 
 
 def with_empty(fields: Fields) -> Fields:
-    """Appends the empty source: volume and every other field zero, position `FAR`."""
+    """Fields with the empty source appended: position `FAR` (m), volume and every other field zero."""
 
     def append(value, a):
         return jnp.concatenate([a, jnp.full((1,), value, a.dtype)])
@@ -212,10 +228,10 @@ the uncorrected gradient grow to no more than 8.6 and 3.7 times by it (the inver
 
 
 def symmetric_inverse(M: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-    """Inverse of symmetric 2x2 (xx, xy, yy) or 3x3 (xx, xy, xz, yy, yz, zz) matrices, same order.
+    """Inverses of symmetric 2x2 (xx, xy, yy) or 3x3 (xx, xy, xz, yy, yz, zz) matrices, in the same order.
 
-    Where the matrix is close to singular (`uncorrected`: a particle with few neighbours, on one side), the
-    identity is given instead, which leaves the gradient without correction.
+    Where a matrix is close to singular (`uncorrected`: a particle with few neighbours, on one side), the
+    identity is returned instead, which leaves the gradient without correction.
     """
     determinant, cofactors = _determinant(M)
     sound = determinant > LEAST_DETERMINANT
@@ -225,7 +241,7 @@ def symmetric_inverse(M: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
 
 
 def uncorrected(M: tuple[jax.Array, ...]) -> jax.Array:
-    """True where `symmetric_inverse` gives the identity for the matrix."""
+    """True where a matrix is so close to singular that `symmetric_inverse` returns the identity."""
     return ~(_determinant(M)[0] > LEAST_DETERMINANT)
 
 
@@ -247,7 +263,7 @@ def _determinant(M: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, 
 
 
 def symmetric_product(M: tuple[jax.Array, ...], v: Components) -> Components:
-    """M v for symmetric M stored as its upper triangle, row by row."""
+    """Product M v of symmetric matrices, stored as their upper triangles row by row, and vectors."""
     dim = len(v)
     index = {}
     count = 0
@@ -259,15 +275,15 @@ def symmetric_product(M: tuple[jax.Array, ...], v: Components) -> Components:
 
 
 def outer_upper(a: Components, b: Components) -> tuple[jax.Array, ...]:
-    """Upper triangle, row by row, of the (symmetric) outer product of a and b."""
+    """Upper triangle, row by row, of the outer product of a and b, which must be symmetric."""
     return tuple(a[row] * b[column] for row in range(len(a)) for column in range(row, len(a)))
 
 
 def trace_upper(M: tuple[jax.Array, ...], dim: int) -> jax.Array:
-    """Trace of a matrix stored as its upper triangle."""
+    """Trace of symmetric matrices stored as their upper triangles; `dim`: 2 or 3."""
     return M[0] + M[2] if dim == 2 else M[0] + M[3] + M[5]
 
 
 def neighbour_count(table: Int[Array, "K N"], empty: int) -> Int[Array, " N"]:
-    """Number of filled slots of every target."""
+    """Number of neighbours of every target: slots that do not hold the index `empty` of the empty source."""
     return jnp.sum(table != empty, axis=0)

@@ -1,7 +1,7 @@
-"""What JAX's transformations are told beyond what they do by themselves. Nothing here changes a value.
+"""Hints to JAX's transformations, which change no value.
 
-For `jax.vmap`, where whole runs go side by side: gathers and choices. For reverse mode: what is kept of a
-loop that is otherwise rematerialised.
+For `jax.vmap`, where whole runs go side by side: gathers, and choices between branches. For reverse mode: the
+arrays that are kept of a loop whose rest is computed again.
 """
 
 from __future__ import annotations
@@ -18,49 +18,58 @@ from jaxsph.core.arrays import Array, Int
 _KEPT = "kept"
 
 
-def kept(tree: Any) -> Any:
-    """Arrays that took long to make, and that `rematerialised` functions keep for reverse mode."""
+def keep(tree: Any) -> Any:
+    """Marks arrays that are costly to compute, so that functions under `rematerialise` store them."""
     return jax.tree.map(lambda a: checkpoint_name(a, _KEPT), tree)
 
 
-def rematerialised(function: Callable) -> Callable:
-    """A function that reverse mode runs again, but for what is `kept`, where it would store all of it."""
+def rematerialise(function: Callable) -> Callable:
+    """Function whose intermediate arrays reverse mode computes again instead of storing them.
+
+    Only arrays marked by `keep` are stored.
+    """
     return jax.checkpoint(function, policy=jax.checkpoint_policies.save_only_these_names(_KEPT))
 
 
 @jax.custom_batching.custom_vmap
-def in_any_lane(flag: jax.Array) -> jax.Array:
-    """A flag; in a batch, whether it is up in any of the lanes: so that a `cond` on it remains a choice."""
+def any_lane(flag: jax.Array) -> jax.Array:
+    """A flag; in a batch of lanes, whether the flag of any lane is set.
+
+    With one flag for the batch a `jax.lax.cond` remains a choice; with one per lane both branches would run.
+    """
     return flag
 
 
-@in_any_lane.def_vmap
+@any_lane.def_vmap
 def _(lanes, batched, flag):
     return jnp.any(flag), False
 
 
 @jax.custom_jvp
-def taken(a: Array, index: Int[Array, " N"]) -> Array:
-    """a[index], all of them in bounds; in a batch one gather over the lanes laid end to end, which takes
-    half of the time of one for each."""
+def gather(a: Array, index: Int[Array, " N"]) -> Array:
+    """Elements a[index]; every index must be in bounds.
+
+    In a batch this is one gather over the lanes laid end to end, which takes half of the time of one gather
+    for each lane.
+    """
     return _taken(a, index)
 
 
-@taken.defjvp
+@gather.defjvp
 def _(primals, tangents):
     # a custom_vmap has no transpose: derivatives go through the plain gather
     a, index = primals
-    return taken(a, index), plainly_taken(tangents[0], index)
+    return gather(a, index), gather_linearly(tangents[0], index)
 
 
-def plainly_taken(a: Array, index: Int[Array, " N"]) -> Array:
-    """`taken` for what is transposed itself."""
+def gather_linearly(a: Array, index: Int[Array, " N"]) -> Array:
+    """Elements a[index] by a gather that reverse mode can transpose, unlike `gather`'s batched one."""
     return a.at[index].get(mode="promise_in_bounds")
 
 
 @jax.custom_batching.custom_vmap
 def _taken(a, index):
-    return plainly_taken(a, index)
+    return gather_linearly(a, index)
 
 
 @_taken.def_vmap
@@ -69,5 +78,5 @@ def _(lanes, batched, a, index):
         index = index + (jnp.arange(lanes, dtype=index.dtype) * a.shape[1])[:, None]
         a = a.reshape(-1, *a.shape[2:])
     elif batched[0]:
-        return jax.vmap(plainly_taken, in_axes=(0, None))(a, index), True
-    return plainly_taken(a, index), True
+        return jax.vmap(gather_linearly, in_axes=(0, None))(a, index), True
+    return gather_linearly(a, index), True

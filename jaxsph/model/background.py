@@ -1,4 +1,4 @@
-"""Weakly compressible delta-SPH (Zhu et al. 2020, section 2; Antuono et al. 2012)."""
+"""Background pressure beside a thin wall: still water's pressure, taken out of the pair sums."""
 
 from __future__ import annotations
 
@@ -26,30 +26,37 @@ class Background(eqx.Module):
     """
 
     x: Scalar
-    """Middle of the wall, m."""
+    """Position of the middle of the wall along the tank, m."""
     inner: Scalar
+    """Horizontal distance from the wall up to which R is whole, m."""
     outer: Scalar
-    """Horizontal distances from the wall up to which R is whole, and from which it is zero, m."""
+    """Horizontal distance from the wall beyond which R is zero, m."""
     tip: Scalar
+    """Level below which R is whole, m."""
     top: Scalar
-    """Levels below which R is whole, and above which it is zero, m."""
+    """Level above which R is zero, m."""
     weight: Scalar
-    """rho0 g, Pa/m."""
+    """Specific weight of the water, rho0 g, Pa/m."""
     still: Scalar
-    """Still water level less the head that is left in the sum, m."""
+    """Still water level less the head that is left in the pair sums, m."""
 
     def _beside(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
+        """Share of R at the distance of x (m) from the wall, 0 to 1."""
         return _smooth_step((self.outer - jnp.abs(x - self.x)) / (self.outer - self.inner))
 
     def _below(self, z: Float[Array, " N"]) -> Float[Array, " N"]:
+        """R at the level z (m) beside the wall, Pa."""
         return _smooth_step((self.top - z) / (self.top - self.tip)) * self.weight * (self.still - z)
 
     def pressure(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """R, Pa."""
+        """Background pressure R at x (m), Pa."""
         return self._beside(x[:, 0]) * self._below(x[:, -1])
 
     def force(self, x: Float[Array, "N D"], h: Scalar) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
-        """-grad R (x and z) as a kernel sum would see it: of R + h^2/4 lap R for the Gaussian, N/m3."""
+        """Force per volume -grad R at x (m), its x and z components, N/m3, smoothed as a kernel sum smooths.
+
+        A sum over the Gaussian kernel gives the gradient of R + h^2/4 lap R to second order in h.
+        """
         a, a1, a2, a3 = _derivatives(self._beside, x[:, 0])
         b, b1, b2, b3 = _derivatives(self._below, x[:, -1])
         wide = 0.25 * h * h
@@ -57,7 +64,7 @@ class Background(eqx.Module):
 
 
 def _smooth_step(s: Float[Array, " N"]) -> Float[Array, " N"]:
-    """0 below 0, 1 above 1, twice differentiable."""
+    """Smooth step from 0 at s = 0 to 1 at s = 1 (-), twice differentiable."""
     s = jnp.clip(s, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
 

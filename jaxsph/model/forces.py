@@ -1,9 +1,4 @@
-"""Pure pair laws, the equation of state and body forces. A law sees one pair (`pairs.Pair`) and the fields
-of its two particles; equation numbers are those of Zhu et al. 2020.
-
-Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3 per m of width in 2-D; a
-negative sign marks a wall's source, which takes no part in the density diffusion), grad_rho (kg/m4).
-"""
+"""Body forces beside the uniform gravity."""
 
 from __future__ import annotations
 
@@ -14,12 +9,15 @@ from jaxsph.model.interfaces import AbstractForce
 
 
 class CentralForce(AbstractForce):
-    """-omega^2 (x - centre): what holds a drop together in Monaghan and Rafiee 2013, section 5.1."""
+    """Central body force: an acceleration -omega^2 (x - centre) towards a centre.
+
+    It holds a drop together in Monaghan and Rafiee 2013, section 5.1.
+    """
 
     omega: Scalar
-    """rad/s."""
+    """Angular frequency of a free particle in the force, rad/s."""
     centre: Float[Array, " D"]
-    """m."""
+    """Centre of the force, m."""
 
     def acceleration(self, x):
         """See `AbstractForce`."""

@@ -1,7 +1,8 @@
 """Interfaces of the parts that compose a model, and the model itself.
 
 A step visits tuples of parts; an empty tuple switches a part off, and the loop over it vanishes when the step
-is traced. A part keeps what evolves in `state.own` under its `name` and books energies in `state.ledger`.
+is traced. A part keeps its evolving state in `state.own` under its `name` and books energies in
+`state.ledger`. In two dimensions all amounts are per metre of width.
 """
 
 from __future__ import annotations
@@ -42,39 +43,43 @@ __all__ = [
 
 
 class Exchange(enum.Enum):
-    """Direction of an energy in the ledger."""
+    """Direction of an energy in the ledger, between the water and a part."""
 
     GIVEN = "given"
-    """To the water, by what moves it."""
+    """Energy given to the water by a moving part."""
     TAKEN = "taken"
-    """From the water, and lost."""
+    """Energy taken from the water and lost."""
     HARVESTED = "harvested"
-    """From the water, by a power take-off."""
+    """Energy taken from the water by a power take-off."""
 
 
 class Entry(NamedTuple):
-    """Meaning of one energy of the ledger."""
+    """Meaning of one energy of the ledger: its long name and its direction."""
 
     long_name: str
+    """Name of the energy in words."""
     exchange: Exchange = Exchange.TAKEN
+    """Direction of the energy."""
 
 
 class Reading(NamedTuple):
-    """Meaning of one reading of a probe."""
+    """Meaning of one reading of a probe: its unit, long name, dimension and group."""
 
     units: str
+    """Unit of the reading, such as "Pa"."""
     long_name: str
+    """Name of the reading in words."""
     dimension: str | None = None
     """Name of the second dimension, such as "gauge"; None for one number a sample."""
     group: str = "series"
-    """Group of a run's file that keeps it: "series" or "energy"."""
+    """Group of a run's file that keeps the reading: "series" or "energy"."""
 
 
 # --------------------------------------------------------------------------- fields and laws
 
 
 class AbstractPTO(eqx.Module):
-    """Power take-off of a chamber: law between the flow of its air and its pressure."""
+    """Power take-off of a chamber: the law between the flow and the pressure of its air."""
 
     @abc.abstractmethod
     def pressure(self, q_free: Scalar, compliance: Scalar, t: Scalar) -> Scalar:
@@ -86,67 +91,67 @@ class AbstractPTO(eqx.Module):
 
 
 class AbstractForce(eqx.Module):
-    """A field of body force beside the uniform gravity."""
+    """A body force beside the uniform gravity, given by a field of acceleration."""
 
     @abc.abstractmethod
     def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Acceleration at x (m), m/s2."""
+        """Acceleration by the body force at x (m), m/s2."""
 
     @abc.abstractmethod
     def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Potential energy per unit mass at x, J/kg: the acceleration is minus its gradient."""
+        """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
 
 
 class AbstractScheme(eqx.Module):
-    """A way to advance the fluid."""
+    """A scheme: the discrete equations that advance the fluid in time."""
 
     @abc.abstractmethod
     def prepare(self, model: Model, state: State) -> tuple[State, Tables]:
-        """Sorts the particles and searches their neighbours; flags overflow."""
+        """State with its particles sorted by cell, and the tables of their neighbours; flags overflow."""
 
     @abc.abstractmethod
     def step(self, model: Model, state: State, tables: Tables) -> State:
-        """One time step."""
+        """State after one time step of `model.dt`."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Energies that the scheme itself books."""
+        """Meaning of the energies that the scheme itself books, by their names in the ledger."""
 
     @abc.abstractmethod
     def limiters(self) -> Mapping[str, str]:
-        """Names of the scheme's limiters, and what each does to a particle."""
+        """Descriptions of the scheme's limiters, by their names in `State.limits`."""
 
 
 class AbstractTangents(eqx.Module):
     """Filter of the state's tangents after each step; values are unchanged."""
 
     @abc.abstractmethod
-    def filtered(self, model: Model, state: State, tables: Tables) -> State:
-        """The state with its tangents filtered."""
+    def filter(self, model: Model, state: State, tables: Tables) -> State:
+        """State with its tangents filtered, and its values as they are."""
 
 
 class ExactTangents(AbstractTangents):
-    """The tangents as they are."""
+    """No filter: the tangents of the state as they are."""
 
-    def filtered(self, model, state, tables):
+    def filter(self, model, state, tables):
         """See `AbstractTangents`."""
         del model, tables
         return state
 
 
 class AbstractDamper(eqx.Module):
-    """A zone that takes velocity out of the water."""
+    """A damping zone, which reduces the velocities of the water in it."""
 
     name: eqx.AbstractVar[str]
-    """Key of its energy in the ledger."""
+    """Name in the ledger of the energy that the damper takes."""
 
     @abc.abstractmethod
     def factor(self, x: Float[Array, "N D"], dt: Scalar) -> Float[Array, " N"]:
-        """Factor in [0, 1] of the velocities at x (m) over a step of dt (s)."""
+        """Factor in [0, 1] by which velocities at x (m) are multiplied in a step of dt (s), (-)."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Energies that the damper books: its own under its name."""
+        """Meaning of the energy that the damper books, under its name."""
 
 
 class AbstractOutlet(eqx.Module):
@@ -175,176 +180,199 @@ class AbstractSolid(eqx.Module):
     """A solid at the water's edge: a wall of the tank, a plate, a paddle, a rigid body."""
 
     name: eqx.AbstractVar[str]
-    """Key of its motion in `State.own`; empty for a solid at rest."""
+    """Key of the solid's motion in `State.own`; empty for a solid at rest."""
 
     @abc.abstractmethod
     def push(self, own: Any, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
-        """Acceleration (m/s2) of a spring that keeps particles at x (m) from touching the solid's surface;
-        see `solids.contact.spring`. `own`: the solid's state, `State.own[name]`, or None."""
+        """Acceleration of particles at x (m) by the contact spring of the solid's surface, m/s2.
+
+        The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `own`:
+        the solid's state, `State.own[name]`, or None; `dx`: particle spacing (m); `c0`: speed of sound (m/s).
+        """
 
     @abc.abstractmethod
-    def entered(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
-        """True for particles at x (m) that are inside the solid, and not by a rounding."""
+    def contains(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
+        """True for particles at x (m) that are inside the solid, by more than a rounding error."""
 
 
 class AbstractMovingSolid(AbstractSolid):
     """A solid that moves and has ghosts of its own."""
 
     rows: eqx.AbstractVar[tuple[int, int]]
-    """Index of its first ghost, and of the one after its last."""
+    """Index of the solid's first ghost, and of the ghost after its last."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
-        """Motion at t = 0, to become `State.own[name]`."""
+        """Motion of the solid at t = 0, to become `State.own[name]`."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Energies that the solid books."""
+        """Meaning of the energies that the solid books, by their names in the ledger."""
 
     @abc.abstractmethod
     def place(self, own: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
-        """Places (m) of its ghosts and of their nodes, from those at rest."""
+        """Positions of the solid's ghosts and of their nodes, m, from those at rest, x and `nodes` (m)."""
 
     @abc.abstractmethod
     def velocity(self, own: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
-        """Velocity of the solid at points x that move with it, m/s."""
+        """Velocity of the solid at points x (m) that move with it, m/s."""
 
     @abc.abstractmethod
-    def touched(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
+    def touches(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
         """True for particles at x (m) near enough to be stopped by the solid."""
 
     @abc.abstractmethod
     def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
-        """Motion in the middle of a step of dt (s) that begins with `old` and ends with `new`."""
+        """Motion of the solid in the middle of a step of dt (s) from the motion `old` to `new`."""
 
 
 class AbstractWall(AbstractMovingSolid):
-    """A solid whose motion is given: a piston, a rocking bed."""
+    """A moving solid whose motion is given: a piston, a rocking bed."""
 
     @abc.abstractmethod
     def move(
         self, own: Any, water: Particles, depth_volume: Float[Array, " N"], t: Scalar, dt: Scalar
     ) -> Any:
-        """Motion at t + dt (s); `depth_volume`: particles' volumes per metre of the tank's width, m2."""
+        """Motion of the wall at the time t + dt (s), from its motion `own` at t.
+
+        `depth_volume`: volumes of the particles per metre of the tank's width, m2.
+        """
 
     @abc.abstractmethod
     def acceleration(self, old: Any, new: Any, x: Float[Array, "B D"], dt: Scalar) -> Float[Array, "B D"]:
-        """Acceleration of its surface at the ghosts x (m) over a step from `old` to `new`, m/s2."""
+        """Acceleration of the wall at its ghosts x (m), m/s2, in a step of dt (s) from `old` to `new`."""
 
     @abc.abstractmethod
     def with_velocity(self, own: Any, after: Any) -> Any:
-        """The motion `own` with the velocity of the motion `after`: still in its place."""
+        """Motion of the wall in the position of `own` and with the velocity of `after`."""
 
     @abc.abstractmethod
     def cover(self, own: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
-        """Share (0 to 1) in which ghosts at x (m) of other solids stand in the water's side of the wall."""
+        """Share of each ghost of all solids, at x (m), that is on the water's side of the wall, 0 to 1."""
 
 
 class AbstractBody(AbstractMovingSolid):
-    """A rigid body with three motions in the x-z plane, driven by the water or going on as they are."""
+    """A rigid body with three motions in the x-z plane: surge, heave and pitch.
+
+    Each motion is free, or goes on at a constant velocity.
+    """
 
     @abc.abstractmethod
     def movable(self, t: Scalar) -> Float[Array, "3"]:
-        """1 for the motions that forces change at the time t (s), 0 for those that go on as they are."""
+        """Mask of surge, heave and pitch: 1 for motions that are free at t (s), 0 at constant velocity."""
 
     @abc.abstractmethod
     def generalised_mass(self) -> Float[Array, "3"]:
-        """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D)."""
+        """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D) of surge, heave, pitch."""
 
     @abc.abstractmethod
     def directions(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
-        """Velocity at the points x per unit of every motion's velocity."""
+        """Velocity of the body at points x (m) per unit velocity of surge, heave (-) and pitch (m)."""
 
     @abc.abstractmethod
     def centripetal(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Acceleration at the points x that no change of the velocities makes, m/s2."""
+        """Centripetal acceleration of the body at points x (m), m/s2: the part due to constant rotation."""
 
     @abc.abstractmethod
     def external(self, own: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
-        """Forces that are neither the water's nor linear in the velocity, N, N, N m (per metre in 2-D)."""
+        """Forces on the body along x and z (N) and moment (N m) besides the water's and linear damping.
+
+        Per metre of width in 2-D; g (m/s2): gravity.
+        """
 
     @abc.abstractmethod
     def damping(self) -> Float[Array, "3"]:
-        """Force against every velocity per unit of it."""
+        """Linear damping coefficients of surge, heave (N s/m) and pitch (N m s); per metre of width in 2-D.
+
+        The damping force is minus their product with the velocities.
+        """
 
     @abc.abstractmethod
     def normals(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Outward unit normals, in the body's pose, of the surface nearest to points x (m) of the body at
-        rest."""
+        """Outward unit normals (-), in the body's pose, of the surface nearest to points x.
+
+        The points x (m) are given for the body at rest.
+        """
 
     @abc.abstractmethod
     def distance(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of x from the body's surface, m; negative inside."""
+        """Distance of points x (m) from the body's surface, m; negative inside."""
 
     @abc.abstractmethod
     def energy(self, own: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
-        """Kinetic energy, and potential energy over that at rest, J (J/m in 2-D)."""
+        """Kinetic energy of the body, and its potential energy above that at rest, J (J/m in 2-D)."""
 
     @abc.abstractmethod
     def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
-        """Energy taken by the body's power take-off in a step, J (J/m in 2-D)."""
+        """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D)."""
 
     @abc.abstractmethod
     def harvest(self) -> tuple[str, ...]:
-        """Names in the ledger of the energies that its power take-off takes."""
+        """Names in the ledger of the energies that the body's power take-off takes."""
 
     @abc.abstractmethod
     def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:
-        """Energies of a step by their names in the ledger, J (J/m in 2-D): `taken` by the power take-off, and
-        given by what drives the motions that are not free (`driven`)."""
+        """Energies that the body books in a step, by their names in the ledger, J (J/m in 2-D).
+
+        **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given to the body to
+        keep up the motions that are not free.
+        """
 
 
 # --------------------------------------------------------------------------- chambers
 
 
 class Air(eqx.Module):
-    """Air of a chamber at time t."""
+    """Air of a chamber at one time."""
 
     P_a: Scalar
-    """Gauge pressure, Pa, positive when compressed."""
+    """Gauge pressure of the air, Pa, positive when compressed."""
     q: Scalar
-    """Flow of air out of the chamber, m3/s (m2/s in 2-D), positive when the water rises."""
+    """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
     driven: Tally
-    """Volume of air driven out, m3 (m2 in 2-D)."""
+    """Volume of air that has left the chamber, m3 (m2 in 2-D)."""
 
 
 class Kick(NamedTuple):
-    """Change of the water's velocities by a chamber's air over a step."""
+    """Change of the water's velocities by the air of a chamber in a step."""
 
     u: Float[Array, "N D"]
-    """Velocities with the change, m/s."""
+    """Velocities of the water after the change, m/s."""
     P_a: Scalar
-    """Air pressure that made it, Pa."""
+    """Gauge pressure of the air in the step, Pa."""
     index: Array
-    """Particles that feel the air; N stands for none."""
+    """Indices of the particles that feel the air; N stands for none."""
     force: Components
-    """Force on each of them per unit of P_a, m2 (m in 2-D)."""
+    """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
 
 
 class AbstractChamber(eqx.Module):
-    """Trapped air over a part of the water's surface."""
+    """A chamber of trapped air over a part of the water's surface."""
 
     name: eqx.AbstractVar[str]
-    """Key of its air in `State.own`."""
+    """Key of the chamber's air in `State.own`."""
     pto: eqx.AbstractVar[AbstractPTO]
+    """Power take-off of the chamber."""
 
     @property
     @abc.abstractmethod
     def energy(self) -> str:
-        """Name in the ledger of the energy that the PTO takes."""
+        """Name in the ledger of the energy that the power take-off takes."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Air:
-        """Air at t = 0."""
+        """Air of the chamber at t = 0."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Energies that the chamber books."""
+        """Meaning of the energies that the chamber books, by their names in the ledger."""
 
     @abc.abstractmethod
     def candidates(self, x: Float[Array, "N D"], margin: float, capacity: int) -> tuple[Array, Array]:
-        """Indices `[capacity]` of the particles that may feel the air before the next search, and their
-        number."""
+        """Indices `[capacity]` of particles that may feel the air before the next search, and their number.
+
+        `margin`: distance by which the air's region is widened for motion until then, m.
+        """
 
     @abc.abstractmethod
     def kick(
@@ -357,42 +385,54 @@ class AbstractChamber(eqx.Module):
         t: Scalar,
         dt: Scalar,
     ) -> Kick:
-        """The air's force over dt (s) on velocities u (m/s) that have had every other explicit force."""
+        """Velocities of the water (m/s) after the air's force over a step of dt (s), and its pressure (Pa).
+
+        u: velocities (m/s) that already include every other explicit force.
+        """
 
     @abc.abstractmethod
     def finish(
         self, own: Air, kick: Kick, before: Float[Array, "N D"], after: Float[Array, "N D"], dt: Scalar
     ) -> tuple[Air, Scalar]:
-        """Air at the end of the step, and the energy (J, J/m in 2-D) that it took from the water, whose
-        velocities went from `before` to `after` (m/s)."""
+        """Air at the end of a step of dt (s), and the energy that it took from the water, J (J/m in 2-D).
+
+        **Arguments**: `before`, `after`: velocities of the water at both ends of the step, m/s.
+        """
 
     @abc.abstractmethod
-    def carried(self, own: Air, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Pressure (Pa) of the water at x (m) that the scheme's own pressure leaves to the air."""
+    def water_pressure(self, own: Air, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Part of the water's gauge pressure at x (m) that the air carries, Pa.
+
+        It is not in the scheme's own pressure, and is added to it.
+        """
 
 
 # --------------------------------------------------------------------------- probes
 
 
 class AbstractProbe(eqx.Module):
-    """Something measured in the loop."""
+    """A probe: readings of the state, taken inside the time loop."""
 
     @abc.abstractmethod
     def measure(self, model: Model, state: State, tables: Tables) -> Mapping[str, jax.Array]:
-        """Readings by name at the state's time."""
+        """Readings at the state's time, by name."""
 
     @abc.abstractmethod
     def describe(self) -> Mapping[str, Reading]:
-        """Meaning of every reading."""
+        """Unit and meaning of every reading, by name."""
 
 
 # --------------------------------------------------------------------------- the model
 
 
 class Model(eqx.Module):
-    """Everything that stays constant in the loop. Every float is an array leaf: traceable, differentiable."""
+    """Model of a case: everything that stays constant in the time loop.
+
+    Every float is an array leaf, which can be traced and differentiated.
+    """
 
     scheme: AbstractScheme
+    """Scheme that advances the fluid."""
     walls: Any
     """Ghosts of all solids (`solids.walls.Ghosts`)."""
     solids: tuple[AbstractSolid, ...]
@@ -404,32 +444,38 @@ class Model(eqx.Module):
     chambers: tuple[AbstractChamber, ...]
     """Chambers of trapped air."""
     dampers: tuple[AbstractDamper, ...]
-    """Zones that take velocity out of the water."""
+    """Damping zones."""
     outlets: tuple[AbstractOutlet, ...]
     """Places where water leaves for good."""
     forces: tuple[AbstractForce, ...]
-    """Body forces beside the uniform g."""
+    """Body forces beside the uniform gravity g."""
     tangents: AbstractTangents
-    """Filter of the tangents; `ExactTangents` leaves them."""
+    """Filter of the state's tangents; `ExactTangents` is none."""
     g: Float[Array, " D"]
+    """Acceleration of gravity, a vector, m/s2."""
     dx: Scalar
+    """Particle spacing, m."""
     dt: Scalar
+    """Time step, s."""
     t0: Scalar
+    """Physical time of step 0, s."""
     depth: Scalar
+    """Depth of water for depth-averaged results, m."""
     z0: Float[Array, " N"]
-    """Initial height of each particle by id, m: energies are counted from there."""
+    """Initial height of each particle by id, m: potential energies are relative to it."""
     search: Search
+    """Neighbour search, and the sizes of its tables."""
 
     def step(self, state: State, tables: Tables) -> State:
-        """One time step of the scheme."""
-        return self.tangents.filtered(self, self.scheme.step(self, state, tables), tables)
+        """State after one time step of the scheme, with its tangents filtered."""
+        return self.tangents.filter(self, self.scheme.step(self, state, tables), tables)
 
     def every_solid(self) -> Sequence[AbstractSolid]:
-        """Solids at rest, moving walls and bodies."""
+        """All solids of the model: those at rest, moving walls and bodies."""
         return (*self.solids, *self.moving, *self.bodies)
 
     def walls_at(self, own: Mapping[str, Any]) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
-        """Places of all ghosts and their nodes, m, with the parts in the states `own`."""
+        """Positions of all ghosts and of their nodes, m, with the moving solids in the states `own`."""
         x, nodes = self.walls.x, self.walls.node
         for solid in (*self.moving, *self.bodies):
             rows = slice(*solid.rows)
@@ -445,10 +491,10 @@ class Model(eqx.Module):
         return total
 
     def pressure(self, state: State) -> Float[Array, " N"]:
-        """Gauge pressure of every particle, Pa: the scheme's, and what it leaves to the air of chambers."""
+        """Gauge pressure of every particle, Pa: the scheme's, and the part that the chambers' air carries."""
         p = self.scheme.pressure(state.particles)
         for chamber in self.chambers:
-            p = p + chamber.carried(state.own[chamber.name], state.particles.x)
+            p = p + chamber.water_pressure(state.own[chamber.name], state.particles.x)
         return p
 
     def entries(self) -> dict[str, Entry]:
@@ -467,11 +513,11 @@ class Model(eqx.Module):
         return found
 
     def time(self, state: State) -> Scalar:
-        """Physical time of a state, s."""
+        """Physical time t0 + step dt of a state, s."""
         return self.t0 + state.step.astype(self.dt.dtype) * self.dt
 
 
 def own_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
-    """States of all parts at t = 0, by name."""
+    """States of all parts that evolve, at t = 0, by name."""
     parts = (*model.moving, *model.bodies, *model.chambers, *model.outlets)
     return {part.name: part.start(dtype) for part in parts}

@@ -1,5 +1,4 @@
-"""What every scheme does at a step beside its own equations: tables, walls filled, moving particles without
-losing what rounding takes, and flags of what has gone wrong."""
+"""Fickian shifting, which keeps particles evenly spread."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, Scalar, real, stacked
+from jaxsph.core.arrays import Array, Float, Scalar, real, stack
 from jaxsph.core.pairs import Pair, pair_sum, with_empty
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
@@ -15,9 +14,9 @@ from jaxsph.model.state import Tables
 
 
 class Shifting(eqx.Module):
-    """Fickian shifting of particles, down the gradient of their concentration (Lind et al. 2012; the sum of
-    Sun et al. 2017, Eq. 6, which also keeps particles from pairing).
+    """Fickian shifting of particles, down the gradient of their concentration.
 
+    Source: Lind et al. 2012, with the sum of Sun et al. 2017, Eq. 6, which also keeps particles from pairing:
     dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, with U the largest speed, at most
     U dt/2. Near a free surface, where the kernel is not full, it fades out: there the gradient is the
     surface's own. Velocities and densities stay with their particles, so angular momentum is not kept, and a
@@ -30,8 +29,11 @@ class Shifting(eqx.Module):
     """
 
     strength: Scalar = eqx.field(converter=real)
-    """1; 12 keeps the particles of the exact tests in order, with 3 some energy is still lost. As a diffusion
-    it is stable while strength U is below c0."""
+    """Strength of the shifting (-), such as 1.
+
+    12 keeps the particles of the exact tests in order; with 3 some energy is still lost. As a diffusion it is
+    stable while strength U is below c0.
+    """
 
     def displacement(
         self,
@@ -42,7 +44,7 @@ class Shifting(eqx.Module):
         tables: Tables,
         dt: Scalar,
     ) -> Float[Array, "N D"]:
-        """By how much each particle is moved in a step of dt (s), m."""
+        """Displacement of each particle by shifting in a step of dt (s), m."""
         dim = u.shape[1]
         h, kernel = scheme.smoothing.h, scheme.smoothing.kernel
         W_dx = kernel.value(model.dx**2, h, dim)
@@ -56,9 +58,9 @@ class Shifting(eqx.Module):
         targets = jax.tree.map(lambda a: a[:n], sources)
         gradient, trace = pair_sum(law, scheme.smoothing, targets, with_empty(sources), tables.fluid)
         speed = jnp.sqrt(jnp.max(jnp.sum(u**2, axis=1)))
-        # a full kernel gives dim within a few per cent, half a one half of it
+        # the trace is dim within a few per cent for a full kernel, and half of that for half a kernel
         inside = jnp.clip((trace / dim - 0.8) / 0.15, 0.0, 1.0)
-        move = self.strength * h * stacked(gradient) * inside[:, None]
+        move = self.strength * h * stack(gradient) * inside[:, None]
         # the guard is for the derivative at zero
         size = jnp.sqrt(jnp.sum(move**2, axis=1, keepdims=True) + 1e-12)
         return -speed * dt * move * jnp.minimum(1.0, 0.5 / size)

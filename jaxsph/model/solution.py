@@ -1,8 +1,4 @@
-"""Types: what evolves (`State`), what stays (`Model`), what comes out (`Solution`), and the interfaces.
-
-SI units. x runs along the tank from the wavemaker's rest position; the last axis points up and z = 0 is
-the bed. In two dimensions everything is per metre of width.
-"""
+"""Solution of a run: the series of its readings, its last state and its results."""
 
 from __future__ import annotations
 
@@ -18,27 +14,30 @@ from jaxsph.model.state import State
 
 
 class Solution(eqx.Module):
-    """What a run gives: the samples as numpy arrays, the last state, and what to call things."""
+    """Result of a run: the samples as numpy arrays with their units and names, and the last state."""
 
     series: dict[str, np.ndarray]
-    """Each reading at every sample, `[T]` or `[T, k]`; "time" among them."""
+    """Readings at every sample by name, `[T]` or `[T, k]`, in `units`; "time" (s) is among them."""
     units: dict[str, tuple[str, str]] = eqx.field(static=True)
-    """(units, long name) of each reading."""
+    """Pair (unit, long name) of each reading, by its name."""
     model: Model
+    """Model of the run."""
     state: State
+    """State at the end of the run."""
     case: Any = None
+    """Case of the run, or None for a model built without one."""
     results: dict[str, float] | None = None
-    """Scalars made from the series: efficiency, powers, reflection (see `analysis`)."""
+    """Scalars made from the series by name: efficiency, powers, reflection (`jaxsph.analysis`)."""
     notices: tuple[str, ...] = eqx.field(static=True, default=())
-    """What is to be said of the results: those that could not be made, and why."""
+    """Notices on the results: those that could not be made, and why."""
 
     @property
     def t(self) -> np.ndarray:
-        """Sample times, s."""
+        """Times of the samples, s."""
         return self.series["time"]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The reading called `name`."""
+        """Series of the reading called `name`; raises KeyError where there is none."""
         if name not in self.series:
             raise KeyError(f"no reading {name!r}; there are {', '.join(sorted(self.series))}")
         return self.series[name]

@@ -1,4 +1,4 @@
-"""State of a run: what evolves from step to step, and the neighbour tables of one block of steps.
+"""State of a run: all that evolves from step to step, and the neighbour tables of one block of steps.
 
 SI units. x runs along the tank from the wavemaker's rest position; the last axis points up and z = 0 is
 the bed. In two dimensions everything is per metre of width.
@@ -20,12 +20,12 @@ __all__ = ["Failure", "Particles", "Search", "State", "Status", "Tables", "Tally
 
 
 class Particles(eqx.Module):
-    """The fluid's particles at time t, in the order of the last sort by cell."""
+    """Particles of the fluid at one time, in the order of the last sort by cell."""
 
     x: Float[Array, "N D"]
     """Positions, m."""
     x_carry: Float[Array, "N D"]
-    """Rounding error of x, m: what its type could not hold (compensated summation)."""
+    """Rounding error of the positions x, m, to be added to them (compensated summation)."""
     u: Float[Array, "N D"]
     """Velocities, m/s."""
     rho: Float[Array, " N"]
@@ -33,16 +33,17 @@ class Particles(eqx.Module):
     m: Float[Array, " N"]
     """Masses, kg (kg/m in two dimensions)."""
     id: Int[Array, " N"]
-    """Place in the initial lattice: follows a particle through the sorts."""
+    """Index of the particle in the initial lattice, which stays with it through the sorts."""
     p: Float[Array, " N"]
     """Gauge pressure, Pa, of a scheme that solves for it; zero where it follows from the density."""
 
 
 class Tally(eqx.Module):
-    """Running sum of an amount: since the last sample, and since the start of the run.
+    """Running sum of an amount, in two parts: up to the last sample, and since then.
 
-    The sum over a sample is small, so that a step's amount is not lost in it; at a sample it is added to the
-    sum before with its rounding error kept (Knuth's two-sum), so that a long run loses nothing either.
+    The sum since the last sample is small, so that a step's amount is not lost in it to rounding; at a sample
+    it is added to the sum before with its rounding error kept (Knuth's two-sum), so that a long run loses
+    nothing either.
     """
 
     recent: Float[Array, "..."]
@@ -54,7 +55,7 @@ class Tally(eqx.Module):
 
     @classmethod
     def zero(cls, dtype: Any, shape: tuple[int, ...] = ()) -> Tally:
-        """Sum of nothing."""
+        """Tally with a sum of zero."""
         return cls(*(jnp.zeros(shape, dtype) for _ in range(3)))
 
     @property
@@ -63,11 +64,11 @@ class Tally(eqx.Module):
         return self.settled + (self.carry + self.recent)
 
     def add(self, amount: Float[Array, "..."]) -> Tally:
-        """The sum with one step's amount."""
+        """Tally with the amount of one step added."""
         return Tally(self.recent + amount, self.settled, self.carry)
 
     def settle(self) -> Tally:
-        """The same sum at a sample: nothing is recent any more."""
+        """Tally of the same total at a sample: the recent amount is moved to the settled one."""
         settled = self.settled + self.recent
         kept = settled - self.settled
         lost = (self.settled - (settled - kept)) + (self.recent - kept)
@@ -75,7 +76,7 @@ class Tally(eqx.Module):
 
 
 def settle(tree: Any, due: jax.Array) -> Any:
-    """Settles every `Tally` of a pytree where a sample is `due`."""
+    """Pytree with every `Tally` settled where a sample is `due`."""
 
     def settled(leaf):
         if not isinstance(leaf, Tally):
@@ -86,30 +87,37 @@ def settle(tree: Any, due: jax.Array) -> Any:
 
 
 class Failure(enum.IntFlag):
-    """What can go wrong inside the loop; reported once, outside it."""
+    """Flags of failures inside the time loop; they are reported once, outside it."""
 
     NEIGHBOUR_OVERFLOW = 1
+    """A neighbour table had too few slots."""
     STALE_TABLE = 2
+    """A particle moved by more than half the skin since the last search."""
     NON_FINITE = 4
+    """A position, velocity or density is not finite."""
     THROUGH_WALL = 8
+    """A particle is inside a solid, or has left the tank."""
     CHAMBER_OVERFLOW = 16
+    """More particles feel a chamber's air than its table holds."""
     TOO_FAST = 32
+    """A particle is faster than the scheme allows."""
     NOT_CONVERGED = 64
+    """A linear solution for the pressure did not converge."""
 
 
 class Status(eqx.Module):
-    """Failures so far, place and step of the first one, and what the tables and the solver needed."""
+    """Failures so far with the position and step of the first, and the needs of tables and solver."""
 
     bits: Int[Array, ""]
     """`Failure` flags."""
     step: Int[Array, ""]
     """Step of the first failure."""
     where: Float[Array, " D"]
-    """Place of the first failure, m."""
+    """Position of the first failure, m."""
     most: dict[str, Int[Array, ""]]
     """Largest number of slots that a table needed since the start, by the name of its capacity."""
     residual: Scalar
-    """Largest residual that a linear solution was left with, over its right-hand side."""
+    """Largest residual of a linear solution so far, relative to its right-hand side (-)."""
     speed2: Scalar
     """Square of the largest speed up to the first failure, m2/s2."""
 
@@ -122,7 +130,7 @@ class Status(eqx.Module):
         return cls(zero, zero, jnp.zeros(dim, dtype), most, none, none)
 
     def flag(self, failure: Failure, failed: jax.Array, step: jax.Array, where: jax.Array) -> Status:
-        """The status with a failure added; step and place of the first one are kept."""
+        """Status with a failure added where `failed`; step and position of the first failure are kept."""
         first = failed & (self.bits == 0)
         return Status(
             self.bits | jnp.where(failed, int(failure), 0).astype(self.bits.dtype),
@@ -135,9 +143,10 @@ class Status(eqx.Module):
 
 
 class State(eqx.Module):
-    """Everything that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
+    """State of a run: all that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
 
     particles: Particles
+    """Particles of the fluid."""
     own: dict[str, Any]
     """States of the parts by their names: a paddle's motion, a body's, a chamber's air."""
     ledger: dict[str, Tally]
@@ -145,35 +154,40 @@ class State(eqx.Module):
     limits: dict[str, Tally]
     """Particle steps in which a limiter of the scheme acted, by its name."""
     step: Int[Array, ""]
+    """Number of steps since t = model.t0."""
     status: Status
+    """Failures, and the needs of tables and solver."""
 
 
 class Search(eqx.Module):
-    """Shapes and cadence of the neighbour tables; found in `build`, grown by `run`."""
+    """Sizes and cadence of the neighbour tables; found in `build`, grown by `run`."""
 
     grid: Grid
     """Cells that the particles are sorted by."""
     method: AbstractSearch
-    """Who finds the neighbours."""
+    """Neighbour search that fills the tables."""
     capacity: int = eqx.field(static=True)
     """Slots per fluid particle."""
     node_capacity: int = eqx.field(static=True)
     """Slots per interpolation node."""
     chamber_capacity: int = eqx.field(static=True)
-    """Particles under a chamber's air pressure, at most."""
+    """Largest number of particles that feel a chamber's air."""
     rebuild_every: int = eqx.field(static=True)
-    """Steps between searches."""
+    """Number of steps between searches."""
     skin: float = eqx.field(static=True)
-    """Distance (m) that the search radius adds to the support."""
+    """Margin of the search radius over the kernel's support, m."""
 
 
 class Tables(eqx.Module):
     """Neighbour tables of one block of steps, and the positions for which they were made."""
 
     fluid: Int[Array, "K N"]
+    """Particles and ghosts around every particle."""
     nodes: Int[Array, "Kn G"]
+    """Particles around the interpolation node of every ghost."""
     around: dict[str, Int[Array, "Kp P"]]
-    """Fluid around the ghosts of every moving wall, by its name, for the force on it."""
+    """Particles around the ghosts of every moving wall, by the wall's name, for the force on it."""
     chambers: dict[str, Int[Array, " C"]]
-    """Particles that may feel a chamber's air, by its name; N stands for none."""
+    """Particles that may feel a chamber's air, by the chamber's name; N stands for none."""
     x: Float[Array, "N D"]
+    """Positions of the particles at the search, m."""

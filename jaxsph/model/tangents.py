@@ -1,7 +1,7 @@
-"""Derivatives that last: a filter on what JAX differentiates, which leaves the values alone.
+"""Filter of tangents: averages of derivatives over neighbours, which leave all values alone.
 
 Particles are chaotic. A derivative carried exactly through the loop belongs, after a fraction of a second,
-to the paths of single particles and not to the flow; averaged over neighbours as it goes, it stays the
+to the paths of single particles and not to the flow; averaged over neighbours at intervals, it stays the
 flow's, and loses a part of it (`python -m experiments run filter_study`).
 """
 
@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Int, columns, dot, stacked
+from jaxsph.core.arrays import Array, Components, Int, columns, dot, stack
 from jaxsph.core.pairs import (
     Fields,
     Pair,
@@ -32,28 +32,32 @@ from jaxsph.model.state import State, Tables
 
 
 class TangentFilter(AbstractTangents):
-    """Derivatives of positions and velocities, f, become f - (1 - S)^order f with the average S of
-    neighbours, every `interval` steps.
+    """Filter of the tangents of positions and velocities by averages over neighbours.
 
-    S is exact for straight lines, so that it does not pull at the free surface, and holds what is tangential
-    to a wall as even there. Of a wave of number k an average leaves exp(-(k h)^2/4). What it must outrun are
-    rows of the square lattice, which under pressure slide over each other: exact slopes grow e-fold in 0.14 s
-    on the bed of still water, 0.4 m deep at dx = 0.02 m (`python -m experiments run lattice_growth`). Higher
-    orders spare the chamber's flow better: order 3 at every step lost a fifth of the response where this
-    loses half, but left slow modes of those rows, and grew thirtyfold a period in a tank of 4 m. Densities
-    follow on their own.
+    Every `interval` steps a tangent f becomes f - (1 - S)^order f, with the average S over neighbours
+    (`Average`). S is exact for linear fields, so that it does not pull at the free surface; it takes
+    components tangential to a wall as even across it. Of a wave of wavenumber k an average leaves
+    exp(-(k h)^2/4).
+
+    The filter must be faster than the rows of the square lattice, which under pressure slide over each other:
+    exact slopes grow e-fold in 0.14 s on the bed of still water, 0.4 m deep at dx = 0.02 m
+    (`python -m experiments run lattice_growth`). Higher orders spare the chamber's flow better: order 3 at
+    every step lost a fifth of the response where order 1 at every fifth step loses half, but left slow modes
+    of those rows, and grew thirtyfold a period in a tank of 4 m. Tangents of the densities need no filter:
+    they follow those of positions and velocities.
     """
 
     order: int = eqx.field(static=True, default=1)
+    """Order of the filter, 1 or more."""
     interval: int = eqx.field(static=True, default=5)
-    """Steps."""
+    """Number of steps between two uses of the filter."""
 
     def __check_init__(self) -> None:
-        """Refuses what filters nothing."""
+        """Raises ValueError for an order or interval below 1."""
         if self.order < 1 or self.interval < 1:
             raise ValueError(f"order = {self.order} and interval = {self.interval}: must be 1 or more")
 
-    def filtered(self, model, state, tables):
+    def filter(self, model, state, tables):
         """See `AbstractTangents`."""
         p = state.particles
 
@@ -67,30 +71,38 @@ class TangentFilter(AbstractTangents):
             x, u = jax.lax.cond(due, filtered, lambda fields: fields, fields)
         else:
             x, u = filtered(fields)
-        return eqx.tree_at(lambda s: (s.particles.x, s.particles.u), state, (stacked(x), stacked(u)))
+        return eqx.tree_at(lambda s: (s.particles.x, s.particles.u), state, (stack(x), stack(u)))
 
 
 class Average(NamedTuple):
-    """The average over neighbours, a linear map of vector fields: straight lines fitted around every
-    particle with the kernel's weights, and their value there."""
+    """Average over neighbours, a linear map of vector fields.
+
+    A linear function is fitted around every particle with the kernel's weights; the average is its value at
+    the particle.
+    """
 
     x: Components
+    """Positions of the particles, m."""
     V: jax.Array
+    """Volumes of the particles, m3 (m2 in 2-D)."""
     smoothing: Smoothing
+    """Kernel of the weights."""
     table: Int[Array, "K N"]
-    """Water around the water; walls are empty slots."""
+    """Particles around every particle; ghosts are empty slots."""
     own: jax.Array
-    """Weight of the particle itself."""
+    """Weight of the particle itself (-)."""
     weight: jax.Array
-    """Sum of all weights."""
+    """Sum of all weights (-)."""
     centre: Components
-    """Weighted mean of the neighbours' places from the particle, over h."""
+    """Weighted mean position of the neighbours from the particle, over h (-)."""
     inverse: tuple[tuple[jax.Array, ...], ...]
-    """For every component of the field, the inverse of the places' covariance over h^2/2, with the slope away
-    from walls held down for what is even there."""
+    """Inverse of the positions' covariance over h^2/2 (-), for every component of the field.
+
+    Slopes across a wall are held down for components that are even across it.
+    """
 
     def __call__(self, fields: tuple[Components, ...]) -> tuple[Components, ...]:
-        """The averages of vector fields."""
+        """Averages of vector fields over neighbours, in the fields' units."""
         h = self.smoothing.h
 
         def law(pair: Pair, i: Fields, j: Fields):
@@ -113,7 +125,7 @@ class Average(NamedTuple):
 
 
 def average_of(model: Model, state: State, tables: Tables) -> Average:
-    """The average over a state's neighbours."""
+    """Average over the neighbours in a state."""
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
     h, (n, dim) = smoothing.h, p.x.shape
@@ -148,12 +160,12 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
 
 
 HOLD = 40.0
-"""How many times its own covariance, over a full kernel of ghosts, a slope is held down: it need only be
+"""Ratio of a held slope's stiffness to its covariance, for a full kernel of ghosts (-); it need only be
 large."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:
-    """The covariance over 1/2 with the held slopes' directions made stiff, upper triangle."""
+    """Covariance over 1/2 with the directions of held slopes made stiff, upper triangle."""
     found, count = [], 0
     for row in range(dim):
         for column in range(row, dim):
@@ -165,7 +177,7 @@ def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[ja
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _filtered(order: int, fields: tuple[Components, ...], average: Average) -> tuple[Components, ...]:
-    """The fields; their derivatives less what `order` averages leave of them."""
+    """The fields as they are; their tangents f become f - (1 - S)^order f with the average S."""
     del order, average
     return fields
 

@@ -1,5 +1,5 @@
-"""What every scheme does at a step beside its own equations: tables, walls filled, moving particles without
-losing what rounding takes, and flags of what has gone wrong."""
+"""Viscosities of a scheme: pair laws of the viscous force with their coefficients. Equation numbers are those
+of Zhu et al. 2020."""
 
 from __future__ import annotations
 
@@ -13,26 +13,30 @@ from jaxsph.model import laws
 
 
 class AbstractViscosity(eqx.Module):
-    """The viscous sum (Eq. 4 and 6): a pair law and its coefficient."""
+    """A viscosity: the pair law of the viscous sum (Eq. 4 and 6), and its coefficient."""
 
     @abc.abstractmethod
     def coefficient(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
-        """m2/s."""
+        """Coefficient of the viscous sum, m2/s."""
 
     @abc.abstractmethod
     def kinematic(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
-        """The kinematic viscosity it stands for (Eq. 5), m2/s."""
+        """Kinematic viscosity that the coefficient stands for, m2/s (Eq. 5)."""
 
     @abc.abstractmethod
     def shear(self, pair: Pair, i: Fields, j: Fields, guard: Scalar) -> Components:
-        """What the coefficient multiplies, per pair, 1/(m s)."""
+        """Term of one pair in the viscous sum, 1/(m s), to be multiplied by the coefficient."""
 
 
 class PhysicalViscosity(AbstractViscosity):
-    """Eq. 6: 2 (dim + 2) nu. On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
-    (`python -m experiments run taylor_green`): see `LaplacianViscosity`."""
+    """Physical viscosity nu in Monaghan's form, of coefficient 2 (dim + 2) nu (Eq. 6).
+
+    On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
+    (`python -m experiments run taylor_green`); `LaplacianViscosity` is not.
+    """
 
     nu: Scalar = eqx.field(converter=real)
+    """Kinematic viscosity, m2/s."""
 
     def coefficient(self, h, c0, dim):
         """See `AbstractViscosity`."""
@@ -48,15 +52,17 @@ class PhysicalViscosity(AbstractViscosity):
 
 
 class LaplacianViscosity(AbstractViscosity):
-    """nu lap u as 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j (Morris et al. 1997, Eq. 22): exact viscosity.
+    """Physical viscosity nu lap u in Morris's form, 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j.
 
-    For flows that the physical viscosity governs. The weights of Monaghan's form are not smooth at r = 0,
-    and a square lattice sums them 9 % off; here it need only sum the kernel's second moments. Angular
-    momentum is not kept, and at a free surface it stands for du/dn = 0, not for no stress: it dissipates
-    nu |grad u|^2, half of what it should in a wave.
+    Source: Morris et al. 1997, Eq. 22. For flows that the physical viscosity governs: the weights of
+    Monaghan's form (`PhysicalViscosity`) are not smooth at r = 0, and a square lattice sums them 9 % off;
+    here it need only sum the kernel's second moments. Angular momentum is not kept, and at a free surface
+    the form stands for du/dn = 0, not for no stress: it dissipates nu |grad u|^2, which in a wave is half of
+    what the viscosity should.
     """
 
     nu: Scalar = eqx.field(converter=real)
+    """Kinematic viscosity, m2/s."""
 
     def coefficient(self, h, c0, dim):
         """See `AbstractViscosity`."""
@@ -72,9 +78,10 @@ class LaplacianViscosity(AbstractViscosity):
 
 
 class ArtificialViscosity(AbstractViscosity):
-    """Eq. 4: alpha h c0."""
+    """Artificial viscosity of coefficient alpha h c0 (Eq. 4)."""
 
     alpha: Scalar = eqx.field(converter=real)
+    """Coefficient of the artificial viscosity (-)."""
 
     def coefficient(self, h, c0, dim):
         """See `AbstractViscosity`."""

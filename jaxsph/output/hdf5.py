@@ -1,4 +1,4 @@
-"""What every HDF5 file of jaxsph needs: whole writes, reads with errors in words, dimensions.
+"""HDF5 for all files of jaxsph: writes that are whole or nothing, reads with errors in words, dimensions.
 
 Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old file or
 the new one, whole.
@@ -27,6 +27,7 @@ read, and checkpoints refused: 1 did not say what the run's rules made of its ca
 
 
 Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
+"""Positions of gauges and sensors: name -> (dimension, values `[k]`, units, long name)."""
 
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -38,19 +39,22 @@ _BARE_DIMENSION = "This is a netCDF dimension but not a netCDF variable. {:10d}"
 
 @dataclass
 class Variable:
-    """What a series is: for axes' labels and for readers of the file."""
+    """Meaning of a series: its units and name, for the labels of axes and for readers of the file."""
 
     units: str
     long_name: str
     dim: str | None = None
     """Name of the second dimension, e.g. "gauge"; None for a series `[T]`."""
     group: str = "series"
-    """Where a run's file keeps it: "series" or "energy"."""
+    """Group of a run's file that keeps the series: "series" or "energy"."""
 
 
 @contextlib.contextmanager
 def replace_file(path: Path, mode: str) -> Iterator[h5py.File]:
-    """A copy (mode "r+") or a new file ("w") that takes the file's place if all goes well."""
+    """HDF5 file to write, a copy ("r+") or a new one ("w"), that takes the place of `path` if all goes well.
+
+    **Raises** FileError where it cannot be written; the file before is then unchanged.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     with tell_write_errors(path):
         try:
@@ -70,7 +74,7 @@ def replace_file(path: Path, mode: str) -> Iterator[h5py.File]:
 
 @contextlib.contextmanager
 def open_file(path: Path) -> Iterator[h5py.File]:
-    """The file, to be read. **Raises** FileError where it is missing, cut short or damaged."""
+    """HDF5 file, open for reading. **Raises** FileError where it is missing, cut short or damaged."""
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -87,7 +91,7 @@ def open_file(path: Path) -> Iterator[h5py.File]:
 
 @contextlib.contextmanager
 def tell_write_errors(path: Path) -> Iterator[None]:
-    """Raises FileError for what goes wrong while the file is written."""
+    """Context that raises FileError for whatever goes wrong while the file is written."""
     try:
         yield
     except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
@@ -119,7 +123,10 @@ def _no_such_file(path: Path) -> str:
 
 
 def check_signature(path: Path) -> None:
-    """Tells a missing or foreign file from a damaged one, which h5py does not."""
+    """**Raises** FileError for a path without an HDF5 file: missing, a folder, cut short, or of another kind.
+
+    h5py does not tell these from each other.
+    """
     if path.is_dir():
         raise FileError(f"{path}: is a folder; give a run's file (.h5)")
     try:
@@ -137,7 +144,7 @@ def check_signature(path: Path) -> None:
 
 
 def version() -> str:
-    """Version of jaxsph that is installed."""
+    """Version of the installed jaxsph."""
     try:
         return importlib.metadata.version("jaxsph")
     except importlib.metadata.PackageNotFoundError:
@@ -145,12 +152,12 @@ def version() -> str:
 
 
 def plain(value: Any) -> Any:
-    """A Python number for a numpy scalar; anything else as it is."""
+    """Python number of a numpy scalar; anything else as it is."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
-    """The dimension called `dim`, made where it is missing."""
+    """Dimension called `dim` of a group, made where it is missing. **Raises** ValueError for another size."""
     if dim not in group:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))
@@ -160,12 +167,12 @@ def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
 
 
 def dimension(data: h5py.Dataset, axis: int) -> str:
-    """Name of the dimension along an axis."""
+    """Name of the dimension along an axis of a dataset."""
     return data.dims[axis][0].name.rsplit("/", 1)[-1]
 
 
 def exact(data: h5py.Dataset) -> np.ndarray:
-    """A dataset's array as it was; indexing would turn 0-d ones into scalars."""
+    """Array of a dataset with its own shape; indexing would turn 0-d arrays into scalars."""
     found = np.empty(data.shape, data.dtype)
     if found.size:
         data.read_direct(found)

@@ -29,22 +29,23 @@ from jaxsph.output.records import Head, check_body, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
-    """The file that a journal continues: a run, and how often a journal has been folded into its file."""
+    """Owner of a journal: a run, and its stage, how often a journal has been folded into the run's file."""
 
     run: str
     stage: int
 
 
 class Journal(NamedTuple):
-    """A journal that is open for reading, up to its checkpoint."""
+    """Journal of a run, open for reading up to its checkpoint."""
 
     owner: Owner
     variables: dict[str, Any]
-    """What each series is, as the run described it."""
+    """Units, long name, dimension and group of each series, by its name."""
     first: int
-    """Place of the first chunk's record."""
+    """Byte at which the first chunk's record begins."""
     about: dict[str, Any]
-    """Of the checkpoint: `end` (place where its journal ends), `time` (of the last sample, s), `progress`."""
+    """Description of the checkpoint: `end` (byte at which its journal ends), `time` (of the last sample, s),
+    `progress`."""
     chunks: BinaryIO
     saved: BinaryIO
     saved_head: Head
@@ -58,24 +59,24 @@ class Journal(NamedTuple):
             place = head.end
 
     def checkpoint(self) -> dict[str, np.ndarray]:
-        """The arrays of the checkpoint, bit for bit."""
+        """Arrays of the checkpoint, bit for bit."""
         check_body(self.saved, self.saved_head)
         return read_arrays(self.saved, self.saved_head)
 
 
 def journal_path(run: Path) -> Path:
-    """The journal of a run's file."""
+    """Path of the journal beside a run's file."""
     return run.with_name(f"{run.name}.journal")
 
 
 def checkpoint_path(run: Path) -> Path:
-    """The checkpoint beside a run's file."""
+    """Path of the checkpoint beside a run's file."""
     return run.with_name(f"{run.name}.checkpoint")
 
 
 @contextlib.contextmanager
 def beside(run: Path) -> Iterator[Journal | None]:
-    """The journal beside a run's file, None where there is none with a checkpoint.
+    """Journal beside a run's file, open for reading; None where there is none with a checkpoint.
 
     To be opened before the file itself: whoever folds a journal first puts all of it into the file.
     **Raises** FileError where one is damaged.
@@ -110,7 +111,7 @@ def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
 
 
 def begin(run: Path, owner: Owner, variables: Mapping[str, Any]) -> int:
-    """Begins a journal for a run's file, in the place of any other; returns where it ends."""
+    """Begins a journal for a run's file, in the place of any other; returns the byte at which it ends."""
     opening = pack({"owner": owner, "variables": variables}, {})
     _write(journal_path(run), opening)
     return len(opening)
@@ -124,7 +125,7 @@ def append(
     checkpoint: Mapping[str, np.ndarray],
     about: Mapping[str, Any],
 ) -> int:
-    """Adds a chunk at the journal's `end`, and the checkpoint that goes with it; returns the new end."""
+    """Adds a chunk at the byte `end` of a journal, and replaces the checkpoint; returns the new end."""
     record = pack({}, chunk)
     with journal_path(run).open("r+b") as file:
         file.truncate(end)  # what a kill left

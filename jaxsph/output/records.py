@@ -23,21 +23,21 @@ _MAGIC = b"jaxsph\r\n"
 
 
 class Head(NamedTuple):
-    """What a record says of itself, and where its arrays are."""
+    """Head of a record: its description, and the places of its arrays."""
 
     about: dict[str, Any]
     arrays: dict[str, tuple[str, tuple[int, ...], int]]
-    """(type, shape, place in the body) by name."""
+    """Type, shape and place in the body (bytes) of every array, by name."""
     body: int
-    """Place of the body in its file."""
+    """Byte of the file at which the body begins."""
     end: int
-    """Place of what follows in its file."""
+    """Byte of the file at which the record ends."""
     checksum: int
-    """Of the body (CRC-32)."""
+    """Checksum of the body (CRC-32)."""
 
 
 def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """A record's bytes. `about`: anything that JSON can say."""
+    """Bytes of a record of named arrays. `about`: a description, of whatever JSON can hold."""
     named, parts, place = {}, [], 0
     for name, array in arrays.items():
         array = np.asarray(array)
@@ -49,7 +49,7 @@ def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def read_head(file: BinaryIO, place: int) -> Head:
-    """The head of the record that begins at `place`. **Raises** ValueError where there is no whole one."""
+    """Head of the record at the byte `place`. **Raises** ValueError where it is cut short or damaged."""
     file.seek(place)
     prefix = file.read(_PREFIX.size)
     if len(prefix) < _PREFIX.size:
@@ -65,7 +65,7 @@ def read_head(file: BinaryIO, place: int) -> Head:
 
 
 def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) -> dict[str, np.ndarray]:
-    """Arrays of a record, by default all. **Raises** ValueError where the body is cut short."""
+    """Arrays of a record by name, by default all. **Raises** ValueError where the body is cut short."""
     found = {}
     for name in head.arrays if names is None else names:
         kind, shape, at = head.arrays[name]
@@ -79,7 +79,7 @@ def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) 
 
 
 def check_body(file: BinaryIO, head: Head) -> None:
-    """**Raises** ValueError where the body is not what was written."""
+    """**Raises** ValueError where the body of a record is not what was written."""
     file.seek(head.body)
     body = file.read(head.end - head.body)
     if len(body) < head.end - head.body or zlib.crc32(body) != head.checksum:

@@ -4,13 +4,13 @@ Layout (`SCHEMA`):
 
     attributes             schema, jaxsph_version, case (the whole case as TOML text), run, stage, read
     settings               attributes: what fixed the arrays' shapes
-    numbers                JSON: what the rules of this version made of the case, such as the time step
+    numbers                JSON: numbers that decide the run, such as the time step made of the case
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
                            variable with `units` and `long_name`; positions of gauges, sensors
     snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
     checkpoint             all that evolves, bit for bit, at the end of the series
     progress, results      attributes: numbers of the run so far, and of the finished run
-    notices                JSON: what the finished run has to say
+    notices                JSON: messages of the finished run
 
 While the run goes on, a chunk is appended to the journal beside the file (`output.journal`), and the series
 are brought up to date here from time to time, for netCDF tools: never is more copied than a few times what
@@ -52,9 +52,9 @@ from jaxsph.output.series_group import extend_series, over_time, time_of, write_
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
 
 COPIES = 4
-"""How many times over what was appended may be copied, to keep the file's series up to date."""
+"""Bytes that may be copied to keep the file's series up to date, over the bytes that were appended."""
 SMALL = 1 << 17
-"""Bytes of a file that is copied at every chunk: a copy takes as long as opening it."""
+"""Size up to which a file is copied at every chunk, bytes: a copy takes as long as opening it."""
 
 
 class _View(NamedTuple):
@@ -65,22 +65,22 @@ class _View(NamedTuple):
 
     @property
     def owner(self) -> Owner:
-        """Whose journal is this file's."""
+        """Owner that the journal of this file must have."""
         return _owner(self.file)
 
     def news(self) -> Iterator[Head]:
-        """Chunks whose samples the file does not hold yet."""
+        """Heads of the journal's chunks whose samples the file does not hold yet."""
         return self.journal.heads(int(self.file.attrs["read"])) if self.journal else iter(())
 
     def last_time(self) -> float | None:
-        """Of the last sample, s."""
+        """Time of the last sample, s; None before the first."""
         if self.journal is not None:
             return self.journal.about["time"]
         times = time_of(self.file)
         return None if times is None or not len(times) else float(times[-1])
 
     def variables(self) -> dict[str, Variable]:
-        """What each series is."""
+        """Meaning of each series, by name."""
         if self.journal is not None:
             return {name: Variable(*what) for name, what in self.journal.variables.items()}
         found = {}
@@ -91,7 +91,7 @@ class _View(NamedTuple):
         return found
 
     def series(self) -> dict[str, np.ndarray]:
-        """Every series, with what the journal adds."""
+        """Series by name, those of the file with the samples that the journal adds."""
         found = {name: [data[()]] for name, data in over_time(self.file)}
         for head in self.news():
             for name, values in _part(self.journal, head, "series").items():
@@ -105,7 +105,7 @@ class RunFile:
     path: Path
 
     def __init__(self, path: str | Path) -> None:
-        """Use `create` or `open`: they check the file."""
+        """Names a run's file and does not check it, as `create` and `open` do."""
         self.path = Path(path)
         self._index: tuple[Any, list[Head]] = (None, [])
 
@@ -125,7 +125,7 @@ class RunFile:
         overwrite: bool = False,
         numbers: Mapping[str, list[float]] | None = None,
     ) -> RunFile:
-        """A new file without samples; folders are made as needed.
+        """New file of a run without samples; folders are made as needed.
 
         **Arguments**: `coordinates`: name -> (dimension, values `[k]`, units, long name), such as
         "gauge_x": ("gauge", [...], "m", "..."); `numbers`: what decides the run, by name.
@@ -153,7 +153,7 @@ class RunFile:
 
     @classmethod
     def open(cls, path: str | Path) -> RunFile:
-        """An existing file. **Raises** FileError where it is missing, cut short, or not a run's."""
+        """Existing file of a run. **Raises** FileError where it is missing, cut short, or not a run's."""
         run = cls(path)
         check_signature(run.path)
         with open_file(run.path) as file:
@@ -210,7 +210,7 @@ class RunFile:
             self._bring_up_to_date()
 
     def finish(self, results: Mapping[str, float], notices: tuple[str, ...] = ()) -> None:
-        """Records scalar results, in the place of those of an earlier end, and leaves one file."""
+        """Records scalar results in the place of any earlier ones, and folds the journal into the file."""
 
         def change(file: h5py.File) -> None:
             attributes = file["results"].attrs
@@ -222,7 +222,7 @@ class RunFile:
         self._fold(change)
 
     def fold(self) -> None:
-        """Leaves one file of a run that stops before its end."""
+        """Folds the journal into the file of a run that stops before its end."""
         with self._view() as view:
             left = view.journal is not None
         if left:
@@ -231,7 +231,7 @@ class RunFile:
     def amend(
         self, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
     ) -> None:
-        """Goes on with another case from the checkpoint: with the arguments of `create`."""
+        """Replaces the case from the checkpoint on; arguments are those of `create`."""
         self._fold(lambda file: _describe(file, case_toml, settings, numbers))
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
@@ -243,7 +243,7 @@ class RunFile:
                     _write_snapshot(file["snapshots"], _part(view.journal, head, "snapshot"))
                 _replace_arrays(file["checkpoint"], view.journal.checkpoint())
                 file["progress"].attrs.update(view.journal.about["progress"])
-                # from here on the journal is nobody's
+                # from here on the journal has no owner
                 file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
             change(file)
         with tell_write_errors(self.path):
@@ -291,52 +291,52 @@ class RunFile:
 
     @property
     def schema(self) -> int:
-        """Version of the layout."""
+        """Version of the file's layout."""
         with open_file(self.path) as file:
             return int(file.attrs["schema"])
 
     @property
     def case_toml(self) -> str:
-        """The whole case as TOML text."""
+        """Whole case of the run as TOML text."""
         with open_file(self.path) as file:
             return str(file.attrs["case"])
 
     @property
     def settings(self) -> dict[str, int | float]:
-        """What `create` was given, or `amend` after it."""
+        """Numbers that fixed the arrays' shapes, by name, as given to `create`, or to `amend` after it."""
         return self._attributes("settings")
 
     def numbers(self) -> dict[str, list[float]]:
-        """What decides the run, by name: as `settings`."""
+        """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
         return self._text("numbers", "{}")
 
     def progress(self) -> dict[str, float]:
-        """What the last `append` was given."""
+        """Numbers of the run so far, by name, as given to the last `append`."""
         with self._view() as view:
             if view.journal is not None:
                 return dict(view.journal.about["progress"])
         return self._attributes("progress")
 
     def results(self) -> dict[str, float]:
-        """Scalar results; empty for a run that has not finished."""
+        """Scalar results by name; empty for a run that has not finished."""
         return self._attributes("results")
 
     def notices(self) -> tuple[str, ...]:
-        """What the finished run has to say."""
+        """Notices of the finished run, such as of results that could not be made."""
         return tuple(self._text("notices", "[]"))
 
     def series(self) -> dict[str, np.ndarray]:
-        """Every series, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
+        """Series by name, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
         with self._view() as view:
             return view.series()
 
     def variables(self) -> dict[str, Variable]:
-        """What each series is."""
+        """Meaning of each series (units, long name), by name."""
         with self._view() as view:
             return view.variables()
 
     def coordinates(self) -> Coordinates:
-        """Gauge and sensor positions, in the form that `create` takes."""
+        """Positions of gauges and sensors, in the form that `create` takes."""
         found = {}
         with open_file(self.path) as file:
             for name, data in file["series"].items():
@@ -351,7 +351,7 @@ class RunFile:
             return view.journal is not None or len(view.file["checkpoint"]) > 0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
-        """The arrays of the last checkpoint, bit for bit; empty before the first."""
+        """Arrays of the last checkpoint by name, bit for bit; empty before the first."""
         with self._view() as view:
             if view.journal is not None:
                 return view.journal.checkpoint()

@@ -10,10 +10,11 @@ import numpy as np
 from jaxsph.output.hdf5 import Coordinates, Variable, dimension, scale
 
 GROUPS = ("series", "energy")
+"""Groups of a run's file that hold series."""
 
 
 def write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
-    """Positions along the dimensions other than time. **Raises** ValueError for what is no row."""
+    """Writes positions along the dimensions other than time. **Raises** ValueError for what is no row."""
     for name, (dim, values, units, long_name) in coordinates.items():
         values = np.asarray(values)
         if values.ndim != 1 or dim in (name, "time"):
@@ -24,12 +25,12 @@ def write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
 
 
 def time_of(file: h5py.File) -> h5py.Dataset | None:
-    """The times of the samples; None before the first."""
+    """Times of the samples (s); None before the first sample."""
     return file["series"].get("time")
 
 
 def over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
-    """The name "time" once, then the series of every group."""
+    """Names and datasets of all series: "time" once, then those of every group."""
     groups = [file[name] for name in GROUPS if name in file and "time" in file[name]]
     if groups:
         yield "time", groups[0]["time"]
@@ -40,7 +41,7 @@ def over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
 def extend_series(
     file: h5py.File, series: Mapping[str, np.ndarray], variables: Mapping[str, Variable]
 ) -> None:
-    """Adds samples to the groups that their variables name; makes the groups with the first ones."""
+    """Adds samples to the groups that their variables name; makes the groups with the first samples."""
     t = series["time"]
     for name in GROUPS:
         chosen = {k: series[k] for k in sorted(series) if k != "time" and variables[k].group == name}

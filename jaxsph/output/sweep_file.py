@@ -32,7 +32,7 @@ from jaxsph.output.hdf5 import (
 
 
 class StoredSweep(NamedTuple):
-    """What a sweep's file holds; see `SweepFile.write`."""
+    """Contents of a sweep's file, named as the arguments of `SweepFile.write`."""
 
     case_toml: str
     axes: dict[str, np.ndarray]
@@ -52,7 +52,7 @@ class SweepFile:
     path: Path
 
     def __init__(self, path: str | Path) -> None:
-        """A sweep's file, there or not."""
+        """File of a sweep, which need not exist yet."""
         self.path = Path(path)
 
     def is_one(self) -> bool:
@@ -69,7 +69,7 @@ class SweepFile:
         members: Mapping[int, Mapping[str, Any]],
         variables: Mapping[str, Variable],
     ) -> None:
-        """Puts a whole sweep in the file's place.
+        """Writes a whole sweep, in the place of the file before.
 
         **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (of a
         list: all of them over one dimension); `members`: by flat index, "results" (scalars), "series"
@@ -94,7 +94,7 @@ class SweepFile:
                 _write_padded(group, with_series, variables, dims, shape)
 
     def read(self) -> StoredSweep:
-        """What was written, without the padding.
+        """Contents of the file, without the padding.
 
         **Raises** FileError where the file is missing, damaged or not a sweep's.
         """
@@ -132,7 +132,7 @@ class SweepFile:
 
 
 def over_members(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """Every scalar result over the members of a sweep; NaN where a member has none."""
+    """Scalar results over the members of a sweep, by name; NaN where a member has none."""
     found = {}
     for name in sorted({n for m in members.values() for n in m["results"]}):
         found[name] = np.full(shape, np.nan)

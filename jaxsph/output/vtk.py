@@ -54,7 +54,7 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
 
 
 def _check_replaceable(path: Path) -> None:
-    """An export may replace an earlier one, but no other file."""
+    """**Raises** FileError for a file that is no earlier export: no other may be replaced."""
     if not path.exists():
         return
     with contextlib.suppress(OSError), h5py.File(path, "r") as file:

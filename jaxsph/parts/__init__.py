@@ -1,0 +1,1 @@
+"""Parts that exchange energy with the water: wavemakers, bodies, chambers, power take-offs, sponges."""

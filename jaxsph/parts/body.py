@@ -1,8 +1,8 @@
-"""Rigid bodies in the water: their motion in the x-z plane, and the springs and power take-offs on their
-pitch (Yeylaghi et al. 2016, Eq. 18-21).
+"""Rigid bodies in the water, which move in the x-z plane under its forces (Yeylaghi et al. 2016, Eq. 18-21).
 
 The generalised coordinates are surge (m), heave (m) and pitch (rad) of the pivot, positive along x, upwards
-and, for pitch, from z towards x: landward for a flap. Forces go with them: N, N, N m (per metre in 2-D).
+and, for pitch, from z towards x: landward for a flap. Generalised forces are two forces and a moment: N, N,
+N m (per metre in 2-D).
 """
 
 from __future__ import annotations
@@ -26,22 +26,25 @@ __all__ = ["BodyMotion", "RigidBody", "advance_body", "spread", "turn"]
 
 
 class BodyMotion(eqx.Module):
-    """Motion of a rigid body at time t, and the water's force on it: surge, heave and pitch."""
+    """Motion of a rigid body at time t in surge, heave and pitch, and the water's force on it."""
 
     pose: Float[Array, "3"]
-    """Surge (m), heave (m) and pitch (rad) from its place at rest."""
+    """Surge (m), heave (m) and pitch (rad) from the place at rest."""
     velocity: Float[Array, "3"]
-    """m/s, m/s, rad/s."""
+    """Velocities of surge, heave and pitch, m/s, m/s, rad/s."""
     force: Float[Array, "3"]
     """Force of the water's pressure in the last step, N, N, N m (per metre in 2-D)."""
     contact: Float[Array, "3"]
-    """Force of the water that touched the body in the last step, likewise; the body feels it in the next."""
+    """Force of the water that touched the body in the last step, N, N, N m (per metre in 2-D).
+
+    The body feels it in the next step.
+    """
     impulse: Tally
     """Impulse `[3]` of the water's force, N s, N s, N m s (per metre in 2-D)."""
 
     @classmethod
     def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyMotion:
-        """Motion before any force of the water, with these velocities and this pose."""
+        """Motion before any force of the water, with this velocity (m/s, m/s, rad/s) and pose (m, m, rad)."""
         none = jnp.zeros(3, dtype)
         return cls(
             jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), none, none, Tally.zero(dtype, (3,))
@@ -49,32 +52,34 @@ class BodyMotion(eqx.Module):
 
 
 class RigidBody(AbstractBody):
-    """A rigid body some of whose motions are free; the others go on at the velocity that they have."""
+    """Rigid body whose free motions follow the forces on it; its other motions keep their velocities."""
 
     shape: AbstractShape
+    """Shape in the place at rest."""
     mass: Scalar
-    """kg (kg/m in 2-D)."""
+    """Mass, kg (kg/m in 2-D)."""
     inertia: Scalar
-    """About the pivot, kg m2 (kg m in 2-D)."""
+    """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
     pivot: Float[Array, "2"]
-    """x and z at rest, m: the hinge, or the centre of mass where more than pitch is free."""
+    """Pivot (x, z) at rest, m: the hinge, or the centre of mass where more than pitch is free."""
     centre: Float[Array, "2"]
-    """Centre of mass at rest, m."""
+    """Centre of mass (x, z) at rest, m."""
     free: tuple[bool, bool, bool] = eqx.field(static=True)
-    """Surge, heave, pitch."""
+    """Whether surge, heave and pitch are free."""
     release: Scalar
-    """Time from which it is free, s."""
+    """Time from which the body is free, s."""
     pto: AbstractRotationalPTO
-    """Power take-off, spring and stops on its pitch; `parts.pto.FreeHinge` for none."""
+    """Power take-off, spring and stops on the pitch; `parts.pto.FreeHinge` for none."""
     rows: tuple[int, int] = eqx.field(static=True)
+    """Index of the body's first ghost, and of the one after its last: an entry of `Ghosts.dummies`."""
     initial_velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
-    """Velocities at t = 0, m/s, m/s, rad/s."""
+    """Velocities of surge, heave and pitch at t = 0, m/s, m/s, rad/s."""
     initial_pitch: float = eqx.field(static=True, default=0.0)
     """Pitch at t = 0, rad."""
     name: str = eqx.field(static=True, default="body", kw_only=True)
 
     def __check_init__(self) -> None:
-        """Refuses what the equations of motion do not hold for."""
+        """Refuses a pivot for which the equations of motion do not hold (ValueError)."""
         if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, jax.core.Tracer):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
                 raise ValueError("pivot: must be the centre of mass where pitch and another motion are free")
@@ -92,11 +97,11 @@ class RigidBody(AbstractBody):
         name: str = "body",
         dtype: Any = jnp.float32,
     ) -> RigidBody:
-        """A body of even density (kg/m3), at rest.
+        """Builds a body of even density (kg/m3), at rest.
 
         **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `free`: any of
         "surge", "heave" and "pitch"; `pivot` (x, z): the hinge (m), by default the centre of mass; `pto`: on
-        its pitch. (An argument for each property of the body.)
+        the body's pitch. There is an argument for each property of the body.
         """
         area, centre, second = shape.moments()
         pivot = centre if pivot is None else pivot
@@ -141,7 +146,7 @@ class RigidBody(AbstractBody):
         return jnp.stack([self.mass, self.mass, self.inertia])
 
     def carry(self, own: BodyMotion, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Places (m) in the body's pose of points x of the body at rest."""
+        """Present positions (m) of points that stand at x (m) on the body at rest."""
         return turn(x - spread(x, self.pivot), own.pose[2]) + self._at(x, own)
 
     def place(self, own, x, nodes):
@@ -151,7 +156,7 @@ class RigidBody(AbstractBody):
         return there, there
 
     def halfway(self, old, new, dt):
-        """See `AbstractMovingSolid`: as it goes on with the velocity at the beginning."""
+        """See `AbstractMovingSolid`: the motion half a step on, at the velocity of the step's beginning."""
         del new
         return advance_body(old, jnp.zeros_like(old.velocity), 0.5 * dt)
 
@@ -195,7 +200,7 @@ class RigidBody(AbstractBody):
 
     def normals(self, own, x):
         """See `AbstractBody`."""
-        # at rest, where points as near to one face as to another are so whatever rounding makes of the pose
+        # found at rest, so that no rounding of the pose decides between two faces that are equally near
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)
@@ -219,32 +224,32 @@ class RigidBody(AbstractBody):
         (normal,) = back(jnp.ones_like(away))
         return spring(away, dx, c0)[:, None] * normal
 
-    def entered(self, own, x, dx):
+    def contains(self, own, x, dx):
         """See `AbstractSolid`."""
         return self.distance(own, x) < -0.5 * dx
 
-    def touched(self, own, x, dx):
+    def touches(self, own, x, dx):
         """See `AbstractMovingSolid`."""
         return self.distance(own, x) < TOUCH * dx
 
     def _at(self, x: Float[Array, "N D"], own: BodyMotion) -> Float[Array, " D"]:
-        """Place of the pivot, m."""
+        """Present position of the pivot, m."""
         return spread(x, self.pivot + own.pose[:2])
 
 
 def spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
-    """A vector (x, z) of the plane of motion, with as many components as x has."""
+    """Vector (x, z) of the plane of motion, with as many components as positions x have."""
     return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
 
 
 def turn(r: Float[Array, "N D"], angle: Scalar) -> Float[Array, "N D"]:
-    """Vectors r turned in the x-z plane by an angle (rad), positive from z towards x."""
+    """Vectors r turned in the x-z plane by `angle` (rad), positive from z towards x."""
     c, s = jnp.cos(angle), jnp.sin(angle)
     return r.at[:, 0].set(c * r[:, 0] + s * r[:, -1]).at[:, -1].set(c * r[:, -1] - s * r[:, 0])
 
 
 def advance_body(own: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:
-    """Motion of a body after dt (s) with this acceleration (m/s2, m/s2, rad/s2)."""
+    """Motion of a body after dt (s) at the constant `acceleration` (m/s2, m/s2, rad/s2)."""
     velocity = own.velocity + dt * acceleration
     pose = own.pose + 0.5 * dt * (own.velocity + velocity)
     return BodyMotion(pose, velocity, own.force, own.contact, own.impulse)

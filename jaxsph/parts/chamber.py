@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stacked
+from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stack
 from jaxsph.core.pairs import pair_sum, with_empty
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractChamber, AbstractPTO, Air, Entry, Exchange, Kick
@@ -23,7 +23,7 @@ __all__ = ["AbstractGrip", "BodyForceGrip", "Chamber", "SurfaceGrip"]
 
 
 class AbstractGrip(eqx.Module):
-    """Way in which a scheme's water feels the air's pressure: p = P_a on the surface inside a chamber."""
+    """Coupling of the air's pressure to a scheme's water: p = P_a on the surface inside a chamber."""
 
     @abc.abstractmethod
     def force(
@@ -31,18 +31,20 @@ class AbstractGrip(eqx.Module):
     ) -> Components:
         """Force on particles per unit of P_a, m2 (m in 2-D).
 
-        **Arguments**: places x (m) and volumes V of the particles; `sums`: "smoothing" and "sources" of the
-        scheme's pair sums, `table` their neighbours.
+        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `sums`: "smoothing" and
+        "sources" of the scheme's pair sums; `table`: neighbours of the particles.
         """
 
     @abc.abstractmethod
-    def carried(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Share of P_a that is in the water's pressure and not in the scheme's, for weights chi of the
-        chamber."""
+    def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
+        """Share (0 to 1) of P_a that is in the water's pressure but not in the scheme's own pressure.
+
+        `weight`: weights chi of the chamber at the particles.
+        """
 
 
 class SurfaceGrip(AbstractGrip):
-    """P_a in the pair sum of the pressure gradient, for a scheme that knows no surface.
+    """Coupling by the pair sum of the pressure gradient, for a scheme that knows no surface.
 
     The surface condition p = P_a enters the gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i). The constant
     drops out where the kernel is full and acts at the surface, so no particle has to be called a surface
@@ -55,14 +57,16 @@ class SurfaceGrip(AbstractGrip):
         w = 2.0 * chamber.weight(x) * V
         return tuple(w * c for c in s)
 
-    def carried(self, weight):
-        """See `AbstractGrip`: the scheme's pressure is the water's."""
+    def water_pressure(self, weight):
+        """See `AbstractGrip`: zero, since the scheme's pressure is the water's."""
         return jnp.zeros_like(weight)
 
 
 class BodyForceGrip(AbstractGrip):
-    """P_a chi(z) taken out of the pressure and put back as the body force -P_a chi'(z), for a scheme whose
-    pressure is zero on the surface."""
+    """Coupling by the body force -P_a chi'(z) in the place of the pressure P_a chi(z).
+
+    For a scheme whose pressure is zero on the surface.
+    """
 
     def force(self, chamber, x, V, sums, table):
         """See `AbstractGrip`."""
@@ -70,13 +74,13 @@ class BodyForceGrip(AbstractGrip):
         slope = jax.jvp(lambda z: chamber.weight((*x[:-1], z)), (x[-1],), (jnp.ones_like(x[-1]),))[1]
         return (*(jnp.zeros_like(V) for _ in x[:-1]), -slope * V)
 
-    def carried(self, weight):
+    def water_pressure(self, weight):
         """See `AbstractGrip`."""
         return weight
 
 
 class Chamber(AbstractChamber):
-    """A water column under trapped air between two vertical walls, and the power take-off of the air.
+    """Water column under trapped air between two vertical walls, and the power take-off of the air.
 
     The air acts through a smooth weight chi of position that is 1 in the column and fades to 0 above the
     wall's tip. The flow is the matching sum, q = -sum_i f_i.u_i with the force f_i per unit of P_a: the
@@ -85,18 +89,21 @@ class Chamber(AbstractChamber):
     """
 
     pto: AbstractPTO
+    """Power take-off of the air."""
     x0: Scalar
     """Inner face of the front wall, m."""
     x1: Scalar
-    """Back wall, m."""
+    """Inner face of the back wall, m."""
     fade_low: Scalar
+    """Level up to which chi is 0, m."""
     fade_high: Scalar
-    """Levels between which chi rises from 0 to 1, m."""
+    """Level from which chi is 1, m."""
     still: Scalar
     """Still water level, m."""
     beyond: Scalar
     """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts."""
     grip: AbstractGrip = SurfaceGrip()
+    """Coupling of the air's pressure to the water."""
     name: str = eqx.field(static=True, default="chamber", kw_only=True)
 
     @classmethod
@@ -112,12 +119,12 @@ class Chamber(AbstractChamber):
         name: str = "chamber",
         dtype: Any = jnp.float32,
     ) -> Chamber:
-        """A chamber from plain numbers.
+        """Builds a chamber from plain numbers.
 
         **Arguments**: `between`: inner faces of its front and back wall, m; `tip`: level of the front wall's
         tip, and `level` of still water, m; `dx`: spacing, m; `grip`: `SurfaceGrip` for the weakly
-        compressible scheme (the default), `BodyForceGrip` for the incompressible one. (An argument for each
-        property of the chamber.)
+        compressible scheme (the default), `BodyForceGrip` for the incompressible one. There is an argument
+        for each property of the chamber.
         """
         numbers = {"x0": between[0], "x1": between[1], "still": level, "beyond": 0.5 * dx}
         numbers |= {"fade_low": tip, "fade_high": tip + 0.5 * (level - tip)}
@@ -125,7 +132,7 @@ class Chamber(AbstractChamber):
         return cls(pto=pto, grip=SurfaceGrip() if grip is None else grip, name=name, **leaves)
 
     def start(self, dtype: Any) -> Air:
-        """See `AbstractChamber`: at rest."""
+        """See `AbstractChamber`: air at rest."""
         zero = jnp.zeros((), dtype)
         return Air(zero, zero, Tally.zero(dtype))
 
@@ -140,16 +147,16 @@ class Chamber(AbstractChamber):
 
     @property
     def length(self) -> Scalar:
-        """Chamber length, m."""
+        """Length of the chamber between its walls, m."""
         return self.x1 - self.x0
 
     def inside(self, x: Components) -> Array:
-        """True for what is between the chamber's walls."""
+        """Mask of points x (m) between the chamber's walls, True between them."""
         # A hard cut at the front wall's face cuts no particle: none is inside the wall.
         return (x[0] > self.x0 - 1e-4) & (x[0] < self.x1 + self.beyond)
 
     def weight(self, x: Components) -> Float[Array, " N"]:
-        """Weight chi of the air's pressure at x (m), 0 to 1."""
+        """Weight chi of the air's pressure at points x (m), 0 to 1."""
         s = jnp.clip((x[-1] - self.fade_low) / (self.fade_high - self.fade_low), 0.0, 1.0)
         return jnp.where(self.inside(x), s * s * (3.0 - 2.0 * s), 0.0)
 
@@ -171,7 +178,7 @@ class Chamber(AbstractChamber):
         q_free = -jnp.sum(dot(force, columns(u[i])))
         compliance = dt * jnp.sum(dot(force, force) / m)
         P_a = self.pto.pressure(q_free, compliance, t)
-        change = stacked([dt * P_a * f / m for f in force])
+        change = stack([dt * P_a * f / m for f in force])
         return Kick(u.at[index].add(change, mode="drop"), P_a, index, force)
 
     def finish(self, own, kick, before, after, dt):
@@ -181,18 +188,21 @@ class Chamber(AbstractChamber):
         # force times mean velocity over the step: exactly the kinetic energy that the force takes
         return Air(kick.P_a, q, own.driven.add(dt * q)), dt * kick.P_a * 0.5 * (old + q)
 
-    def carried(self, own, x):
+    def water_pressure(self, own, x):
         """See `AbstractChamber`."""
-        return own.P_a * self.grip.carried(self.weight(columns(x)))
+        return own.P_a * self.grip.water_pressure(self.weight(columns(x)))
 
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
-        """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D); `smooth`: half
-        the height (m) over which a particle counts in part."""
+        """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).
+
+        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `smooth`: half the
+        height (m) over which a particle counts in part.
+        """
         level = 0.5 * (self.fade_low + self.fade_high)
         s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)
         return jnp.sum(jnp.where(self.inside(x), V * s, 0.0))
 
     def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
-        """Mean elevation of the chamber's surface over still water, m."""
+        """Mean elevation of the chamber's surface over still water, m; arguments as for `volume`."""
         bottom = 0.5 * (self.fade_low + self.fade_high)
         return bottom + self.volume(x, V, smooth) / self.length - self.still

@@ -22,13 +22,16 @@ class Motion(eqx.Module):
     """Motion of a driven solid at time t: surge, heave and pitch about its pivot."""
 
     pose: Float[Array, "3"]
-    """Surge (m), heave (m) and pitch (rad, positive from z towards x) from its place at rest."""
+    """Surge (m), heave (m) and pitch (rad, positive from z towards x) from the place at rest."""
     velocity: Float[Array, "3"]
-    """m/s, m/s, rad/s."""
+    """Velocities of surge, heave and pitch, m/s, m/s, rad/s."""
 
 
 class AbstractPath(eqx.Module):
-    """Motion of a solid as a function of time: write `pose`, velocities and accelerations follow."""
+    """Path of a driven solid: its pose as a function of time.
+
+    Write `pose`; velocities and accelerations follow by differentiation.
+    """
 
     @abc.abstractmethod
     def pose(self, t: Scalar) -> Float[Array, "3"]:
@@ -36,14 +39,16 @@ class AbstractPath(eqx.Module):
 
 
 class DrivenSolid(AbstractWall):
-    """A solid of any shape that follows a path, and what its motion gives to the water."""
+    """Solid of any shape that follows a given path and does work on the water."""
 
     shape: AbstractShape
+    """Shape in the place at rest."""
     path: AbstractPath
+    """Pose as a function of time."""
     pivot: Float[Array, "2"]
-    """x and z of the point about which it turns, at rest, m."""
+    """Point (x, z) about which the solid turns, at rest, m."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Its dummies among the ghosts: an entry of `Ghosts.dummies`."""
+    """Index of the solid's first ghost, and of the one after its last: an entry of `Ghosts.dummies`."""
     name: str = eqx.field(static=True, default="driven", kw_only=True)
 
     def start(self, dtype: Any) -> Motion:
@@ -74,7 +79,7 @@ class DrivenSolid(AbstractWall):
         return Motion(own.pose, after.velocity)
 
     def place(self, own, x, nodes):
-        """See `AbstractMovingSolid`: dummies are their own nodes."""
+        """See `AbstractMovingSolid`: a driven solid's ghosts are their own nodes."""
         del nodes
         there = turn(x - spread(x, self.pivot), own.pose[2]) + self._pivot(own, x)
         return there, there
@@ -97,7 +102,7 @@ class DrivenSolid(AbstractWall):
         return jnp.ones_like(x[:, 0])
 
     def distance(self, own: Motion, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of x (m) from its surface, m; negative inside."""
+        """Distance of points x (m) from the solid's surface, m; negative inside."""
         at_rest = turn(x - self._pivot(own, x), -own.pose[2]) + spread(x, self.pivot)
         return self.shape.distance(at_rest)
 
@@ -107,14 +112,14 @@ class DrivenSolid(AbstractWall):
         (normal,) = back(jnp.ones_like(away))
         return spring(away, dx, c0)[:, None] * normal
 
-    def entered(self, own, x, dx):
+    def contains(self, own, x, dx):
         """See `AbstractSolid`."""
         return self.distance(own, x) < -0.5 * dx
 
-    def touched(self, own, x, dx):
+    def touches(self, own, x, dx):
         """See `AbstractMovingSolid`."""
         return self.distance(own, x) < TOUCH * dx
 
     def _pivot(self, own: Motion, x: Float[Array, "N D"]) -> Float[Array, " D"]:
-        """Place of the pivot, m."""
+        """Present position of the pivot, m."""
         return spread(x, self.pivot + own.pose[:2])

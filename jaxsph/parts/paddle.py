@@ -1,4 +1,4 @@
-"""Piston wavemaker: the wall at the tank's near end, and the motions that it can be given."""
+"""Piston wavemaker: the moving wall at the tank's near end, and the motions that it can be given."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Piston(eqx.Module):
     U: Scalar
     """Velocity, m/s."""
     error: Scalar
-    """Elevation (m) that active absorption answers, filtered; zero without it."""
+    """Filtered error of the elevation at the gauge, m, which active absorption answers; zero without it."""
     mean: Scalar
-    """Slow mean of that error, m."""
+    """Slow mean of `error`, m."""
 
 
 class AbstractMotion(eqx.Module):
@@ -44,15 +44,18 @@ class AbstractMotion(eqx.Module):
 
     @abc.abstractmethod
     def move(self, own: Piston, x: Components, V: Float[Array, " N"], t: Scalar, dt: Scalar) -> Piston:
-        """Motion at t + dt (s).
+        """Motion of the piston at t + dt (s), from its motion `own` at t.
 
-        **Arguments**: places x (m) of the water's particles at t, and their volumes V per metre of the tank's
-        width (m2), for a motion that answers the water.
+        **Arguments**: positions x (m) of the water's particles at t, and their volumes V per metre of the
+        tank's width (m2), for a motion that answers the water.
         """
 
 
 class AbstractGivenMotion(AbstractMotion):
-    """A motion that is a function of time alone: write `displacement`, the velocity follows."""
+    """Motion of a piston as a function of time alone.
+
+    Write `displacement`; the velocity follows by differentiation.
+    """
 
     @abc.abstractmethod
     def displacement(self, t: Scalar) -> Scalar:
@@ -66,9 +69,10 @@ class AbstractGivenMotion(AbstractMotion):
 
 
 class WaveMotion(AbstractGivenMotion):
-    """Motion that makes regular waves, without absorption (Zhu et al. 2020, Eq. 22)."""
+    """Motion of a piston that makes regular waves, without absorption (Zhu et al. 2020, Eq. 22)."""
 
     waves: RegularWaves
+    """Waves that the motion makes."""
 
     def displacement(self, t):
         """See `AbstractGivenMotion`."""
@@ -76,10 +80,12 @@ class WaveMotion(AbstractGivenMotion):
 
 
 class AbsorbingMotion(AbstractMotion):
-    """Motion that makes regular waves and absorbs those that come back (Zhu et al. 2020, Eq. 23)."""
+    """Motion of a piston that makes regular waves and absorbs those coming back (Zhu et al. 2020, Eq. 23)."""
 
     waves: RegularWaves
+    """Waves that the motion makes."""
     absorption: ActiveAbsorption
+    """Law of the absorption."""
     gauge: Scalar
     """Distance (m) from the paddle's face at which the elevation is measured."""
     width: Scalar
@@ -90,12 +96,12 @@ class AbsorbingMotion(AbstractMotion):
     def move(self, own, x, V, t, dt):
         """See `AbstractMotion`."""
         elevation = column_depth(x, V, own.X + self.gauge, self.width) - self.still
-        # The filter makes up for the gauge standing in front of the paddle, and takes out its noise.
+        # The filter's lag makes up for the gauge's distance from the paddle, and its noise is filtered out.
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
         error = own.error + dt / (lag + dt) * (expected - elevation - own.error)
-        # Standing waves lower the mean level by a fraction of a millimetre: nothing to absorb, and the
-        # paddle would creep for it.
+        # Standing waves lower the mean level by a fraction of a millimetre: that is nothing to absorb, and
+        # the paddle would creep after it.
         mean = own.mean + dt * self.absorption.drift_rate * (error - own.mean)
         eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
         U = self.absorption.velocity(self.waves, own.X, t + dt, eta)
@@ -106,13 +112,15 @@ class Paddle(AbstractWall):
     """Piston wavemaker at the tank's near end: the low wall of the first axis, moving along it."""
 
     motion: AbstractMotion
+    """Law of the piston's motion."""
     rows: tuple[int, int] = eqx.field(static=True)
+    """Index of the paddle's first ghost, and of the one after its last."""
     face: float = eqx.field(static=True, default=0.0)
-    """Place of its face at rest, m."""
+    """Position x of the paddle's face at rest, m."""
     name: str = eqx.field(static=True, default="paddle", kw_only=True)
 
     def start(self, dtype: Any) -> Piston:
-        """See `AbstractMovingSolid`: at rest."""
+        """See `AbstractMovingSolid`: a piston at rest."""
         return Piston(*(jnp.zeros((), dtype) for _ in range(4)))
 
     def entries(self):
@@ -146,18 +154,18 @@ class Paddle(AbstractWall):
         return Piston(own.X, after.U, own.error, own.mean)
 
     def gap(self, own: Piston, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of particles from the paddle's face, m; negative behind it."""
+        """Distance of particles at x (m) from the paddle's face, m; negative behind it."""
         return x[:, 0] - (jnp.asarray(self.face, x.dtype) + own.X)
 
     def push(self, own, x, dx, c0):
         """See `AbstractSolid`."""
         return jnp.zeros_like(x).at[:, 0].set(spring(self.gap(own, x), dx, c0))
 
-    def entered(self, own, x, dx):
+    def contains(self, own, x, dx):
         """See `AbstractSolid`."""
         return self.gap(own, x) < -0.5 * dx
 
-    def touched(self, own, x, dx):
+    def touches(self, own, x, dx):
         """See `AbstractMovingSolid`."""
         return self.gap(own, x) < TOUCH * dx
 
@@ -167,7 +175,7 @@ class Paddle(AbstractWall):
 
 
 def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar) -> Scalar:
-    """Depth of water (m) at x = `at` (m): the volume of a column, averaged over a width.
+    """Depth of water (m) at x = `at` (m): the volume of a water column, averaged over a width.
 
     A cosine bell of half-width `width` (m) weighs the particles' volumes V per metre of the tank's width
     (m2), which is smooth in their positions and conserves volume. With a whole number of spacings as `width`

@@ -1,8 +1,8 @@
 """Power take-offs: of a chamber's air (pressure against flow) and of a body's pitch (moment against angle).
 
 Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
-out of the chamber, positive when the water column rises; the PTO takes P_a q from the water, which is never
-negative.
+out of the chamber, positive when the water column rises; the PTO takes the power P_a q from the water, which
+for a turbine is never negative.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ __all__ = [
 class PneumaticPTO(AbstractPTO):
     """Quadratic turbine or slot, P_a = K_dm^2 |q| q (Zhu et al. 2020, Eq. 13 with the signs above).
 
-    The law is solved together with the water's own response over the step, q = q_free - compliance P_a,
-    which has a closed form: so it is stable for every K_dm >= 0, exactly dissipative, smooth in K_dm, and
-    tends to a closed chamber (q = 0) as K_dm grows.
+    The law is solved in closed form together with the water's own response over the step, q = q_free -
+    compliance P_a: so it is stable for every K_dm >= 0, exactly dissipative, smooth in K_dm, and tends to a
+    closed chamber (q = 0) as K_dm grows.
     """
 
     K_dm: Scalar
@@ -45,12 +45,12 @@ class PneumaticPTO(AbstractPTO):
         # The root needs a positive argument for a finite derivative at q = 0: 1e-12 m2/s is no flow.
         size = jnp.abs(q_free) + 1e-12
         root = jnp.sqrt(1.0 + 4.0 * compliance * self.K_dm**2 * size)
-        scaled = 2.0 * self.K_dm / (1.0 + root)  # first the ratio: K_dm^2 may be huge, this is not
+        scaled = 2.0 * self.K_dm / (1.0 + root)  # the ratio first: it is small where K_dm^2 overflows
         return scaled**2 * size * q_free
 
 
 class PhasedPTO(AbstractPTO):
-    """A quadratic turbine whose damping follows the waves' phase, by Fourier coefficients of its logarithm.
+    """Quadratic turbine whose damping follows the waves' phase, by Fourier coefficients of its logarithm.
 
         ln(K_dm(t)/K_dm) = sum_n a_n cos(n omega t) + b_n sin(n omega t).
 
@@ -60,12 +60,12 @@ class PhasedPTO(AbstractPTO):
     K_dm: Scalar
     """Geometric mean of the damping over a wave period, kg^0.5 m^-2.5."""
     phase: Float[Array, " 2n"]
-    """a_1, b_1, a_2, b_2, ..."""
+    """Fourier coefficients a_1, b_1, a_2, b_2, ..."""
     omega: Scalar
     """Angular frequency of the waves, rad/s."""
 
     def damping(self, t: Scalar) -> Scalar:
-        """K_dm at the time t (s)."""
+        """Damping coefficient K_dm at the time t (s), kg^0.5 m^-2.5."""
         n = 1 + jnp.arange(self.phase.shape[0] // 2)
         angle = n * self.omega * t
         a, b = self.phase[::2], self.phase[1::2]
@@ -77,10 +77,12 @@ class PhasedPTO(AbstractPTO):
 
 
 class PrescribedPressure(AbstractPTO):
-    """Air pressure as a given function of time: P_a, reached within `ramp` seconds."""
+    """Air pressure given as a function of time: a linear rise to P_a, which then stays."""
 
     P_a: Scalar
+    """Gauge pressure at the end of the rise, Pa."""
     ramp: Scalar
+    """Duration of the rise, s."""
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`."""
@@ -92,32 +94,34 @@ class PrescribedPressure(AbstractPTO):
 
 
 class AbstractRotationalPTO(eqx.Module):
-    """Moments about a body's pivot that are not the water's."""
+    """Power take-off of a body's pitch: the moments about its pivot of dampers, springs and stops."""
 
     @abc.abstractmethod
     def entries(self, name: str) -> Mapping[str, Entry]:
-        """Energies that it books, for a body of this name."""
+        """Energies that the power take-off books, for a body of this name."""
 
     @abc.abstractmethod
     def moment(self, angle: Scalar, omega: Scalar) -> Scalar:
-        """Moment (N m, per metre in 2-D) at the pitch `angle` (rad) and its velocity `omega` (rad/s), without
-        the linear damping."""
+        """Moment at the pitch `angle` (rad) and its velocity `omega` (rad/s), N m (per metre in 2-D).
+
+        The linear damping is not in it.
+        """
 
     @abc.abstractmethod
     def linear_damping(self, zero: Scalar) -> Scalar:
-        """Moment against the pitch's velocity per unit of it, N m s/rad; `zero` in the state's precision."""
+        """Linear damping coefficient of the pitch, N m s/rad; `zero` is 0 in the state's precision."""
 
     @abc.abstractmethod
     def absorbed(self, old: Scalar, new: Scalar, dt: Scalar) -> Scalar:
-        """Energy (J) taken in a step of dt (s) from the velocity `old` to `new` (rad/s)."""
+        """Energy taken by damping in a step of dt (s) from the pitch velocity `old` to `new` (rad/s), J."""
 
     @abc.abstractmethod
     def stored(self, angle: Scalar) -> Scalar:
-        """Energy of springs and stops at the pitch `angle` (rad), J."""
+        """Energy stored in springs and stops at the pitch `angle` (rad), J."""
 
 
 class FreeHinge(AbstractRotationalPTO):
-    """No moment."""
+    """Hinge without any moment: no power take-off, spring or stops."""
 
     def entries(self, name):
         """See `AbstractRotationalPTO`."""
@@ -144,25 +148,27 @@ class FreeHinge(AbstractRotationalPTO):
 
 
 class RotationalPTO(AbstractRotationalPTO):
-    """Moment against the pitch of a flap: linear and Coulomb damping, a spring, and end stops
-    (Yeylaghi et al. 2016, Eq. 21)."""
+    """Power take-off of a flap's pitch: linear and Coulomb damping, a spring, and end stops.
+
+    Yeylaghi et al. 2016, Eq. 21.
+    """
 
     damping: Scalar
-    """N m s/rad."""
+    """Linear damping coefficient, N m s/rad."""
     coulomb: Scalar
-    """N m, reached smoothly within a hundredth of a rad/s."""
+    """Moment of the Coulomb damping, N m, reached smoothly within a hundredth of a rad/s."""
     spring: Scalar
-    """N m/rad, about the upright."""
+    """Stiffness of the spring about the upright, N m/rad."""
     stop: Scalar
     """Angle to either side at which the end stops begin, rad."""
     stop_stiffness: Scalar
-    """N m/rad."""
+    """Stiffness of the end stops, N m/rad."""
 
     @classmethod
     def of(
         cls, damping=0.0, coulomb=0.0, spring=0.0, stop=np.pi, stop_stiffness=0.0, dtype: Any = jnp.float32
     ):
-        """The moments from plain numbers, in the units of the fields."""
+        """Builds a power take-off from plain numbers, in the units of the fields."""
         return cls(*(jnp.asarray(a, dtype) for a in (damping, coulomb, spring, stop, stop_stiffness)))
 
     def entries(self, name):

@@ -1,14 +1,4 @@
-"""Water waves on constant depth: theory, the piston that makes them, and their absorption.
-
-Linear and second-order Stokes waves, the transfer function of a piston wavemaker with
-its second-order correction, active absorption at the paddle and a sponge layer at the
-far end. Equation numbers are those of Zhu et al. (2020) unless another source is named.
-
-Conventions: SI units; x from the paddle's rest position, positive into the tank; z from
-the BED, so that z = d is the still water level; a crest passes x = 0 at t = 0. The
-paddle's displacement X is positive into the tank, and a paddle velocity
-U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
-"""
+"""Sponge layer at the tank's far end, which absorbs waves before they are reflected there."""
 
 from __future__ import annotations
 
@@ -21,7 +11,7 @@ from jaxsph.model.interfaces import AbstractDamper, Entry
 
 
 class Sponge(AbstractDamper):
-    """Layer that takes velocity out of the particles at the far end, Eqs 27 and 28."""
+    """Sponge layer: damping of the water's velocities between x0 and x1 (Zhu et al. 2020, Eq. 27 and 28)."""
 
     x0: Scalar = eqx.field(converter=real)
     """Start of the layer, m."""
@@ -37,7 +27,7 @@ class Sponge(AbstractDamper):
         return {self.name: Entry(f"energy taken by the {self.name}")}
 
     def factor(self, x: Float[Array, "N D"], dt: ArrayLike) -> Float[Array, " N"]:
-        """See `AbstractDamper`: Eq. 28; 1 outside x0..x1."""
+        """See `AbstractDamper`: Zhu et al. 2020, Eq. 28; 1 outside x0..x1."""
         s = (x[:, 0] - self.x0) / (self.x1 - self.x0)
         inside = (s >= 0.0) & (s <= 1.0)
         damped = jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)

@@ -1,0 +1,1 @@
+"""Probes of a run: gauges, sensors, devices, energies."""

@@ -1,4 +1,4 @@
-"""Probes that go with the parts of a model, whatever it was made from."""
+"""Default probes of a model, which follow from its parts."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ __all__ = ["default_probes"]
 
 
 def default_probes(model: Model, state: State, sample_dt: float) -> tuple[AbstractProbe, ...]:
-    """Probes of a model's energies, paddles, chambers and bodies, counted from this state.
+    """Probes of a model's energies, paddles, chambers and bodies, with energies counted from `state`.
 
-    `sample_dt`: time between samples, s. Readings of parts beyond the first end with their names.
+    `sample_dt`: time between samples, s. What follows "chamber" or "body" in a part's name ends the names of
+    its readings.
     """
     every = jnp.asarray(sample_dt, model.dt.dtype)
     found: list[AbstractProbe] = [EnergyProbe.over(model, state, every)]

@@ -1,4 +1,4 @@
-"""Readings of the devices: a chamber and its turbine, a rigid body and its power take-off, a paddle."""
+"""Probes of devices: a chamber and its turbine, a rigid body and its power take-off, a paddle."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["BodyProbe", "ChamberProbe", "PaddleProbe", "RimProbe"]
 
 
 class ChamberProbe(AbstractProbe):
-    """Level, volume, flow, air pressure and power of a chamber."""
+    """Probe of a chamber: water level and volume, air flow and pressure, and the power of its turbine."""
 
     sample_dt: Scalar
     """Time between samples, s."""
     which: int = eqx.field(static=True, default=0)
-    """Place of the chamber in `Model.chambers`."""
+    """Index of the chamber in `Model.chambers`."""
     suffix: str = eqx.field(static=True, default="")
     """End of the readings' names, where there are several chambers."""
 
@@ -50,15 +50,16 @@ class ChamberProbe(AbstractProbe):
 
 
 class BodyProbe(AbstractProbe):
-    """Motion of a rigid body, the water's force on it, and the power of its power take-off."""
+    """Probe of a rigid body: its motion, the water's force on it, and the power of its power take-off."""
 
     sample_dt: Scalar
     """Time between samples, s."""
     which: int = eqx.field(static=True, default=0)
-    """Place of the body in `Model.bodies`."""
+    """Index of the body in `Model.bodies`."""
     suffix: str = eqx.field(static=True, default="")
     """End of the readings' names, where there are several bodies."""
     dim: int = eqx.field(static=True, default=2)
+    """Number of dimensions."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -95,10 +96,10 @@ class BodyProbe(AbstractProbe):
 
 
 class PaddleProbe(AbstractProbe):
-    """Displacement of a piston wavemaker."""
+    """Probe of a piston wavemaker: its displacement, m."""
 
     name: str = eqx.field(static=True, default="paddle")
-    """Name of the paddle."""
+    """Name of the paddle in the model."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""

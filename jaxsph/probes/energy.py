@@ -1,4 +1,4 @@
-"""Energy budget of a run: energies stored in the water and in bodies, and powers exchanged and lost."""
+"""Probe of a run's energy budget: energies stored in the water and in bodies, powers exchanged and lost."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["EnergyProbe", "per_metre"]
 
 
 class EnergyProbe(AbstractProbe):
-    """Energies stored since the initial state, powers exchanged and lost, largest speed, limiters at work.
+    """Probe of the energies stored since the initial state, powers, largest speed and limiters at work.
 
     Powers of the ledger are means over every step since the last sample; those of viscosity and density
-    diffusion are taken at the sample. What power take-offs take is read by the probes of their devices.
+    diffusion are taken at the sample. The energy that a power take-off takes is read by its device's probe.
     """
 
     sample_dt: Scalar
@@ -26,14 +26,15 @@ class EnergyProbe(AbstractProbe):
     potential0: Scalar
     """Potential energy of the initial state in the body forces and of the bodies, J (J/m in 2-D)."""
     entries: tuple[tuple[str, Entry], ...] = eqx.field(static=True)
-    """Energies of the model's ledger."""
+    """Energies of the model's ledger: names and meanings."""
     limiters: tuple[tuple[str, str], ...] = eqx.field(static=True)
-    """Limiters of the model's scheme."""
+    """Limiters of the model's scheme: names, and what each does to a particle."""
     dim: int = eqx.field(static=True, default=2)
+    """Number of dimensions."""
 
     @classmethod
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
-        """Energy probe whose stored energies are counted from this state."""
+        """Builds the probe of energies counted from `state`, for samples `sample_dt` (s) apart."""
         entries, limiters = tuple(model.entries().items()), tuple(model.scheme.limiters().items())
         compression0 = model.scheme.compression(state.particles)
         potential0 = jnp.asarray(cls.held(model, state)[1], model.dt.dtype)
@@ -41,8 +42,10 @@ class EnergyProbe(AbstractProbe):
 
     @staticmethod
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
-        """Kinetic energy of the bodies, and potential energy of the water in the body forces and of the
-        bodies, J (J/m in 2-D)."""
+        """Kinetic energy of the bodies, and potential energy of water and bodies, J (J/m in 2-D).
+
+        The water's is that in the body forces beside gravity.
+        """
         kinetic = potential = 0.0
         for force in model.forces:
             potential = potential + jnp.sum(state.particles.m * force.potential(state.particles.x))
@@ -105,5 +108,5 @@ class EnergyProbe(AbstractProbe):
 
 
 def per_metre(units: str, dim: int) -> str:
-    """Units of an amount of the whole tank: per metre of its width in two dimensions."""
+    """Units of an amount of the whole tank, which in two dimensions is per metre of its width."""
     return f"{units} m-1" if dim == 2 else units

@@ -1,4 +1,4 @@
-"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+"""Gauges of the surface elevation: by a water column's volume, interpolated density or surface particles."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from jaxsph.parts.paddle import column_depth
 
 
 class WaveGauge(AbstractProbe):
-    """Surface elevation over the still level at any x, averaged across the tank: the volume of a column of
-    water."""
+    """Gauge of the surface elevation (m) at any x, by the volume of a water column across the tank."""
 
     x: Float[Array, " k"]
+    """Positions of the gauges along the tank, m."""
     still: Float[Array, " k"]
     """Depth (m) that the gauge reads where the elevation is zero."""
 
@@ -37,11 +37,14 @@ class WaveGauge(AbstractProbe):
 
 
 class InterpolatedGauge(AbstractProbe):
-    """Elevation of the surface at points: the highest level of a line of interpolation points up to which the
-    density is more than half the water's (Yeylaghi et al. 2016, section 4.3.2, where half is not said)."""
+    """Gauge of the surface elevation (m) at points, by the density along a vertical line of them.
+
+    The surface is at the highest level at which the density is half the water's (Yeylaghi et al. 2016,
+    section 4.3.2, which does not say which share of it).
+    """
 
     x: Float[Array, "k H"]
-    """Horizontal coordinates, m."""
+    """Horizontal coordinates of the gauges, m."""
     levels: Float[Array, " L"]
     """Heights of the interpolation points, m, upwards."""
     still: Scalar
@@ -77,18 +80,21 @@ class InterpolatedGauge(AbstractProbe):
 
 
 class ParticleGauge(AbstractProbe):
-    """Elevation of the surface at points: the mean height of the surface's particles (Yeylaghi et al. 2016,
-    Eq. 23-24) within a spacing of the point (their section 4.3.2)."""
+    """Gauge of the surface elevation (m) at points, by the mean height of the surface's particles nearby.
+
+    Surface particles are those of Yeylaghi et al. 2016, Eq. 23-24; nearby is within a spacing of the point
+    (their section 4.3.2).
+    """
 
     x: Float[Array, "k H"]
-    """Horizontal coordinates, m."""
+    """Horizontal coordinates of the gauges, m."""
     still: Scalar
     """Height (m) of the surface's particles where the elevation is zero: half a spacing under it."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         scheme, p = model.scheme, state.particles
-        ghosts, V = scheme.placed(model, state, tables), scheme.volume(state.particles)
+        ghosts, V = scheme.place_ghosts(model, state, tables), scheme.volume(state.particles)
         sources = {
             "x": columns(jnp.concatenate([p.x, ghosts.x])),
             "V": jnp.concatenate([V, ghosts.V]),
@@ -106,7 +112,7 @@ class ParticleGauge(AbstractProbe):
 
         def at(point):
             near = surface & (jnp.sum((p.x[:, :-1] - point) ** 2, axis=1) < model.dx**2)
-            # spray that falls back is above, a bubble below: what is within a spacing of the highest counts
+            # only what is within a spacing of the highest counts: the rim of a bubble below does not
             highest = jnp.max(jnp.where(near, z, 0.0))
             near = near & (z > highest - model.dx)
             mean = jnp.sum(jnp.where(near, z, 0.0)) / jnp.maximum(jnp.sum(near), 1)

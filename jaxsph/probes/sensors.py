@@ -1,4 +1,4 @@
-"""What is measured inside the loop, at the sample rate: gauges, sensors, chamber, energy."""
+"""Sensors of the water's pressure and velocity at points, by interpolation between its particles."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, columns, stacked
+from jaxsph.core.arrays import Array, Float, columns, stack
 from jaxsph.core.pairs import nearest_image
 from jaxsph.model.interfaces import AbstractProbe, Model, Reading
 from jaxsph.model.state import State
 
 
 class PressureProbe(AbstractProbe):
-    """Gauge pressure at fixed points: the water's, interpolated; zero where no water is near."""
+    """Sensor of the water's gauge pressure (Pa) at fixed points, interpolated; zero away from the water."""
 
     x: Float[Array, "k D"]
+    """Positions of the sensors, m."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         pressure = model.pressure(state)
 
         def carried(r):
-            # each particle's pressure is first carried to the sensor's height
+            # each particle's pressure is first carried to the sensor's height, with the hydrostatic slope
             return pressure[:, None] + model.scheme.rho0 * (r @ model.g)[:, None]
 
         return {"pressure": _interpolated(self.x, model, state, carried)[:, 0]}
@@ -33,12 +34,12 @@ class PressureProbe(AbstractProbe):
 
 
 class BodyPressureProbe(AbstractProbe):
-    """Gauge pressure at points that move with the body: the water's, as `PressureProbe`."""
+    """Sensor of the water's gauge pressure (Pa) at points that move with a body, as `PressureProbe`."""
 
     x: Float[Array, "k D"]
-    """Points of the body at rest, m."""
+    """Positions of the sensors on the body at rest, m."""
     which: int = eqx.field(static=True, default=0)
-    """Place of the body in `Model.bodies`."""
+    """Index of the body in `Model.bodies`."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -52,9 +53,10 @@ class BodyPressureProbe(AbstractProbe):
 
 
 class VelocityProbe(AbstractProbe):
-    """Velocity at fixed points: the water's, interpolated; zero where no water is near."""
+    """Sensor of the water's velocity (m/s) at fixed points, interpolated; zero away from the water."""
 
     x: Float[Array, "k D"]
+    """Positions of the sensors, m."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -70,16 +72,17 @@ class VelocityProbe(AbstractProbe):
 
     @property
     def _axes(self) -> str:
+        """Letters of the axes."""
         return "xz" if self.x.shape[1] == 2 else "xyz"
 
 
 def _interpolated(points: Float[Array, "k D"], model: Model, state: State, field) -> Float[Array, "k F"]:
-    """Kernel averages of `field(r)` `[N, F]` at points; r from the particles to the point, m."""
+    """Kernel averages at points (m) of `field(r)` `[N, F]`, with r (m) from the particles to the point."""
     p, V = state.particles, model.scheme.volume(state.particles)
     smoothing = model.scheme.smoothing
 
     def at(point):
-        r = stacked(nearest_image(columns(point - p.x), smoothing.period))
+        r = stack(nearest_image(columns(point - p.x), smoothing.period))
         r2 = jnp.sum(r * r, axis=1)
         w = jnp.where(
             r2 < smoothing.radius**2, V * smoothing.kernel.value(r2, smoothing.h, p.x.shape[1]), 0.0

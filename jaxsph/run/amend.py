@@ -1,4 +1,4 @@
-"""Changes that a run can take in its course: those that leave lattice, state and series what they are."""
+"""Changes of a case in the course of its run: those that leave lattice, state and series as they are."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ CHANGEABLE = (
     "scheme.relaxation",
     "scheme.shifting",
 )
-"""What `resume` may set. The tank's walls are built anew; particles, solids and what they have exchanged are
-kept. Another time step counts from the last sample on."""
+"""Keys of a case that `resume` may change. The tank's walls are built anew; particles, solids and what they
+have exchanged are kept. Another time step counts from the last sample on."""
 
 REASONS = {
     "dx": "it is the spacing of the particles that are there",
@@ -58,11 +58,11 @@ REASONS = {
     "start": "it is of the initial state",
     "scheme": "the state is that of the scheme as it was",
 }
-"""Why not, by key or section."""
+"""Reasons why a run cannot change a value in its course, by key or section."""
 
 
 def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> Start:
-    """The run with values of its case changed from its checkpoint on, and its file likewise.
+    """Changes values of a run's case from its checkpoint on, in its file too, and returns the changed start.
 
     **Raises** CaseError for a value that a run cannot change in its course; the file is then as it was.
     """
@@ -80,7 +80,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> Start:
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
     state = _carry_over(start.state, initial)
-    # the step is what time is counted by
+    # time is counted in steps: the same time, in steps of the new length
     state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(round(samples) * every, state.step.dtype))
     file.amend(
         _told(file.case_toml, start.case, case, changes, t),

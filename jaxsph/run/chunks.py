@@ -1,4 +1,4 @@
-"""One chunk of a run, replayed with larger tables for as long as it takes, and failures in words."""
+"""Chunks of a run: advancing them, growing the neighbour tables, failures in words."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from jaxsph.model.state import Failure, State, Status
 REPLAYS = 6
 """Times that one chunk is replayed with larger tables before the run gives up."""
 FASTER = 1.25
-"""By how much faster than so far particles may yet be, where a table went stale."""
+"""Factor on the largest speed so far, by which tables that went stale are then searched often enough."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
-    """What `build` needs to make the model's tables again."""
+    """Sizes of a model's neighbour tables and the steps between searches, by name, as `build` takes them."""
     s = model.search
     names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
     return {name: int(getattr(s, name)) for name in names}
 
 
 def steps_per_chunk(case: Case, sample_every: int) -> int:
-    """Steps between two snapshots, a whole number of samples."""
+    """Number of time steps between two snapshots, a whole number of samples."""
     return max(1, round(case.output.snapshot_dt / case.output.sample_dt)) * sample_every
 
 
@@ -45,8 +45,12 @@ def advance_chunk(
     sample_every: int,
     say: Callable[[str], None],
 ) -> tuple[Model, State, Any]:
-    """One chunk, `advance(model)` giving the new state and whatever else, with tables regrown and the chunk
-    replayed for as often as it takes. Returns the model that it took, too. **Raises** SimulationError."""
+    """Advances a run by one chunk, replayed with larger neighbour tables where those were too small.
+
+    **Arguments**: `advance(model)` gives the new state and whatever else; `say` tells of a replay.
+    **Returns** the model with the tables that the chunk took, and what `advance` gave. **Raises**
+    SimulationError for a failure that no larger table mends.
+    """
     model, new, found = replay_chunk(model, advance, sample_every, say)
     if int(new.status.bits):
         raise failure_error(name, model, new)
@@ -56,7 +60,7 @@ def advance_chunk(
 def replay_chunk(
     model: Model, advance: Callable[[Model], tuple[State, Any]], sample_every: int, say: Callable[[str], None]
 ) -> tuple[Model, State, Any]:
-    """As `advance_chunk`, for one state or a batch; what no larger table mends stays in the status."""
+    """Advances one state or a batch as `advance_chunk`, and leaves other failures in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
         changed = better_settings(model, new.status, sample_every)
@@ -69,17 +73,17 @@ def replay_chunk(
 
 
 def better_settings(model: Model, status: Status, sample_every: int) -> dict[str, int] | None:
-    """Settings that would let a chunk pass that ended with this status, or None where none would.
+    """Settings of the neighbour tables with which a failed chunk may pass; None where none can help.
 
-    They follow from what the chunk needed, with some spare: every change compiles the step again. The status
-    may be that of a batch.
+    They follow from what the chunk needed by its status, which may be that of a batch, with some spare: every
+    change compiles the step again.
     """
     now = search_settings(model)
     failed = Failure(int(np.bitwise_or.reduce(np.ravel(status.bits))))
     if failed & (Failure.NEIGHBOUR_OVERFLOW | Failure.CHAMBER_OVERFLOW):
         needed = {name: int(np.max(most)) for name, most in status.most.items()}
         return {name: needed_capacity(most) for name, most in needed.items() if most > now[name]}
-    # what follows from lost neighbours is not the case's fault: mend the tables first
+    # lost neighbours can cause every other failure: mend the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
         step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))
         smaller = [n for n in range(1, now["rebuild_every"]) if sample_every % n == 0]
@@ -99,7 +103,7 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
 
 
 def failure_error(name: str, model: Model, state: State) -> SimulationError:
-    """The first failure in words: what, where, when, and what to change."""
+    """Error for a run's first failure: what it was, where (m) and when (s), and what to change."""
     step = int(state.status.step)
     t = float(model.t0) + step * float(model.dt)
     where = tuple(float(a) for a in state.status.where)

@@ -64,12 +64,12 @@ def resume(
     progress: bool = True,
     changes: Mapping[str, Any] | None = None,
 ) -> Solution:
-    """Goes on with a run's file from its last checkpoint, to t1 or the case's own end.
+    """Goes on with a run's file from its last checkpoint, to t1 (s) or the case's own end.
 
-    The series are then bit for bit those of an uninterrupted run. `changes`: values of the case that are
-    others from here on, by dotted name, such as {"tank.height": 1.5}; of those that do not move the lattice.
-    The case in the file then says since when. **Raises** FileError, as `restore`; CaseError for a change
-    that a run cannot take in its course.
+    The series are then bit for bit those of an uninterrupted run. `changes`: values of the case from here on,
+    by dotted name, such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file
+    then says since when they hold. **Raises** FileError, as `restore`; CaseError for a change that a run
+    cannot take in its course.
     """
     file = RunFile.open(path)
     start = load_start(path)
@@ -89,7 +89,7 @@ def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, St
 
 
 def load_start(path: str | Path, case: Case | None = None) -> Start:
-    """As `restore`, with the state at t = 0."""
+    """Case, model, checkpoint and initial state of a run's file. **Raises** FileError, as `restore`."""
     file = RunFile.open(path)
     stored = Case.from_dict(tomllib.loads(file.case_toml))
     if case is not None and case != stored:
@@ -155,12 +155,12 @@ def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Sol
 
 @contextlib.contextmanager
 def _one_file(file: RunFile | None) -> Iterator[None]:
-    """Leaves one file of a run that is stopped, too."""
+    """Context in which a run that is stopped still folds its journal into its file."""
     try:
         yield
     except BaseException:
         if file is not None:
-            with contextlib.suppress(FileError):  # what stopped the run is the thing to tell
+            with contextlib.suppress(FileError):  # the error that stopped the run is raised instead
                 file.fold()
         raise
 
@@ -175,7 +175,7 @@ def march(
     name: str = "assembled",
     progress: bool = False,
 ) -> Solution:
-    """Runs what `case.assemble` gave to t1 (s) and samples it every `sample_dt` (s, as given there).
+    """Runs an assembled model to t1 (s), with a sample every `sample_dt` (s, as given to `assemble`).
 
     Tables that overflow or go stale are regrown and the run replayed, as in `run`; the model returned holds
     the settings that it needed, and a further call goes on from the state returned. The first sample is

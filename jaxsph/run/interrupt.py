@@ -21,30 +21,33 @@ STOPPING = "\njaxsph: stopping at the end of this chunk; Ctrl-C again stops at o
 
 
 class Interrupt:
-    """Whether a run is asked to stop."""
+    """Request that a run stop at the end of its chunk."""
 
     def __init__(self) -> None:
-        """Not yet."""
+        """No request yet, and no chunk saved."""
         self.asked = False
         self.has_saved = False
         """Whether the run has saved a chunk: before, there is nothing to wait for."""
 
     def chunk_is_saved(self) -> None:
-        """Says that a chunk was saved. **Raises** KeyboardInterrupt where the run is asked to stop."""
+        """Notes that a chunk was saved. **Raises** KeyboardInterrupt where the run is asked to stop."""
         self.has_saved = True
         if self.asked:
             raise KeyboardInterrupt
 
 
 _runs: list[Interrupt] = []
-"""Runs that look, the innermost last."""
+"""Requests to the runs in progress, the innermost run's last."""
 _watched = False
 """Whether `end_at_once` hears the interrupts of this process."""
 
 
 @contextlib.contextmanager
 def hear_interrupts() -> Iterator[Interrupt]:
-    """An interrupt that the run inside looks at. Outside the main thread there is none to hear."""
+    """Context in which Ctrl-C is noted for the run inside to look at, instead of raised.
+
+    Outside the main thread no signals arrive, and nothing is noted.
+    """
     interrupt = Interrupt()
     _runs.append(interrupt)
     ours = (
@@ -71,9 +74,10 @@ def hear_interrupts() -> Iterator[Interrupt]:
 
 @contextlib.contextmanager
 def end_at_once(words: Callable[[], str]) -> Iterator[None]:
-    """For a program that is nothing but one run: an interrupt that need not or will not wait ends it.
+    """Context of a program that is one run: an interrupt ends it at once, or its run after the chunk.
 
-    A thread hears it, also while the main thread is busy in a compiler. **Arguments**: what to say.
+    It ends at once before the first saved chunk and on the second interrupt. A thread hears the signal, also
+    while the main thread is busy in a compiler. **Arguments**: `words` gives the last message.
     """
     global _watched
     if threading.current_thread() is not threading.main_thread():
@@ -114,19 +118,19 @@ def _end_early(number: int, frame: object) -> None:
 
 
 def end_early() -> None:
-    """For a program that has just begun: an interrupt ends it, whatever is being imported."""
+    """Makes an interrupt end a program that has just begun, whatever is being imported."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end_early)
 
 
 def raise_again() -> None:
-    """Interrupts are exceptions again, as Python has them."""
+    """Makes interrupts raise KeyboardInterrupt again, as Python has them."""
     if signal.getsignal(signal.SIGINT) is _end_early:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def end(words: str) -> None:
-    """Ends the program with these words, and without the interpreter's own end."""
+    """Ends the program with a message, without the interpreter's own shutdown."""
     print(words, file=sys.stderr, flush=True)
     sys.stdout.flush()
     os._exit(CODE)

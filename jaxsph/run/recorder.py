@@ -25,7 +25,7 @@ from jaxsph.run.results import run_results
 
 
 class Start:
-    """A case that is built, once: what it begins with, and where a run of it is now."""
+    """Start of a run: its case, model, state at t = 0, and the state that the run goes on from."""
 
     def __init__(self, case: Case, model: Model, initial: State, state: State | None = None) -> None:
         """**Arguments**: the state at t = 0, and that of a checkpoint; without one the run begins."""
@@ -34,10 +34,10 @@ class Start:
 
 
 class Recorder:
-    """Readings of one run."""
+    """Readings of one run, kept in memory and written to its file after every chunk."""
 
     def __init__(self, start: Start, t1: float, file: RunFile | None) -> None:
-        """**Arguments**: the time up to which it will go, s; the file, if it has one."""
+        """**Arguments**: `t1`: end of the run, s; `file`: the run's file, None for a run that keeps none."""
         self.case, self.file = start.case, file
         self.sample_every = steps_per_sample(start.case, start.model)
         self.per_chunk = steps_per_chunk(start.case, self.sample_every)
@@ -62,7 +62,10 @@ class Recorder:
         return series
 
     def solution(self, model: Model, state: State, beside: int = 1) -> Solution:
-        """The whole run with its results, recorded too; its time is shared by so many that ran beside it."""
+        """Series, state and results of the whole run, recorded in its file.
+
+        `beside`: number of runs that went side by side, and share the wall time.
+        """
         if self.file is not None:
             series = self.file.series()
         else:
@@ -91,7 +94,7 @@ class Recorder:
 
 
 def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
-    """The file of a run that begins. **Raises** FileError where it exists and is not to be replaced."""
+    """New file of a run, without samples. **Raises** FileError where it exists and is not to be replaced."""
     case, model = start.case, start.model
     return RunFile.create(
         path,
@@ -104,10 +107,10 @@ def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
 
 
 def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
-    """What the rules made of a case, by name: its time step, speed of sound, lengths, numbers of particles.
+    """Numbers that decide a run, by name: its time step, speed of sound, lengths, numbers of particles.
 
-    Of a single number its value; of an array its length, mean and root mean square. The neighbour tables are
-    not among them: their sizes may change in a run.
+    A single number gives its value, an array its length, mean and root mean square. The neighbour tables are
+    left out: their sizes may change in a run.
     """
     found = {"particles": [float(state.particles.x.shape[0])]}
     for path, leaf in jax.tree_util.tree_flatten_with_path(model)[0]:
@@ -125,7 +128,7 @@ def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
 
 
 def differences(stored: dict[str, list[float]], now: dict[str, list[float]]) -> list[str]:
-    """In words, what decides a run otherwise now than when it was stored."""
+    """Differences between stored and present numbers of a run, in words; empty where there are none."""
     found = []
     for name in [*stored, *(name for name in now if name not in stored)]:
         old, new = stored.get(name), now.get(name)
@@ -149,7 +152,7 @@ def saved_state(state: State) -> dict[str, np.ndarray]:
 
 
 def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
-    """The state with these arrays. **Raises** FileError where they are not those of such a state."""
+    """State of a checkpoint's arrays. **Raises** FileError where they do not fit the state `like`."""
     leaves, tree = jax.tree_util.tree_flatten_with_path(like)
     found = []
     for key, leaf in leaves:

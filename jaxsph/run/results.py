@@ -111,7 +111,7 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
 
 
 def flume_gauges(case: Case) -> list[int]:
-    """Which gauges see free waves: a depth or more from paddle, device and body, in front of the sponge.
+    """Indices of gauges that see free waves: a depth or more from paddle, device and body, before the sponge.
 
     Nearer to a solid the wave is not alone: what is made beside it falls off by exp(-pi/2 x/d) and faster.
     """

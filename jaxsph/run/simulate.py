@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.loop import blocks
-from jaxsph.core.transforms import in_any_lane
+from jaxsph.core.transforms import any_lane
 from jaxsph.model.interfaces import AbstractProbe, Model
 from jaxsph.model.state import State, settle
 
@@ -23,7 +23,7 @@ def simulate(
     probes: Sequence[AbstractProbe] = (),
     sample_every: int | None = None,
 ) -> tuple[State, dict[str, jax.Array]]:
-    """Advances a state by n_steps. Pure: may be jitted, vmapped and differentiated.
+    """Advances a state by `n_steps` time steps. Pure: may be jitted, vmapped and differentiated.
 
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
     (the default); n_steps is a multiple of it.
@@ -51,7 +51,7 @@ def simulate(
     def measure(s, tables):
         due = (s.step - start) % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
-        readings = jax.lax.cond(in_any_lane(due), read, lambda *_: blank, s, tables)
+        readings = jax.lax.cond(any_lane(due), read, lambda *_: blank, s, tables)
         own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
         return eqx.tree_at(lambda a: (a.own, a.ledger, a.limits), s, (own, ledger, limits)), readings
 
@@ -70,5 +70,5 @@ def simulate(
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
 def simulate_chunk(model, state, probes, n_steps, sample_every):
-    """`simulate`, compiled."""
+    """Advances a state by `n_steps` time steps as `simulate` does, compiled."""
     return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)

@@ -40,12 +40,12 @@ class _Lane:
 
     @property
     def step(self) -> int:
-        """Of the last checkpoint."""
+        """Number of the time step of the last checkpoint."""
         return int(self.state.step)
 
 
 def shape(case: Case) -> Hashable:
-    """Cases with equal ones can run together: nothing but the values of their arrays differs."""
+    """Structure, array shapes and cadence of a case; cases for which they are equal can run together."""
     model, state = build(case)
     model = with_settings(model, dict.fromkeys(search_settings(model), 0))
     sample_every = steps_per_sample(case, model)
@@ -119,7 +119,7 @@ def _simulate_lanes(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[
     together = [(model, lane.recorder.probes) for model, lane in zip(models, lanes, strict=True)]
     structure = jax.tree.structure(together[0])
     rows = list(zip(*map(jax.tree.leaves, together), strict=True))
-    # what all have in common is not made a batch of
+    # leaves that all lanes have in common are not batched
     same = [all(np.array_equal(a, row[0]) for a in row[1:]) for row in rows]
     shared = [row[0] if one else None for row, one in zip(rows, same, strict=True)]
     own = [None if one else jnp.stack(row) for row, one in zip(rows, same, strict=True)]

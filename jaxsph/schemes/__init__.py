@@ -1,0 +1,1 @@
+"""Schemes that advance the water: weakly compressible and incompressible SPH, integrators and solvers."""

@@ -1,5 +1,8 @@
-"""Parts of a step that every scheme shares: neighbour tables, ghosts and their fields, drift without loss to
-rounding, the energy ledger, and flags of what has gone wrong."""
+"""Pieces of a time step that all schemes share.
+
+They are the neighbour tables, ghosts and their fields, the coupling of bodies to the water, drift without
+loss to rounding, the energy ledger, and flags of failures.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stacked
+from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stack
 from jaxsph.core.pairs import Pair, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
-from jaxsph.core.search.cells import cell_order, wrapped
+from jaxsph.core.search.cells import cell_order, wrap
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
 from jaxsph.model.state import Failure, Particles, State, Tables, Tally
@@ -41,138 +44,161 @@ class Dissipation(NamedTuple):
     """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
 
     viscous: Scalar
+    """Power taken by viscosity, W (W/m in 2-D)."""
     diffusive: Scalar
+    """Power taken by the diffusion of density, W (W/m in 2-D)."""
 
 
 class GhostFields(NamedTuple):
     """Fields of all ghosts at one time."""
 
     x: Float[Array, "G D"]
+    """Positions, m."""
     nodes: Float[Array, "G D"]
+    """Interpolation nodes, m."""
     p: Float[Array, " G"]
+    """Gauge pressure, Pa."""
     u: Float[Array, "G D"]
+    """Velocity that the continuity equation sees, m/s."""
     u_shear: Float[Array, "G D"]
-    """Velocity that the viscous force sees: a wall without slip must not look like a moving one to the
-    continuity equation."""
+    """Velocity that the viscous force sees, m/s.
+
+    A wall without slip must not look like a moving one to the continuity equation.
+    """
     V: Float[Array, " G"]
+    """Volume, m3 (m2 in 2-D); zero for a ghost whose node is dry."""
     fit: NodeFit
+    """Interpolation coefficients at the nodes."""
     water: dict
+    """Fields of the water, as sources of the interpolation."""
 
 
 class Interval(NamedTuple):
-    """A step of time, or a part of one, and the motion of the walls over it."""
+    """Time interval of a step, or of a part of one, and the motion of the walls over it."""
 
     before: Mapping[str, Any]
-    """States of the parts at its beginning."""
+    """States of the parts by name at the interval's beginning."""
     after: Mapping[str, Any]
-    """The same with moving walls as they are at its end."""
+    """States of the parts by name, with the moving walls as they are at the interval's end."""
     t: Scalar
-    """Time at its beginning, s."""
+    """Time at the interval's beginning, s."""
     dt: Scalar
-    """Length, s."""
+    """Length of the interval, s."""
 
 
 class BodyGrip(NamedTuple):
-    """Linear map from pressures to the force on a body: the negated sum of the law that moves the water."""
+    """Linear map from pressures to the force on a body.
+
+    It is the negated sum of the pair law that moves the water, so that action equals reaction.
+    """
 
     arms: Float[Array, "3 B D"]
-    """Volume of every dummy times its velocity per unit of every motion."""
+    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit of every motion."""
     own: Float[Array, "B D"]
+    """Weights of the dummies' own pressures: the sums of `weights`."""
     weights: Components
+    """Weights of the water's pressures around every dummy, by slot of `table`."""
     table: Int[Array, "K B"]
+    """Neighbours of the dummies in the water."""
 
     def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
-        """Generalised force for the water's and the dummies' pressures (Pa), N, N, N m (per metre in 2-D)."""
+        """Generalised force of the water's and the dummies' pressures (Pa), N, N, N m (per metre in 2-D)."""
         p = jnp.append(p, 0.0)
-        around = stacked([weighted_sum(w, p, self.table) for w in self.weights])
+        around = stack([weighted_sum(w, p, self.table) for w in self.weights])
         return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.own)
 
 
 class BodyCoupling(NamedTuple):
     """Linear maps between a body's accelerations and the water's pressure around it.
 
-    The pressure of the body's dummies depends on its acceleration at once: part of the water's inertia is
-    added to the body's own mass here, and the rest is in the water's pressure.
+    The pressure of the body's dummies depends on its acceleration at once: this part of the water's inertia
+    is added to the body's own mass here, and the rest is in the water's pressure.
     """
 
     grip: BodyGrip
+    """Map from pressures to the force on the body."""
     slopes: Float[Array, "3 B"]
-    """Pressure (Pa) of the dummies per unit of every acceleration."""
+    """Pressure (Pa) of the dummies per unit of each of the body's accelerations (m/s2, m/s2, rad/s2)."""
     inverse: Float[Array, "3 3"]
-    """Accelerations per unit of force, with the damping over a step; none where the body is not free."""
+    """Accelerations per unit of generalised force, with the damping over a step; 0 for motions not free."""
     outside: Float[Array, "3"]
-    """Force that is not of the water's pressure."""
+    """Generalised force other than the water's pressure, N, N, N m (per metre in 2-D)."""
     movable: Float[Array, "3"]
-    """1 for the motions that forces change."""
+    """Mask of the motions that forces change: 1 for these, 0 for others."""
     rows: tuple[int, int]
-    """Index of its first ghost, and of the one after its last."""
+    """Index of the body's first ghost, and of the one after its last."""
 
-    def driven(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration by the pressures (Pa) of the water and the ghosts, the body's own part left out."""
+    def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
+        """Acceleration (m/s2, m/s2, rad/s2) by the pressures (Pa) of the water and the ghosts.
+
+        The ghosts' pressures are those without the part that the body's acceleration adds (`press`).
+        """
         return self.inverse @ self.grip.force(p, p_ghosts[slice(*self.rows)])
 
-    def accelerated(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration by those pressures and by every other force."""
-        return self.driven(p, p_ghosts) + self.inverse @ self.outside
+    def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
+        """Acceleration (m/s2, m/s2, rad/s2) by the pressures (Pa) as in `response`, and every other force."""
+        return self.response(p, p_ghosts) + self.inverse @ self.outside
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, "3"]) -> Float[Array, " G"]:
-        """Pressures of the ghosts (Pa) with what an acceleration adds to those of the body's dummies."""
+        """Pressures of the ghosts (Pa) with the part that the body's acceleration adds to its dummies'."""
         return p_ghosts.at[slice(*self.rows)].add(acceleration @ self.slopes)
 
     def force(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Force of the pressures (Pa) on the body, N, N, N m (per metre in 2-D)."""
+        """Generalised force of the pressures (Pa) on the body, N, N, N m (per metre in 2-D)."""
         return self.grip.force(p, p_ghosts[slice(*self.rows)])
 
 
 class AbstractParticleScheme(AbstractScheme):
-    """A scheme on water particles between walls of ghosts."""
+    """Scheme that advances particles of water between walls of ghosts."""
 
     smoothing: eqx.AbstractVar[Smoothing]
+    """Kernel, smoothing length and periodic axes."""
     rho0: eqx.AbstractVar[Scalar]
+    """Density of water at zero gauge pressure, kg/m3."""
     too_fast: eqx.AbstractClassVar[tuple[str, str]]
-    """Words for a particle beyond `fastest`: what happened, and which keys of a case to change."""
+    """Message for a particle beyond `fastest`: the failure, and the keys of a case to change."""
     steadier: eqx.AbstractClassVar[str]
-    """Words for values that are no longer finite: which keys of a case to change."""
+    """Message for values that are no longer finite: the keys of a case to change."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:
         """Gauge pressure of every particle, Pa."""
 
     @abc.abstractmethod
-    def started(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
-        """Particles with this gauge pressure (Pa), and the masses that their volumes then have."""
+    def with_pressure(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
+        """Particles at the gauge pressure `pressure` (Pa), with the masses that their volumes then have."""
 
     @abc.abstractmethod
     def stable_dt(self, g: float, dim: int) -> float:
-        """Largest stable time step, s, in a gravity of g (m/s2)."""
+        """Largest stable time step, s, in a gravity of g (m/s2) and `dim` dimensions."""
 
     @abc.abstractmethod
     def fastest(self, dt: Scalar | float) -> Scalar:
         """Speed beyond which the scheme no longer holds with time steps of dt (s), m/s."""
 
     @abc.abstractmethod
-    def described(self) -> str:
-        """Name and speed of the scheme, for people."""
+    def description(self) -> str:
+        """Name and characteristic speed (m/s) of the scheme, as text for people."""
 
     @abc.abstractmethod
     def cost(self, dx: float, dim: int) -> float:
-        """Time of a step per particle of water or wall (s) on one core of a current CPU, to half of it.
+        """Time of a step per particle of water or wall, s, on one core of a current CPU, to within a half.
 
-        **Arguments**: spacing `dx` (m) and dimensions.
+        **Arguments**: spacing `dx` (m) and number of dimensions.
         """
 
     def neighbours(self, dx: float, dim: int) -> float:
-        """Particles within the kernel's support, at a spacing of `dx` (m) in `dim` dimensions."""
+        """Number of particles in the kernel's support, at a spacing of `dx` (m) in `dim` dimensions."""
         reach = float(self.smoothing.radius) / dx
         return math.pi * reach**2 * (1.0 if dim == 2 else 4.0 / 3.0 * reach)
 
     @abc.abstractmethod
     def compression(self, p: Particles) -> Scalar:
-        """Energy stored by compression, J (J/m in 2-D)."""
+        """Energy stored by compression of the water, J (J/m in 2-D)."""
 
     @abc.abstractmethod
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power of the scheme's own dissipative terms."""
+        """Power taken by the scheme's own dissipative terms, W (W/m in 2-D)."""
 
     def volume(self, p: Particles) -> Float[Array, " N"]:
         """Volume of every particle, m3 (m2 in 2-D)."""
@@ -185,14 +211,14 @@ class AbstractParticleScheme(AbstractScheme):
         for outlet in model.outlets:
             state = outlet.drain(model, state)
         s, walls, p = model.search, model.walls, state.particles
-        x, carry = wrapped(p.x, p.x_carry, walls.low, self.smoothing.period)
+        x, carry = wrap(p.x, p.x_carry, walls.low, self.smoothing.period)
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
         order = cell_order(p.x, s.grid)
         p = jax.tree.map(lambda a: a[order], p)
         region = walls.regions.index(p.x)
         kind = walls.regions.kind(region)
         ghosts, nodes = model.walls_at(state.own)
-        # an escaped particle must not poison the search: the failure is flagged below
+        # a search keeps escaped particles in the cells at the edge; `check` flags their failure
         sources = jnp.concatenate([p.x, ghosts])
         kinds = jnp.concatenate([kind, walls.kind])
         find, sees = s.method.table, walls.regions.sees(region)
@@ -216,12 +242,12 @@ class AbstractParticleScheme(AbstractScheme):
     # ---------------------------------------------------------------- ghosts
 
     def water(self, p: Particles) -> dict:
-        """The fluid as a source for nodes (volumes, pressure, velocity)."""
+        """Fields of the water as sources for nodes: positions, volumes, pressures and velocities (SI)."""
         fields = {"x": columns(p.x), "V": self.volume(p), "p": self.pressure(p), "u": columns(p.u)}
         return with_empty(fields)
 
-    def placed(self, model: Model, state: State, tables: Tables) -> GhostFields:
-        """Places and volumes of all ghosts, and their interpolation weights; no pressure or velocity yet."""
+    def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
+        """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
         x, nodes = model.walls_at(state.own)
         water = self.water(state.particles)
@@ -233,9 +259,11 @@ class AbstractParticleScheme(AbstractScheme):
         return GhostFields(x, nodes, still[:, 0], still, still, here * walls.volume, fit, water)
 
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
-        """Places, volumes and pressures of all ghosts for the state's fluid, with the walls' accelerations
-        over the interval (Zhu et al. 2020, Eq. 18-20)."""
-        ghosts, walls = self.placed(model, state, tables), model.walls
+        """Positions, volumes and pressures of all ghosts for the state's water (Zhu et al. 2020, Eq. 18-20).
+
+        The pressures contain the walls' accelerations over the interval; velocities are still zero.
+        """
+        ghosts, walls = self.place_ghosts(model, state, tables), model.walls
         at_node = walls.at_nodes(
             lambda j: j["p"], ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes
         )
@@ -247,10 +275,10 @@ class AbstractParticleScheme(AbstractScheme):
     def wall_force(
         self, model: Model, own: Mapping[str, Any], ghosts: GhostFields, interval: Interval
     ) -> Float[Array, "G D"]:
-        """Pressure gradient across the walls, rho0 (f - a_wall) at the ghosts, N/m3, with the parts in the
-        states `own`.
+        """Pressure gradient across the walls at the ghosts, rho0 (f - a_wall), N/m3.
 
-        A body's own acceleration is not in it, but for the centripetal one: see `body_coupling`.
+        `own`: states of the parts by name. Of a body's acceleration only the centripetal part is in it; for
+        the rest see `body_coupling`.
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
         for field in model.forces:
@@ -269,8 +297,10 @@ class AbstractParticleScheme(AbstractScheme):
     def ghost_velocity(
         self, model: Model, own: Mapping[str, Any], tables: Tables, ghosts: GhostFields, u: jax.Array
     ) -> GhostFields:
-        """The same ghosts with the velocities that the fluid's velocities u (m/s) give them, where moving
-        solids go as their states `own` say."""
+        """Ghosts with their velocities (m/s), which follow from the water's velocities u (m/s).
+
+        Moving solids have the velocities of their states in `own`.
+        """
         walls = model.walls
         water = ghosts.water | {"u": with_empty({"u": columns(u)})["u"]}
         at_node = walls.at_nodes(
@@ -290,7 +320,7 @@ class AbstractParticleScheme(AbstractScheme):
             there = tuple(a[rows] for a in at_node)
             through = 2.0 * dot(tuple(a - b for a, b in zip(moving, there, strict=True)), normal)
             mirrored = tuple(a + through * n for a, n in zip(there, normal, strict=True))
-            u_ghosts = u_ghosts.at[rows].set(stacked(mirrored))
+            u_ghosts = u_ghosts.at[rows].set(stack(mirrored))
         return ghosts._replace(u=u_ghosts, u_shear=u_shear)
 
     # ---------------------------------------------------------------- bodies
@@ -304,7 +334,7 @@ class AbstractParticleScheme(AbstractScheme):
         ghosts: GhostFields,
         tables: Tables,
     ) -> BodyCoupling:
-        """Coupling of a body in the pose that it has in `at`, over the interval."""
+        """Coupling of a body to the water over the interval, in the pose that it has in the state `at`."""
         own, before, dt = at.own[body.name], interval.before[body.name], interval.dt
         grip, slopes = self._body_grip(body, own, ghosts, tables), self._body_slopes(model, body, own, ghosts)
         free = body.movable(interval.t)
@@ -330,7 +360,7 @@ class AbstractParticleScheme(AbstractScheme):
         return jnp.where(fit.wet > 0, jax.vmap(slope)(body.directions(own, x)), 0.0)
 
     def _body_grip(self, body: AbstractBody, own: Any, ghosts: GhostFields, tables: Tables) -> BodyGrip:
-        """Weights of the water around the body's dummies, for the force on it."""
+        """Map from pressures to the force on the body, by the weights of the water around its dummies."""
         rows = slice(*body.rows)
         x = ghosts.x[rows]
 
@@ -341,14 +371,14 @@ class AbstractParticleScheme(AbstractScheme):
         table = tables.nodes[:, rows]
         summed, weights = pair_weights(law, self.smoothing, {"x": columns(x)}, ghosts.water, table)
         arms = body.directions(own, x) * ghosts.V[rows, None]
-        return BodyGrip(arms, stacked(summed), weights, table)
+        return BodyGrip(arms, stack(summed), weights, table)
 
-    # ---------------------------------------------------------------- trust
+    # ---------------------------------------------------------------- failures
 
     def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array, x_used: jax.Array) -> State:
-        """The state with what makes its tables or its numbers untrustworthy flagged.
+        """Flags failures in the state's status: outdated tables, numbers not finite, escapes, high speeds.
 
-        `x_old`: places (m) at the beginning of the step; `x_used`: where the tables were used in it.
+        `x_old`: positions (m) at the beginning of the step; `x_used`: those at which the tables were used.
         """
         p, status = state.particles, state.status
         moved2 = jnp.max(jnp.sum((x_used - tables.x) ** 2, axis=1))
@@ -358,10 +388,10 @@ class AbstractParticleScheme(AbstractScheme):
         bad = ~(finite & jnp.isfinite(p.rho))
         out = jnp.zeros_like(bad)
         for solid in model.every_solid():
-            out |= solid.entered(state.own.get(solid.name), p.x, model.dx)
+            out |= solid.contains(state.own.get(solid.name), p.x, model.dx)
         stale = moved2 > (0.5 * model.search.skin) ** 2
         too_fast = speed2[fastest] > self.fastest(model.dt) ** 2
-        # what comes after a failure may be nonsense, and as fast as it likes
+        # the largest speed is not followed after a failure, when numbers may be nonsense
         speed = jnp.where(status.bits == 0, jnp.maximum(status.speed2, jnp.max(speed2)), status.speed2)
         status = eqx.tree_at(lambda s: s.speed2, status, jax.lax.stop_gradient(speed))
         status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
@@ -372,7 +402,7 @@ class AbstractParticleScheme(AbstractScheme):
 
 
 def _checked_tables(state: State, search, found: dict[str, jax.Array]):
-    """The status with the tables' needs, and with a flag where one was larger than its capacity."""
+    """Status with the largest needs of the tables so far, and a flag where one exceeds its capacity."""
     status = eqx.tree_at(
         lambda s: s.most, state.status, {k: jnp.maximum(v, found[k]) for k, v in state.status.most.items()}
     )
@@ -387,19 +417,19 @@ def _checked_tables(state: State, search, found: dict[str, jax.Array]):
 
 
 def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
-    """Particles moved by dx (m) without losing what is smaller than the rounding of x (Kahan)."""
+    """Particles moved by dx (m), with the rounding error of x carried to the next move (Kahan summation)."""
     dx = dx + p.x_carry
     x = p.x + dx
     return eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, dx - (x - p.x)))
 
 
 def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
-    """The ledger with one step's amounts (J, J/m in 2-D) added by name."""
+    """Ledger with one step's energies `amounts` (J, J/m in 2-D) added by name."""
     return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
 
 
 def move_walls(scheme: AbstractParticleScheme, model: Model, state: State, dt: Scalar) -> Interval:
-    """Interval of dt (s) from a state, over which the moving walls go on."""
+    """Interval of dt (s) from a state, with the moving walls advanced to its end."""
     V = scheme.volume(state.particles) / model.walls.width
     t = model.time(state)
     moved = {w.name: w.move(state.own[w.name], state.particles, V, t, dt) for w in model.moving}
@@ -407,15 +437,17 @@ def move_walls(scheme: AbstractParticleScheme, model: Model, state: State, dt: S
 
 
 def at_rest(model: Model, state: State) -> Interval:
-    """Interval of a step from a state, with walls that do not change their velocity."""
+    """Interval of a step from a state, with walls that keep their velocities."""
     return Interval(state.own, state.own, model.time(state), model.dt)
 
 
 def damp(
     model: Model, p: Particles, u: jax.Array, dt: Scalar
 ) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
-    """Velocities u (m/s) after all dampers over dt (s), and the kinetic energy that each took by its name, J
-    (J/m in 2-D; Zhu et al. 2020, Eq. 27-28)."""
+    """Velocities (m/s) after all dampers over dt (s), and the kinetic energy that each took by its name.
+
+    Energies are in J (J/m in 2-D); Zhu et al. 2020, Eq. 27-28.
+    """
     taken = {}
     for damper in model.dampers:
         factor = damper.factor(p.x, dt)
@@ -432,8 +464,10 @@ def wall_work(
     ghosts: GhostFields,
     dt: Scalar,
 ) -> dict[str, Scalar]:
-    """Work of every moving wall on the water in a step of dt (s), by its name, J (J/m in 2-D): minus the
-    water's force on it times the velocity that its state in `own` says."""
+    """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
+
+    It is minus the water's force on the wall times the velocity of the wall's state in `own`.
+    """
     work = {}
     for wall in model.moving:
         rows = slice(*wall.rows)
@@ -448,11 +482,11 @@ def wall_work(
 def body_work(
     model: Model, body: AbstractBody, old: Any, new: Any, t: Scalar, dt: Scalar
 ) -> tuple[Any, dict[str, Scalar], Scalar, Scalar]:
-    """Exchanges of a body in a step of dt (s) from its motion `old` to `new`.
+    """Energies exchanged by a body in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
 
-    **Returns** `new` with the impulse of the water's force added; the energies that the power take-off took
-    and that what drives the body gave, by name; the work on the body of pressure, and of the water that
-    touches it, J (J/m in 2-D).
+    **Returns** `new` with the impulse of the water's force added; the energies taken by the power take-off
+    and given by the drive of motions that are not free, by name; the work of pressure on the body; the work
+    of the water that touches it.
     """
     moved = 0.5 * dt * (old.velocity + new.velocity)
     force = new.force + old.contact  # as the body felt it in this step

@@ -1,5 +1,7 @@
 """Incompressible SPH by projection (Yeylaghi et al. 2016, Eq. 7-17; Cummins and Rudman 1999), 2-D and 3-D.
-Equation numbers are those of Yeylaghi et al. unless another source is named."""
+
+Equation numbers are those of Yeylaghi et al. unless another source is named.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Float, Int, Scalar, columns, stacked
+from jaxsph.core.arrays import Array, Float, Int, Scalar, columns, stack
 from jaxsph.core.kernels import AbstractKernel, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.model import laws
@@ -37,15 +39,21 @@ from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, Em
 from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
 
 H_OVER_DX = {2: 2.0, 3: 1.5}
-"""Smoothing length over the spacing, by dimensions. In two a square lattice under pressure is quiet with 2,
-and its rows slide with 1.3 to 1.85 and with 2.2: still water moves at 0.2 %, or 2 to 6 %, of sqrt(g d). In
-three it is the paper's (section 2)."""
+"""Smoothing length over the spacing, by number of dimensions.
+
+In two dimensions a square lattice under pressure is quiet with 2, and its rows slide with 1.3 to 1.85 and
+with 2.2: still water moves at 0.2 % of sqrt(g d) with the first, at 2 to 6 % with the others. In three
+dimensions the ratio is the paper's (section 2).
+"""
 
 
 RELAXATION = 1.5
-"""Rate at which crowding of the particles is taken back, over sqrt(g/h). Projection leaves disordered water
-expanding: with none the level of a tank rises by 6 % in 6 s. With a half of this waves lose twice as much
-and the energy of still water grows; with twice this still water is restless."""
+"""Rate at which crowding of the particles is undone, over sqrt(g/h).
+
+Projection alone leaves disordered water expanding: without relaxation the level of a tank rises by 6 % in
+6 s. With half of this rate waves lose twice as much and the energy of still water grows; with twice this rate
+still water is restless.
+"""
 
 
 class Poisson(NamedTuple):
@@ -54,27 +62,28 @@ class Poisson(NamedTuple):
     weights: Float[Array, "K N"]
     """Weights w_ij of sum w_ij (p_j - p_i) = lap p, 1/m2, by slot of the table."""
     table: Int[Array, "K N"]
+    """Neighbours of the water among water and ghosts."""
     scale: Float[Array, " N"]
-    """One over the diagonal, m2; zero for particles whose pressure is not solved for."""
+    """Inverse of the diagonal, m2; zero for particles whose pressure is not solved for."""
     diagonal: Float[Array, " N"]
     """Sum of the weights, 1/m2."""
     extra: Float[Array, " N"]
     """Weight of missing neighbours at the free surface, 1/m2."""
     free: Float[Array, " N"]
-    """1 for particles whose pressure is solved for, else 0."""
+    """Mask of particles: 1 where the pressure is solved for, 0 elsewhere."""
     source: Float[Array, " N"]
     """Right-hand side without the walls' part, Pa."""
     held: Scalar
-    """Number of particles whose crowding is held back."""
+    """Number of particles at which the limit of crowding acts."""
 
-    def pulled(self, q: Float[Array, " N"], q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
-        """Weighted mean of the pressures (Pa) of every particle's neighbours, in water and walls."""
+    def neighbour_mean(self, q: Float[Array, " N"], q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
+        """Weighted mean of the pressures of every particle's neighbours, Pa, in water (q) and walls."""
         every = jnp.concatenate([q, q_ghosts, jnp.zeros(1, q.dtype)])
         return self.scale * weighted_sum(self.weights, every, self.table)
 
 
-class Projected(NamedTuple):
-    """Result of a projection."""
+class Projection(NamedTuple):
+    """Pressures and bodies' motions that a projection finds, and the quality of the solution."""
 
     p: Float[Array, " N"]
     """Pressure of the water, Pa."""
@@ -85,25 +94,26 @@ class Projected(NamedTuple):
     residual: Scalar
     """Residual of the linear solution over its right-hand side."""
     converged: Array
-    """Whether the solver kept its promise."""
+    """Whether the residual is as small as the solver promises."""
     limited: dict[str, Scalar]
     """Number of particles at which each limiter acted."""
 
 
 class Changes(NamedTuple):
-    """Velocities at the end of a step, and what changed them on the way, m/s."""
+    """Velocities at the end of a step, and their changes within it, m/s."""
 
     u: Float[Array, "N D"]
+    """Velocity at the end of the step, m/s."""
     pressed: Float[Array, "N D"]
-    """Change by the pressure."""
+    """Change of velocity by the pressure, m/s."""
     touched: Float[Array, "N D"]
-    """Change by solids that are touched."""
+    """Change of velocity by contact with solids, m/s."""
     damped: dict[str, Scalar]
-    """Energy that each damper took, J (J/m in 2-D)."""
+    """Energy that each damper took, by name, J (J/m in 2-D)."""
 
 
 class ISPH(AbstractParticleScheme):
-    """Projection onto velocities without divergence."""
+    """Incompressible SPH scheme: projection onto velocities without divergence."""
 
     too_fast: ClassVar[tuple[str, str]] = (
         "a particle goes farther than half a smoothing length in a step",
@@ -111,21 +121,27 @@ class ISPH(AbstractParticleScheme):
     )
     steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.speed"
     smoothing: Smoothing
+    """Kernel, smoothing length and periodic axes."""
     rho0: Scalar
+    """Density of water, kg/m3."""
     speed: Scalar
     """Largest speed to expect, m/s."""
     full: Scalar
-    """sum V W on the lattice."""
+    """Kernel's sum V W on the lattice."""
     full_weights: Scalar
     """Sum of the Laplacian's weights on the lattice, times h^2."""
     viscosity: AbstractViscosity
+    """Law of the viscous force."""
     solver: AbstractSolver
+    """Solver of the pressure Poisson equation."""
     surface: AbstractSurface
+    """Free-surface condition of the pressure Poisson equation."""
     relaxation: Scalar
-    """Rate at which crowding of the particles is taken back, over sqrt(g/h)."""
+    """Rate at which crowding of the particles is undone, over sqrt(g/h)."""
     least: Scalar
-    """Least gauge pressure that water bears where there is a free surface, Pa; 0: none that pulls."""
+    """Least gauge pressure of water with a free surface, Pa; with 0 it bears no tension."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
+    """Shifting of the particles beside their drift, one or none."""
 
     @classmethod
     def of(
@@ -147,12 +163,12 @@ class ISPH(AbstractParticleScheme):
         dtype: Any = jnp.float32,
         **options: Any,
     ) -> ISPH:
-        """The scheme from plain numbers, in the precision `dtype`.
+        """Builds the incompressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
         default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx, by default
-        `H_OVER_DX`; `period`: `Box.period`; `options`: further objects by name. (An argument
-        for each choice.)
+        `H_OVER_DX`; `least`, the least pressure (Pa); `period`: `Box.period`; `options`: further fields by
+        name. There is an argument for each choice.
         """
         kernel = WendlandC2() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -178,13 +194,13 @@ class ISPH(AbstractParticleScheme):
             **jax.tree.map(leaf, options),
         )
 
-    # ---------------------------------------------------------------- what a scheme is asked
+    # ---------------------------------------------------------------- interface of a scheme
 
     def pressure(self, p):
         """See `AbstractParticleScheme`."""
         return p.p
 
-    def started(self, p, pressure):
+    def with_pressure(self, p, pressure):
         """See `AbstractParticleScheme`."""
         return eqx.tree_at(lambda a: a.p, p, pressure)
 
@@ -193,7 +209,7 @@ class ISPH(AbstractParticleScheme):
         nu = float(self.viscosity.kinematic(self.smoothing.h, 0.0, dim))
         return stable_dt(float(self.smoothing.h), float(self.speed), nu, g, 0.25)
 
-    def described(self):
+    def description(self):
         """See `AbstractParticleScheme`."""
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
@@ -231,23 +247,23 @@ class ISPH(AbstractParticleScheme):
         p, dt = state.particles, model.dt
         interval = move_walls(self, model, state, dt)
         push = spring_acceleration(model, state.own, p, self._contact(model))
-        ghosts = self.placed(model, state, tables)
+        ghosts = self.place_ghosts(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
         u, kicks = self._with_air(model, state, tables, u, interval)
-        # Eq. 7-8. Walls carry gravity and forces as the water does, and their own acceleration goes into
-        # their pressure: so that of a field without divergence none is seen at a wall either.
+        # Eq. 7-8. The ghosts' velocities gain gravity and forces as the water's do, and the walls' own
+        # acceleration goes into the ghosts' pressure: so a field without divergence has none at walls either.
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, u)
         u_star = u + dt * (model.g + model.acceleration(p.x))
         u_ghosts = ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
-        # The paper has a whole step. With half of one water swings without a loss to second order,
-        # where pressures of a whole step damp a wave by omega^2 dt/4.
+        # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
+        # positions half a step ahead water swings without a loss to second order.
         at = self._halfway(model, state, interval, u_star)
-        ghosts = self.placed(model, at, tables)
+        ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(at.particles, ghosts, u_star, u_ghosts)
-        projected = self._projected(model, at, tables, ghosts, sources, interval)
+        projected = self._project(model, at, tables, ghosts, sources, interval)
         pressure = jnp.concatenate([projected.p, projected.p_ghosts])
         sources = sources | {"p": pressure}
-        pressed = dt / self.rho0 * stacked(self._sum(laws.pressure_force, sources, tables))
+        pressed = dt / self.rho0 * stack(self._sum(laws.pressure_force, sources, tables))
         met = u_star + pressed
         u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
@@ -256,7 +272,7 @@ class ISPH(AbstractParticleScheme):
             p=projected.p_ghosts, water=ghosts.water | {"p": with_empty({"p": projected.p})["p"]}
         )
         changes = Changes(u_new, pressed, touched, damped)
-        own, ledger = self._exchanged(model, state, tables, ghosts, interval, projected, changes, kicks)
+        own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
@@ -269,7 +285,7 @@ class ISPH(AbstractParticleScheme):
     def _with_air(
         self, model: Model, state: State, tables: Tables, u: Float[Array, "N D"], interval: Interval
     ) -> tuple[Float[Array, "N D"], dict[str, Kick]]:
-        """Velocities u (m/s) after the force of the chambers' air, and that force by chamber."""
+        """Velocities (m/s) after the force of the chambers' air, and each chamber's change by its name."""
         kicks, p = {}, state.particles
         sources = {"x": columns(p.x), "V": self.volume(p)}
         for chamber in model.chambers:
@@ -278,27 +294,27 @@ class ISPH(AbstractParticleScheme):
         return u, kicks
 
     def _halfway(self, model: Model, state: State, interval: Interval, u_star: jax.Array) -> State:
-        """The state with particles and solids in the middle of the step."""
+        """State with particles and solids in the middle of the step."""
         dt, own = interval.dt, dict(state.own)
         for solid in (*model.moving, *model.bodies):
             own[solid.name] = solid.halfway(own[solid.name], interval.after[solid.name], dt)
         particles = drift(state.particles, 0.5 * dt * u_star)
         return eqx.tree_at(lambda s: (s.particles, s.own), state, (particles, own))
 
-    def _exchanged(
+    def _exchange(
         self,
         model: Model,
         state: State,
         tables: Tables,
         ghosts: GhostFields,
         interval: Interval,
-        projected: Projected,
+        projected: Projection,
         changes: Changes,
         kicks: dict[str, Kick],
     ) -> tuple[dict[str, Any], dict[str, Tally]]:
-        """States of the parts after the step, and the ledger with the step's energies.
+        """States of the parts after the step, and the ledger with the step's energies (J, J/m in 2-D).
 
-        Eight arguments: everything that the step has made, and nothing of it twice.
+        The arguments are all the results of the step.
         """
         p, dt, own = state.particles, interval.dt, dict(interval.after)
         amounts = dict(changes.damped)
@@ -327,7 +343,7 @@ class ISPH(AbstractParticleScheme):
         return own, book(state.ledger, amounts)
 
     def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> dict:
-        """Fluid and ghosts, with these velocities (m/s), as one set of sources."""
+        """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set."""
         return {
             "x": columns(jnp.concatenate([p.x, ghosts.x])),
             "V": jnp.concatenate([self.volume(p), -ghosts.V]),
@@ -335,30 +351,33 @@ class ISPH(AbstractParticleScheme):
         }
 
     def _sum(self, law, sources: dict, tables: Tables):
-        """Pair sum of a law over fluid and ghosts, for the fluid."""
+        """Sum of a pair law over water and ghosts, for every particle of water."""
         n = tables.fluid.shape[1]
         targets = jax.tree.map(lambda a: a[:n], sources)
         return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
 
     @staticmethod
     def _contact(model: Model) -> Scalar:
-        """c0 (m/s) of the spring off the solids: the projection stops the water, and this what it missed."""
+        """Speed (m/s) that sets the stiffness of the contact springs.
+
+        The projection stops the water at solids, and the springs stop the particles that it missed.
+        """
         return 0.5 * model.dx / model.dt
 
     def _viscous(
         self, model: Model, state: State, tables: Tables, ghosts: GhostFields
     ) -> Float[Array, "N D"]:
-        """Viscous acceleration nu lap u, m/s2."""
+        """Viscous acceleration of the water, nu lap u, m/s2."""
         p = state.particles
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         guard = laws.GUARD * self.smoothing.h**2
         sources = self._sources(p, ghosts, p.u, ghosts.u_shear)
         shear = self._sum(lambda pair, i, j: self.viscosity.shear(pair, i, j, guard), sources, tables)
-        return self.viscosity.coefficient(self.smoothing.h, 0.0, p.x.shape[1]) * stacked(shear)
+        return self.viscosity.coefficient(self.smoothing.h, 0.0, p.x.shape[1]) * stack(shear)
 
     # ---------------------------------------------------------------- projection
 
-    def _projected(
+    def _project(
         self,
         model: Model,
         at: State,
@@ -366,11 +385,11 @@ class ISPH(AbstractParticleScheme):
         ghosts: GhostFields,
         sources: dict,
         interval: Interval,
-    ) -> Projected:
-        """Pressures that take the divergence out of the velocities, and the bodies as those move them.
+    ) -> Projection:
+        """Pressures (Pa) that take the divergence out of the velocities, and the bodies' motions under them.
 
-        The bodies' accelerations are unknowns beside the pressures: a body's own pressure depends on them at
-        once, and a light body would swing without end were they taken from the step before.
+        The bodies' accelerations are unknowns beside the pressures: the pressure on a body depends on its
+        acceleration at once, and with that of the step before a light body would swing without end.
         """
         p, walls = at.particles, model.walls
         poisson = self._poisson(model, p, ghosts, sources, tables)
@@ -385,16 +404,16 @@ class ISPH(AbstractParticleScheme):
         beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
         beyond = jnp.where(ghosts.fit.wet > 0, beyond, 0.0)
         nothing = jnp.zeros_like(free)
-        b = poisson.source + poisson.pulled(nothing, beyond)
+        b = poisson.source + poisson.neighbour_mean(nothing, beyond)
         closed = jnp.sum(fixed + poisson.extra) == 0.0
-        # Without a surface the pressure is known but for a constant, and the weights, which are symmetric
-        # before they are scaled, can only give what has no mean under their diagonal.
+        # Without a free surface the pressure is known up to a constant. The weights, symmetric before they
+        # are scaled, can only give a right-hand side whose mean, weighted by the diagonal, is zero.
         mean = jnp.sum(poisson.diagonal * b) / jnp.sum(poisson.diagonal)
         b = b - jnp.where(closed, mean, 0.0)
         couplings = [self.body_coupling(model, c, at, interval, ghosts, tables) for c in model.bodies]
         unit = (
             self.rho0 * self.smoothing.h
-        )  # Pa per m/s2: accelerations as large as pressures in the residual
+        )  # Pa per m/s2: in the residual, accelerations are then as large as pressures
 
         def operator(unknown):
             q, accelerations = free * unknown[0], unknown[1]
@@ -403,26 +422,26 @@ class ISPH(AbstractParticleScheme):
             for coupling, a in zip(couplings, accelerations, strict=True):
                 both = coupling.press(both, coupling.movable * (a / unit))
             driven = tuple(
-                a - unit * coupling.driven(q, q_ghosts)
+                a - unit * coupling.response(q, q_ghosts)
                 for coupling, a in zip(couplings, accelerations, strict=True)
             )
-            return q - poisson.pulled(q, both) + fixed * q, driven
+            return q - poisson.neighbour_mean(q, both) + fixed * q, driven
 
-        b_bodies = tuple(unit * coupling.accelerated(nothing, beyond) for coupling in couplings)
+        b_bodies = tuple(unit * coupling.acceleration(nothing, beyond) for coupling in couplings)
         start = (free * p.p, jax.tree.map(jnp.zeros_like, b_bodies))
         (solved, _), residual, converged = self.solver.solve(operator, (b, b_bodies), start)
         pressure = free * solved
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
-        # what the water does not bear, a body does not feel
+        # from the limited pressure: a body does not feel tension that the water does not bear
         q_ghosts, bodies = _with_bodies(model, couplings, interval, pressure, at_walls(pressure) + beyond)
         limited = {"tension": jnp.sum(cut).astype(b.dtype), "crowding": poisson.held}
-        return Projected(pressure, q_ghosts, bodies, residual, converged, limited)
+        return Projection(pressure, q_ghosts, bodies, residual, converged, limited)
 
     def _poisson(
         self, model: Model, p: Particles, ghosts: GhostFields, sources: dict, tables: Tables
     ) -> Poisson:
-        """Weights, diagonal and source of the pressure Poisson equation (9-12)."""
+        """Weights, diagonal and source of the pressure Poisson equation (Eq. 9-12)."""
         h, walls = self.smoothing.h, model.walls
         guard = (0.1 * h) ** 2
         targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
@@ -439,10 +458,10 @@ class ISPH(AbstractParticleScheme):
         free = self.surface.free(filled)
         extra = self.surface.missing(filled) * jnp.maximum(self.full_weights / h**2 - diagonal, 0.0)
         if all(side == "periodic" for side in walls.sides):
-            # whatever disorder makes of the sums, there is no surface
+            # a periodic box has no surface, though disorder may lower the kernel's sums
             free, extra = jnp.ones_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
-        # as fast as weight sorts what stands too close, whatever the step is
+        # crowding is undone in gravity's own time, sqrt(h/g), whatever the time step is
         rate = self.relaxation * (jnp.sum(model.g**2) + 1e-12) ** 0.25 / jnp.sqrt(h)
         crowding, held = _crowding(filled)
         source = scale * (self.rho0 / model.dt * (shrinking + rate * crowding))
@@ -451,15 +470,15 @@ class ISPH(AbstractParticleScheme):
     # ---------------------------------------------------------------- diagnostics
 
     def dissipation(self, model, state, tables):
-        """See `AbstractParticleScheme`: of the viscosity."""
+        """See `AbstractParticleScheme`: the power of viscosity alone."""
         p = state.particles
-        force = self._viscous(model, state, tables, self.placed(model, state, tables))
+        force = self._viscous(model, state, tables, self.place_ghosts(model, state, tables))
         return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))
 
     def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
-        """Divergence of the velocity of every particle, 1/s."""
+        """Divergence of the water's velocity at every particle, 1/s."""
         p = state.particles
-        ghosts = self.placed(model, state, tables)
+        ghosts = self.place_ghosts(model, state, tables)
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         return -self._sum(laws.divergence, self._sources(p, ghosts, p.u, ghosts.u), tables)
 
@@ -471,9 +490,11 @@ def _with_bodies(
     pressure: Float[Array, " N"],
     p_ghosts: Float[Array, " G"],
 ) -> tuple[Float[Array, " G"], dict[str, Any]]:
-    """Pressures of the ghosts (Pa) with what the bodies' accelerations add to `p_ghosts`, and the bodies'
-    motions at the end of the interval under the water's `pressure` (Pa), by name."""
-    accelerations = [coupling.accelerated(pressure, p_ghosts) for coupling in couplings]
+    """Pressures of the ghosts (Pa), and the bodies' motions by name at the end of the interval.
+
+    The bodies move under the water's `pressure` (Pa); their accelerations add to `p_ghosts` (Pa).
+    """
+    accelerations = [coupling.acceleration(pressure, p_ghosts) for coupling in couplings]
     for coupling, a in zip(couplings, accelerations, strict=True):
         p_ghosts = coupling.press(p_ghosts, coupling.movable * a)
     bodies = {}
@@ -483,8 +504,8 @@ def _with_bodies(
     return p_ghosts, bodies
 
 
-def _checked_solution(state: State, projected: Projected) -> Status:
-    """The status with the largest residual so far, and with a flag where a solution did not converge."""
+def _checked_solution(state: State, projected: Projection) -> Status:
+    """Status with the largest residual so far, and a flag where a solution did not converge."""
     status = state.status
     residual = jnp.maximum(status.residual, projected.residual)
     status = eqx.tree_at(lambda s: s.residual, status, residual)
@@ -493,10 +514,10 @@ def _checked_solution(state: State, projected: Projected) -> Status:
 
 
 def _crowding(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
-    """Excess of the particles' density as a share of it, negative where they are too loose, and the number of
-    particles at which it is held within what comes from disorder.
+    """Crowding, the relative excess of the particles' density, and the number of particles at its limits.
 
-    What is filled to less than 0.8 is at the surface and has none.
+    It is negative where particles are too loose; the limits hold it within what disorder makes. Particles
+    whose kernel is filled to less than 0.8 are at the surface and have none.
     """
     inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
     excess = filled - 1.0
@@ -507,7 +528,8 @@ def _crowding(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
 def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
     """Largest stable time step, s: the least of cfl h/speed, an eighth of h^2/nu and a quarter of sqrt(h/g).
 
-    **Arguments**: `h` (m), the largest `speed` to expect (m/s), kinematic viscosity `nu` (m2/s), `g` (m/s2).
+    **Arguments**: smoothing length `h` (m), the largest `speed` to expect (m/s), kinematic viscosity `nu`
+    (m2/s), gravity `g` (m/s2).
     """
     limits = [cfl * h / speed]
     if nu > 0:
@@ -518,7 +540,7 @@ def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
 
 
 def _lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float]:
-    """sum V W with the particle itself, and h^2 times the sum of the Laplacian's weights, on a lattice."""
+    """Kernel's sum V W, the particle itself included, and h^2 times the Laplacian's weights, on a lattice."""
     reach = int(np.ceil(kernel.reach * h_over_dx))
     axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
     r2 = sum(a**2 for a in axes)

@@ -1,4 +1,4 @@
-"""Time integrators of the weakly compressible scheme: how a step is made of evaluations."""
+"""Time integrators of the weakly compressible scheme, which compose a step of evaluations of its rates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, stacked
+from jaxsph.core.arrays import Array, Components, Float, Scalar, stack
 from jaxsph.model.interfaces import Air, Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
@@ -29,60 +29,61 @@ __all__ = ["AbstractIntegrator", "AbstractRateScheme", "PredictorCorrector", "Ra
 
 
 class Rates(NamedTuple):
-    """Result of the first pass over the pairs."""
+    """Rates that the first pass over the pairs gives."""
 
     acceleration: Components
-    """m/s2."""
+    """Acceleration, m/s2."""
     grad_rho: Components
-    """kg/m4."""
+    """Gradient of the density, kg/m4."""
     position_divergence: Float[Array, " N"]
     """Divergence of position (Zhu et al. 2020, Eq. 15)."""
 
 
 class AbstractRateScheme(AbstractParticleScheme):
-    """A scheme of explicit rates, which an integrator advances."""
+    """Scheme of explicit rates, which an integrator advances."""
 
     c0: eqx.AbstractVar[Scalar]
     """Speed of sound, m/s."""
     shifting: eqx.AbstractVar[tuple[Shifting, ...]]
+    """Shifting of the particles beside their drift, one or none."""
 
     @abc.abstractmethod
     def sources(
         self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
     ) -> dict:
-        """Fluid and ghosts, with these velocities (m/s), as one set of sources."""
+        """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set."""
 
     @abc.abstractmethod
     def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
-        """First pass over the pairs: accelerations and the density's gradient."""
+        """First pass over the pairs: accelerations (m/s2) and the gradient of the density (kg/m4)."""
 
     @abc.abstractmethod
     def continuity(
         self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
     ) -> Float[Array, " N"]:
-        """Second pass over the pairs: rate of the density, kg/m3/s."""
+        """Second pass over the pairs: rate of change of the density, kg/m3/s."""
 
 
 class AbstractIntegrator(eqx.Module):
-    """Way in which a step is made of evaluations of the rates."""
+    """Time integrator: the composition of a step from evaluations of the rates."""
 
     cfl: eqx.AbstractClassVar[float]
-    """Default share of h/c0 (Eq. 10) for dt, found by measurement to be stable with room to spare."""
+    """Default time step as a share of h/c0 (Zhu et al. 2020, Eq. 10), measured to be stable with a margin."""
 
     evaluations: eqx.AbstractClassVar[int]
-    """Evaluations of the forces in a step."""
+    """Number of evaluations of the rates in a step."""
 
     @abc.abstractmethod
     def step(self, scheme: AbstractRateScheme, model: Model, state: State, tables: Tables) -> State:
-        """One time step."""
+        """Advances the state by one time step."""
 
 
 class SymplecticEuler(AbstractIntegrator):
-    """One evaluation a step: the velocity with the forces of t, then density and position with it.
+    """Symplectic Euler integrator: the velocity with the forces at t, then density and position with it.
 
-    Velocities are those of the half step before the positions', so the reversible part is the leapfrog,
-    second order, and stable to twice the step of the predictor-corrector; only the dissipative terms are
-    first order.
+    It takes one evaluation a step. Read as half a step earlier than the positions, the velocities make the
+    reversible part the leapfrog: second order, and stable to twice the step of the predictor-corrector. Only
+    the dissipative terms are first order.
     """
 
     cfl: ClassVar[float] = 0.5
@@ -97,7 +98,7 @@ class SymplecticEuler(AbstractIntegrator):
         ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts, p.u)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
-        u = p.u + dt * (stacked(rates.acceleration) + push + model.acceleration(p.x))
+        u = p.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
         u, airs, taken = _with_air(scheme, model, state, tables, sources, u, interval, p.u)
         u, damped = damp(model, p, u, dt)
         # the continuity equation sees the solids with the velocities after the step
@@ -122,7 +123,7 @@ class SymplecticEuler(AbstractIntegrator):
 
 
 class PredictorCorrector(AbstractIntegrator):
-    """Integrator of the paper (Monaghan 1989): a half step, then a whole one with the rates found there."""
+    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): a half step, then a whole one with its rates."""
 
     cfl: ClassVar[float] = 0.25
     evaluations: ClassVar[int] = 2
@@ -138,7 +139,7 @@ class PredictorCorrector(AbstractIntegrator):
     def _advance(
         scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
     ) -> State:
-        """The state `start` after dt (s) with the rates of `at`."""
+        """State after dt (s) from `start`, with the rates of the state `at`."""
         p0, p = start.particles, at.particles
         interval = move_walls(scheme, model, start, dt)
         push = spring_acceleration(model, at.own, p, scheme.c0)
@@ -148,8 +149,8 @@ class PredictorCorrector(AbstractIntegrator):
         rates = scheme.momentum(model, p, sources, tables)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        u = p0.u + dt * (stacked(rates.acceleration) + push + model.acceleration(p.x))
-        # places and sources of the air's force are of one time, that of the rates
+        u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
+        # positions and sources of the air's force are of one time, that of the rates
         u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
         u, damped = damp(model, p0, u, dt)
         work = wall_work(scheme, model, at.own, tables, ghosts, dt)
@@ -172,13 +173,16 @@ def _with_bodies(
     interval: Interval,
     push: Float[Array, "N D"],
 ) -> tuple[GhostFields, dict[str, Any]]:
-    """All ghosts for the water of `at`, which the solids push off so (m/s2), and the bodies' motions at the
-    end of the interval under its pressure, by name."""
+    """Ghosts for the water of `at`, and the bodies' motions by name at the end of the interval.
+
+    The bodies move under that water's pressure. `push`: acceleration (m/s2) of the water by the solids'
+    contact springs.
+    """
     ghosts, bodies = scheme.ghosts(model, at, tables, interval), {}
     p, dt = scheme.pressure(at.particles), interval.dt
     for body in model.bodies:
         coupling = scheme.body_coupling(model, body, at, interval, ghosts, tables)
-        acceleration = coupling.accelerated(p, ghosts.p)
+        acceleration = coupling.acceleration(p, ghosts.p)
         ghosts = ghosts._replace(p=coupling.press(ghosts.p, acceleration))
         new = advance_body(interval.before[body.name], acceleration, dt)
         force = coupling.force(p, ghosts.p)
@@ -188,8 +192,7 @@ def _with_bodies(
 
 
 def _with_velocities(model: Model, own: dict, walls: dict, bodies: dict) -> dict[str, Any]:
-    """States of the parts in their present places, with the velocities that walls and bodies have after the
-    step."""
+    """States of the parts in their places before the step, with the solids' velocities after it."""
     moved = {wall.name: wall.with_velocity(own[wall.name], walls[wall.name]) for wall in model.moving}
     turned = {
         body.name: eqx.tree_at(lambda b: b.velocity, own[body.name], bodies[body.name].velocity)
@@ -201,7 +204,7 @@ def _with_velocities(model: Model, own: dict, walls: dict, bodies: dict) -> dict
 def _with_body_work(
     model: Model, interval: Interval, bodies: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Scalar]]:
-    """The bodies' motions with the impulse of the water's force, and their exchanges of energy by name."""
+    """Motions of the bodies with the impulse of the water's force, and their exchanges of energy by name."""
     booked, exchanged = {}, {}
     for body in model.bodies:
         old, new = interval.before[body.name], bodies[body.name]
@@ -220,9 +223,11 @@ def _with_air(
     interval: Interval,
     before: Float[Array, "N D"],
 ) -> tuple[Float[Array, "N D"], dict[str, Air], dict[str, Scalar]]:
-    """Velocities u (m/s), which have had every other force, after that of the chambers' air on the water of
-    `at`; the air at the end of the interval, and the energies that it took, by name. The interval begins with
-    the velocities `before` (m/s)."""
+    """Velocities (m/s) after the force of the chambers' air, the air at the interval's end, and its energies.
+
+    The air acts on the water of `at`; velocities `u` (m/s) have had every other force, and were `before`
+    (m/s) at the beginning of the interval. Energies (J, J/m in 2-D) taken from the water are by name.
+    """
     airs, taken = {}, {}
     for chamber in model.chambers:
         kick = chamber.kick(scheme, at.particles, sources, u, tables, interval.t, interval.dt)

@@ -1,5 +1,7 @@
-"""Pressure Poisson equation of the incompressible scheme: its solvers, and its free surface.
-Equation numbers are those of Yeylaghi et al. 2016 unless another source is named."""
+"""Pressure Poisson equation of the incompressible scheme: its solvers, and its free-surface conditions.
+
+Equation numbers are those of Yeylaghi et al. 2016 unless another source is named.
+"""
 
 from __future__ import annotations
 
@@ -15,30 +17,36 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.loop import steps
 
 Unknown = Any
+"""Unknown of the equation: the water's pressures (Pa), and the bodies' accelerations in units of pressure."""
 
 
 Operator = Callable[[Unknown], Unknown]
+"""Linear map of unknowns."""
 
 
 class AbstractSolver(eqx.Module):
-    """Way in which the pressure Poisson equation (9-12) is solved."""
+    """Solver of the pressure Poisson equation (Eq. 9-12)."""
 
     @abc.abstractmethod
     def solve(self, operator: Operator, b: Unknown, p: Unknown) -> tuple[Unknown, Scalar, Array]:
-        """Pressure (Pa) with operator(pressure) = b, from the last step's p (Pa).
+        """Solves operator(pressure) = b for the pressure (Pa), from the last step's pressure p (Pa).
 
-        Beside it the norm of its residual over that of b, and whether that is as little as promised.
+        The operator is scaled to a diagonal of 1: p_i - sum A_ij p_j / sum A_ij. Unknowns are a pair: the
+        pressures, and the bodies' accelerations in units of pressure.
 
-        The operator is scaled by its diagonal, which is 1: p_i - sum A_ij p_j / sum A_ij. With bodies the
-        unknowns are a pair: the pressures, and the bodies' accelerations in units of pressure.
+        **Returns** the solution, the norm of its residual over that of b, and whether this is as small as
+        promised.
         """
 
 
 class Explicit(AbstractSolver):
-    """Eq. 13-15 (Hosseini et al. 2007): the pressure of the neighbours is the last step's. Pressure waves
-    then travel about a spacing per step and sweep. It promises no residual."""
+    """Explicit solver: the neighbours' pressures are the last step's (Eq. 13-15; Hosseini et al. 2007).
+
+    Pressure waves then travel about a spacing per step and sweep. The solver promises no residual.
+    """
 
     sweeps: int = eqx.field(static=True, default=1)
+    """Number of sweeps in a step, each from the pressures of the one before."""
 
     def solve(self, operator, b, p):
         """See `AbstractSolver`."""
@@ -51,26 +59,27 @@ class Explicit(AbstractSolver):
 
 
 class BiCGStab(AbstractSolver):
-    """Stabilised biconjugate gradients (van der Vorst 1992), begun from the last step's pressure.
+    """Solver by stabilised biconjugate gradients (van der Vorst 1992), from the last step's pressure.
 
     The walls' pressures are interpolated, so the matrix is not symmetric. Derivatives are those of the
-    solution, whatever the iteration did: their linear equations are solved to the same tolerance, each over
+    solution, not of the iteration: their linear equations are solved to the same tolerance, each relative to
     its own right-hand side.
     """
 
     tolerance: float = eqx.field(static=True, default=3e-3)
-    """Residual over the right-hand side, both as norms."""
+    """Largest norm of the residual over that of the right-hand side."""
     iterations: int = eqx.field(static=True, default=200)
+    """Largest number of iterations."""
 
     def solve(self, operator, b, p):
         """See `AbstractSolver`."""
-        # from the difference to the last pressure: in float32 the residual is then that of small numbers
+        # solved for the change since the last step: in float32 the residual is then that of small numbers
         start = jax.lax.stop_gradient(p)
         rest = jax.tree.map(jnp.subtract, b, operator(start))
-        # An unknown that is its own right-hand side tells the iteration the size of b. Of a tangent it is
-        # zero, and there the right-hand side itself is the measure.
+        # A second unknown, equal to its own right-hand side, carries the norm of b to the iteration. In the
+        # equation of a tangent it is zero, and the norm of that equation's right-hand side takes its place.
         size = jax.lax.stop_gradient(_norm(b))
-        # Transposition wants every part of the right-hand side to depend on what is differentiated.
+        # Transposition needs every part of the right-hand side to depend on what is differentiated.
         nothing = sum(0.0 * jnp.ravel(a)[0] for a in jax.tree.leaves(rest))
         rest, size = jax.tree.map(lambda a: a + nothing, (rest, size))
 
@@ -88,7 +97,7 @@ class BiCGStab(AbstractSolver):
             return (x, rhs[1]), (
                 residual / jnp.where(measure > 0.0, measure, 1.0),
                 residual <= 1.001 * least,
-            )  # but for the rounding of a square root
+            )  # 1.001 for the rounding of a square root
 
         (change, _), (residual, converged) = jax.lax.custom_linear_solve(
             extended, (rest, size), solve=iterate, transpose_solve=iterate, has_aux=True
@@ -146,22 +155,25 @@ def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) ->
 
 
 class AbstractSurface(eqx.Module):
-    """What the Poisson equation is told of a free surface."""
+    """Free-surface condition of the pressure Poisson equation."""
 
     @abc.abstractmethod
     def free(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
-        """1 for particles whose pressure is solved for, 0 where it is zero.
+        """Mask of particles: 1 where the pressure is solved for, 0 where it is zero.
 
-        `filled`: sum V W over that of a full kernel.
+        `filled`: the kernel's sum V W over that of a full kernel.
         """
 
     @abc.abstractmethod
     def missing(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
-        """What the diagonal gains for every unit of the weights that are missing from it."""
+        """Gain of the diagonal per unit of the weights that are missing from it.
+
+        `filled`: the kernel's sum V W over that of a full kernel.
+        """
 
 
 class SurfaceParticles(AbstractSurface):
-    """p = 0 for particles whose kernel is not full (Eq. 23-24)."""
+    """Free-surface condition of zero pressure at particles whose kernel is not full (Eq. 23-24)."""
 
     threshold: Scalar | float = 0.9
     """Share of a full kernel's sum up to which a particle is at the surface."""
@@ -176,12 +188,17 @@ class SurfaceParticles(AbstractSurface):
 
 
 class EmptyNeighbours(AbstractSurface):
-    """Where neighbours are missing the pressure is -gain p_i (Nair and Tomar 2014 have 0)."""
+    """Free-surface condition of the pressure -gain p_i at a particle's missing neighbours.
+
+    Nair and Tomar 2014 have a gain of 0.
+    """
 
     gain: Scalar | float = 1.0
+    """Pressure of a missing neighbour over minus that of its particle."""
     low: Scalar | float = 0.7
+    """Share of a full kernel's sum below which missing neighbours count in full."""
     high: Scalar | float = 0.85
-    """Share of a full kernel's sum below which neighbours are missing, and above which none is."""
+    """Share of a full kernel's sum above which no neighbour is missing."""
 
     def free(self, filled):
         """See `AbstractSurface`."""

@@ -1,4 +1,7 @@
-"""Weakly compressible delta-SPH (Zhu et al. 2020, section 2; Antuono et al. 2012)."""
+"""Weakly compressible delta-SPH (Zhu et al. 2020, section 2; Antuono et al. 2012).
+
+Equation numbers are those of Zhu et al. unless another source is named.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, R
 
 
 class DeltaSPH(AbstractRateScheme):
-    """Eq. 17 with its closures; the integrator is an object of its own."""
+    """Weakly compressible delta-SPH scheme: Eq. 17 with its closures, advanced by an integrator."""
 
     too_fast: ClassVar[tuple[str, str]] = (
         "a particle is faster than a third of the speed of sound",
@@ -39,14 +42,21 @@ class DeltaSPH(AbstractRateScheme):
     )
     steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
     smoothing: Smoothing
+    """Kernel, smoothing length and periodic axes."""
     c0: Scalar
+    """Numerical speed of sound, m/s."""
     rho0: Scalar
+    """Density of water at zero gauge pressure, kg/m3."""
     delta: Scalar
+    """Coefficient of the density's diffusion."""
     viscosity: AbstractViscosity
+    """Law of the viscous force."""
     integrator: AbstractIntegrator
+    """Time integrator."""
     background: tuple[Background, ...] = ()
     """Pressures of still water that are taken out of the pair sums beside thin walls."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
+    """Shifting of the particles beside their drift, one or none."""
 
     @classmethod
     def of(
@@ -65,12 +75,12 @@ class DeltaSPH(AbstractRateScheme):
         dtype: Any = jnp.float32,
         **options: Any,
     ) -> DeltaSPH:
-        """Weakly compressible scheme from plain numbers, in the precision `dtype`.
+        """Builds the weakly compressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), ten times the largest speed or
         more; `viscosity`, by default water's; `kernel`, by default the Gaussian: the support is
-        3 `h_over_dx` dx whichever it is; `period`: `Box.period`; `options`: further objects by name.
-        (An argument for each choice.)
+        3 `h_over_dx` dx whichever it is; `period`: `Box.period`; `options`: further fields by name. There is
+        an argument for each choice.
         """
         kernel = Gaussian() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -89,13 +99,13 @@ class DeltaSPH(AbstractRateScheme):
             **jax.tree.map(leaf, options),
         )
 
-    # ---------------------------------------------------------------- what a scheme is asked
+    # ---------------------------------------------------------------- interface of a scheme
 
     def pressure(self, p):
         """See `AbstractParticleScheme`."""
         return laws.pressure(p.rho, self.c0)
 
-    def started(self, p, pressure):
+    def with_pressure(self, p, pressure):
         """See `AbstractParticleScheme`."""
         rho = laws.density_deviation(pressure, self.c0)
         m = p.m / (self.rho0 + p.rho) * (self.rho0 + rho)
@@ -103,12 +113,12 @@ class DeltaSPH(AbstractRateScheme):
 
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""
-        # Eq. 10 speaks of the Gaussian's h, a third of the support, whatever the kernel's own h
+        # the h of Eq. 10 is the Gaussian's, a third of the support, whatever the kernel's own h
         share = self.integrator.cfl * float(self.smoothing.radius) / 3.0 / float(self.smoothing.h)
         nu = float(self.viscosity.kinematic(self.smoothing.h, self.c0, dim))
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
 
-    def described(self):
+    def description(self):
         """See `AbstractParticleScheme`."""
         return f"weakly compressible, sound speed {float(self.c0):.3g} m/s"
 
@@ -124,7 +134,7 @@ class DeltaSPH(AbstractRateScheme):
 
     def compression(self, p):
         """See `AbstractParticleScheme`: sum m c0^2 (ln(rho/rho0) + rho0/rho - 1)."""
-        # Series of the exact expression: in float32 that is a difference of ones.
+        # Series of the exact expression, which in float32 would be a difference of numbers near 1.
         s = p.rho / self.rho0
         return jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * self.c0**2
 
@@ -133,8 +143,11 @@ class DeltaSPH(AbstractRateScheme):
     def sources(
         self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
     ) -> dict:
-        """Fluid and ghosts, with these velocities, as one set of sources; p is over the background."""
-        # the walls take no part in the density's diffusion or gradient: their deviation is not used
+        """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set.
+
+        The pressure p (Pa) is that over the background.
+        """
+        # the ghosts take no part in the density's diffusion or gradient: their deviation is not used
         rho = jnp.concatenate([p.rho, jnp.zeros_like(ghosts.p)])
         V = jnp.concatenate([p.m / (self.rho0 + p.rho), -ghosts.V])
         x = jnp.concatenate([p.x, ghosts.x])
@@ -152,7 +165,10 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- the two passes
 
     def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
-        """First pass: acceleration (Eq. 3, 4 or 6, gravity) and the renormalised density gradient (9)."""
+        """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and the density's gradient, kg/m4 (Eq. 9).
+
+        The gradient is renormalised, exact for linear fields.
+        """
         dim = p.x.shape[1]
         guard = laws.GUARD * self.smoothing.h**2
         viscous = self.rho0 * self.viscosity.coefficient(self.smoothing.h, self.c0, dim)
@@ -177,7 +193,7 @@ class DeltaSPH(AbstractRateScheme):
     def continuity(
         self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
     ) -> Float[Array, " N"]:
-        """Second pass: d rho/dt (Eq. 7 and 8-9), kg/m3/s."""
+        """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9)."""
         n = p.x.shape[0]
         guard = laws.GUARD * self.smoothing.h**2
         diffusion = self.delta * self.smoothing.h * self.c0
@@ -208,7 +224,10 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- diagnostics
 
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power of the viscous and density-diffusion terms (Antuono et al. 2015, energy balance)."""
+        """Power taken by viscosity and density diffusion, W (W/m in 2-D).
+
+        Antuono et al. 2015, energy balance.
+        """
         p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
         sources = self._with_gradient(sources, grad_rho)
@@ -231,32 +250,33 @@ class DeltaSPH(AbstractRateScheme):
         return Dissipation(loss_viscous, loss_diffusive)
 
     def surface(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
-        """Position divergence of Eq. 15: dim inside, below `SURFACE` (1.89 of 2) at the surface."""
+        """Divergence of position (Eq. 15): the dimensions inside, below `SURFACE` of them at the surface."""
         sources = self._sources_now(model, state, tables)
         return self.momentum(model, state.particles, sources, tables).position_divergence
 
     def _sources_now(self, model: Model, state: State, tables: Tables) -> dict:
-        """Fluid and ghosts of a state as one set of sources, as the viscous force sees them."""
+        """Sources of the pair sums at a state: water and ghosts as the viscous force sees them."""
         p = state.particles
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         return self.sources(ghosts, p, p.u, ghosts.u_shear)
 
     def _with_gradient(self, sources: dict, grad_rho: Components) -> dict:
-        """The sources with the density's gradient (kg/m4), zero for ghosts."""
+        """Sources with the gradient of the density (kg/m4), zero for ghosts."""
         count = sources["V"].shape[0] - grad_rho[0].shape[0]
         padded = tuple(jnp.concatenate([g, jnp.zeros(count, g.dtype)]) for g in grad_rho)
         return sources | {"grad_rho": padded}
 
 
 SURFACE = 1.89 / 2.0
-"""Eq. 15's criterion as a share of the ideal value (2 in two dimensions)."""
+"""Criterion of Eq. 15 for the surface, as a share of the divergence's ideal value (1.89 of 2 in 2-D)."""
 
 
 def stable_dt(h: float, c0: float, nu: float, g: float, cfl: float) -> float:
     """Largest stable time step, s: the least of Eq. 10 (with the share cfl), 11 and 12.
 
-    **Arguments**: `h` (m), `c0` (m/s), kinematic viscosity `nu` (m2/s), `g` (m/s2).
+    **Arguments**: smoothing length `h` (m), speed of sound `c0` (m/s), kinematic viscosity `nu` (m2/s),
+    gravity `g` (m/s2).
     """
     limits = [cfl * h / c0]
     if nu > 0:

@@ -1,0 +1,1 @@
+"""Solids: shapes, walls and their ghosts, contact."""

@@ -1,11 +1,4 @@
-"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
-
-A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
-velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
-from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
-into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
-set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
-"""
+"""Geometry of a tank in plain numbers: its box, thin plates, a raised bed, and the slip at its walls."""
 
 from __future__ import annotations
 
@@ -22,20 +15,22 @@ from jaxsph.core.pairs import (
 
 
 class FreeSlip(eqx.Module):
-    """The tangential velocity is carried to the ghost as it is."""
+    """Slip at a wall: ghosts carry the water's tangential velocity unchanged."""
 
     tangential: float = eqx.field(static=True, default=1.0)
+    """Factor of the tangential velocity that a ghost carries."""
 
 
 class NoSlip(eqx.Module):
-    """The tangential velocity is reversed, so that it vanishes at the wall."""
+    """No slip at a wall: ghosts carry the water's tangential velocity reversed, so it vanishes there."""
 
     tangential: float = eqx.field(static=True, default=-1.0)
+    """Factor of the tangential velocity that a ghost carries."""
 
 
 @dataclass(frozen=True)
 class WallPlate:
-    """A vertical plate that pierces the surface: x0 <= x <= x1, from its tip upwards (m)."""
+    """Vertical plate that pierces the water's surface: x0 <= x <= x1 (m), from its tip (m) upwards."""
 
     x0: float
     x1: float
@@ -48,24 +43,29 @@ class WallPlate:
 
     @property
     def middle(self) -> float:
-        """x half-way between the faces, m."""
+        """Middle of the plate, x half-way between its faces, m."""
         return 0.5 * (self.x0 + self.x1)
 
     def is_thin(self, dx: float, layers: int) -> bool:
-        """Whether the kernel, of so many layers, reaches through it: it needs what a thin wall needs."""
+        """Whether the kernel, which spans `layers` spacings of `dx` (m), reaches through the plate.
+
+        The water on its two sides must then be kept apart (`solids.divisions`).
+        """
         return self.thickness <= layers * dx
 
 
 @dataclass(frozen=True)
 class Platform:
-    """A raised bed: solid for x >= start and z <= height (m), to the end of the tank."""
+    """Raised bed: solid for x >= start and z <= height (m), to the end of the tank."""
 
     start: float
     height: float
 
     def in_front(self, x: Components) -> jax.Array:
-        """True for what is beside its front rather than above its top: particles pressed a little into it
-        stay under the ghosts of the face that they entered."""
+        """Mask of points x (m) in front of the platform's face rather than above its top, True in front.
+
+        Particles pressed a little into the platform stay with the ghosts of the face that they entered.
+        """
         below = self.height - x[-1]
         return (below > 0) & (x[0] - self.start < below)
 
@@ -78,25 +78,27 @@ SIDES = {
     "open": (False, False),
     "periodic": (False, False),
 }
-"""What may bound an axis, and whether that is a wall at its low and at its high end."""
+"""Kinds of boundary of an axis, and whether each has a wall at the axis' low and at its high end."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """The domain, low <= x <= high (m), and what bounds it along each axis.
+    """Domain of the water, low <= x <= high (m), and the kind of boundary along each axis.
 
-    **Raises** ValueError for a side that there is not, or an empty extent.
+    **Raises** ValueError for an unknown kind of boundary, or an empty extent.
     """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     paddle: bool = False
-    """Whether the first axis' low wall moves."""
+    """Whether the wall at the low end of the first axis moves."""
     stroke: float = 0.0
-    """Largest displacement of the paddle towards negative x, m: the bed reaches that far."""
+    """Largest displacement of the paddle towards negative x, m; the bed reaches that far behind it."""
     sides: tuple[str, ...] = ()
-    """One of `SIDES` for every axis; by default a tank's: walls, and along the last axis a floor. Where there
-    is no wall the box only says how far the fluid may go."""
+    """Kind of boundary of every axis, one of `SIDES`; by default walls, and a floor along the last axis.
+
+    Where there is no wall the box only says how far the water may go.
+    """
 
     def __post_init__(self) -> None:
         """Fills in the default sides and checks them."""
@@ -110,11 +112,11 @@ class Box:
 
     @property
     def walls(self) -> np.ndarray:
-        """`[D, 2]`, True where there is a wall at the low and the high end of an axis."""
+        """Presence of walls `[D, 2]`, True where an axis has one at its low end and at its high end."""
         return np.array([SIDES[side] for side in self.sides])
 
     @property
     def period(self) -> Period:
-        """Every periodic axis with its length, m."""
+        """Periodic axes, each with its length (m)."""
         sides = enumerate(zip(self.low, self.high, self.sides, strict=True))
         return tuple((axis, float(b - a)) for axis, (a, b, side) in sides if side == "periodic")

@@ -1,4 +1,4 @@
-"""Contact of particles with solids: a spring off the surface, and water that stays where it meets one."""
+"""Contact of water particles with solids: repulsive springs, inelastic impact, and the force on bodies."""
 
 from __future__ import annotations
 
@@ -15,23 +15,27 @@ from jaxsph.model.state import Particles
 __all__ = ["TOUCH", "corner_push", "spring", "spring_acceleration", "stop_at_solids", "touch_force"]
 
 TOUCH = 0.4
-"""Distance from a surface, over dx, at which the spring begins."""
+"""Distance from a solid's surface, in spacings, below which its contact spring acts."""
 
 
 def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
-    """Acceleration (m/s2) away from a surface at the distance `gap` (m).
+    """Acceleration (m/s2) of a contact spring away from a solid's surface, at the distance `gap` (m) from it.
 
-    Mirrored pressures do not keep particles off a wall: one that comes near its own image feels less and less
-    of it, and in a vortex at a wall's tip some entered the plate, and stayed. The spring starts at 0.4
-    spacings, is conservative, and stops a normal speed of a tenth of c0 (stable at Courant 3).
+    Mirrored pressures alone do not keep particles off a wall: one that comes near its own image feels less
+    and less of it, and in the vortex at a plate's tip some entered the plate and stayed. The spring starts at
+    0.4 spacings `dx` (m), is conservative, and stops a normal speed of a tenth of `c0` (m/s; stable at
+    Courant 3).
     """
     reach = TOUCH * dx
     return (0.1 * c0 / reach) ** 2 * jnp.maximum(reach - gap, 0.0)
 
 
 def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[jax.Array, jax.Array]:
-    """Acceleration off a solid's outer edge along the normals of its two faces, from the distances (m) beside
-    one face and beyond the other, negative behind them; `away` gives it (m/s2) for one gap (m)."""
+    """Acceleration (m/s2) off a solid's outer edge, as components along the normals of its two faces.
+
+    **Arguments**: `beside`, `beyond`: distances (m) in front of either face, negative behind it; `away`: the
+    acceleration (m/s2) as a function of the distance (m) from the solid.
+    """
     corner = (beside > 0) & (beyond > 0)
     distance = jnp.sqrt(jnp.where(corner, beside**2 + beyond**2, 1.0))
     out = away(jnp.where(corner, distance, jnp.maximum(beside, beyond)))
@@ -44,7 +48,10 @@ def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[j
 def spring_acceleration(
     model: Model, own: Mapping[str, Any], water: Particles, c0: Scalar
 ) -> Float[Array, "N D"]:
-    """Acceleration of the water by the springs of all solids, m/s2."""
+    """Acceleration of the water by the contact springs of all solids, m/s2.
+
+    **Arguments**: `own`: states of the parts by name; `c0`: speed (m/s) that sets the springs' stiffness.
+    """
     total = jnp.zeros_like(water.x)
     for solid in model.every_solid():
         total = total + solid.push(own.get(solid.name), water.x, model.dx, c0)
@@ -59,16 +66,18 @@ def stop_at_solids(
     push: Float[Array, "N D"],
     c0: Scalar,
 ) -> Float[Array, "N D"]:
-    """Velocities u (m/s) without the part that goes on towards a solid whose spring pushes the particle.
+    """Velocities (m/s) without their component towards any solid whose contact spring pushes the particle.
 
-    Spray that hits a solid stays there, where a spring alone would throw it back as fast as it came. All of
-    that part is gone a tenth of a spacing after the spring begins. `push`: the acceleration of
-    `spring_acceleration` with this c0.
+    Spray that hits a solid stays there; a spring alone would throw it back as fast as it came. All of the
+    component is gone a tenth of a spacing after the spring begins.
+
+    **Arguments**: velocities `u` (m/s) before the contact; `push`: the result of `spring_acceleration` with
+    the same `c0` (m/s).
     """
     wall = jnp.zeros_like(u)
     for solid in (*model.moving, *model.bodies):
         motion = own[solid.name]
-        near = solid.touched(motion, water.x, model.dx)
+        near = solid.touches(motion, water.x, model.dx)
         wall = jnp.where(near[:, None], solid.velocity(motion, water.x), wall)
     size2 = jnp.sum(push**2, axis=1, keepdims=True)
     touching = size2 > 0.0
@@ -81,8 +90,11 @@ def stop_at_solids(
 def touch_force(
     model: Model, body: AbstractBody, own: Any, water: Particles, kick: Float[Array, "N D"], dt: Scalar
 ) -> Float[Array, "3"]:
-    """Force on a body of the water that touches it, N, N, N m (per metre in 2-D): opposite to what turned
-    that water's velocities by `kick` (m/s) in a step of dt (s)."""
-    near = body.touched(own, water.x, model.dx)
+    """Force on a body by the water that touches it, N, N, N m (per metre in 2-D).
+
+    It is opposite to the change of that water's momentum: contact changed the velocities by `kick` (m/s) in
+    a step of dt (s).
+    """
+    near = body.touches(own, water.x, model.dx)
     momentum = jnp.where(near, water.m, 0.0)[:, None] * kick
     return -jnp.einsum("knd,nd->k", body.directions(own, water.x), momentum) / dt

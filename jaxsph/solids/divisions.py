@@ -1,10 +1,8 @@
-"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
+"""Division of the water around thin walls into regions that see different ghosts and not each other.
 
-A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
-velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
-from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
-into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
-set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
+Particles on one side of a wall thinner than the kernel must not interact with those on the other (Zhu et al.
+2020, section 2.4.1). Which region sees which region and which set of ghosts is a static matrix of booleans,
+packed into bit masks that the neighbour search applies.
 """
 
 from __future__ import annotations
@@ -20,53 +18,55 @@ from jaxsph.core.arrays import Array, Components, Float, Int, columns
 from jaxsph.solids.box import Platform, WallPlate
 
 PLAIN_BIT = 30
+"""Place of the bit of ordinary ghosts; regions and other sets of ghosts have the bits below it."""
 PLAIN = 1 << PLAIN_BIT
-"""Kind bit of an ordinary wall's ghosts: every region sees them."""
+"""Kind bit of an ordinary wall's ghosts, which every region sees."""
 
 
 PLATFORM_SETS = ("top", "front")
-"""Ghost sets of a platform, one per face."""
+"""Names of a platform's ghost sets, one per face."""
 
 
 SETS = ("left", "right", "tip")
-"""Ghost sets of a thin wall, one per face."""
+"""Names of a thin wall's ghost sets, one per face."""
 
 
 class AbstractDivision(eqx.Module):
-    """A division of the water around a plate into regions (section 2.4.1.2; the figure is missing from
-    the recovered text, so each reading is stated).
+    """Division of the water around a plate into regions (Zhu et al. 2020, section 2.4.1.2).
 
     `region` gives a particle's region; the matrices say which regions see each other, which ghost sets a
-    region sees, and which regions the interpolation nodes of a set may use.
+    region sees, and which regions the interpolation nodes of a set may use. The paper's figure is missing
+    from the recovered text, so each division states how it reads the section.
     """
 
     regions: eqx.AbstractClassVar[tuple[str, ...]]
+    """Names of the regions."""
     water: eqx.AbstractClassVar[tuple[str, ...]]
-    """For every region, the regions it sees."""
+    """Regions that each region sees, their names separated by spaces."""
     ghosts: eqx.AbstractClassVar[tuple[str, ...]]
-    """For every region, the set it sees."""
+    """Ghost set, one of `SETS`, that each region sees."""
     nodes: eqx.AbstractClassVar[tuple[tuple[str, ...], ...]]
-    """For every set of `SETS`, the regions its nodes use."""
+    """Regions that the interpolation nodes of each of `SETS` use."""
 
     @abc.abstractmethod
     def region(self, x: Components, plate: WallPlate) -> Int[Array, " N"]:
-        """Index into `regions`."""
+        """Region of every particle at x (m), as an index into `regions`."""
 
     def water_mask(self) -> np.ndarray:
-        """Regions x regions: True where two particles may interact. Symmetric."""
+        """Visibility of water to water `[regions, regions]`, True where two particles interact; symmetric."""
         return np.array([[b in seen.split() for b in self.regions] for seen in self.water])
 
     def ghost_mask(self) -> np.ndarray:
-        """Regions x sets: True where a particle sees a ghost."""
+        """Visibility of ghosts to water `[regions, sets]`, True where a particle sees a ghost."""
         return np.array([[s == seen for s in SETS] for seen in self.ghosts])
 
     def node_mask(self) -> np.ndarray:
-        """Sets x regions: True where a node uses a particle."""
+        """Visibility of water to nodes `[sets, regions]`, True where a node uses a particle."""
         return np.array([[r in used for r in self.regions] for used in self.nodes])
 
 
 class HorizontalDivision(AbstractDivision):
-    """(b), the default: left and right of the plate above its tip; all water below the tip is one region."""
+    """Division (b), the default: left and right of the plate above its tip, and all water below the tip."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
     water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
@@ -82,7 +82,7 @@ class HorizontalDivision(AbstractDivision):
 
 
 class DiagonalDivision(AbstractDivision):
-    """(a): the region below is the wedge between the bisectors of the tip's two corners."""
+    """Division (a): left, right, and below them the wedge between the bisectors of the tip's two corners."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
     water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
@@ -97,7 +97,7 @@ class DiagonalDivision(AbstractDivision):
 
 
 class FivePartDivision(AbstractDivision):
-    """(c): above the tip left and right; below it left, right, and the narrow strip under the plate."""
+    """Division (c): left and right above the tip; below it left, right, and the strip under the plate."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below", "below_left", "below_right")
     water: ClassVar[tuple[str, ...]] = (
@@ -118,21 +118,26 @@ class FivePartDivision(AbstractDivision):
 
 
 class Regions(eqx.Module):
-    """Masks of who sees whom, as static tables of bits.
+    """Regions of the water in a tank, and which regions and ghosts each of them sees, as tables of bits.
 
-    Every plate divides the water by the division, and a platform into what is above its top and what is in
-    front of it; a region is one combination of these parts. Two regions see each other where every divider
-    lets them; ghosts of a face are seen as its own divider says. Across the platform's edge the water sees
-    itself as it would without; only the ghosts of the two faces are seen from their own side alone.
+    Every plate divides the water by `division`, and a platform divides it into the water above its top and
+    the water in front of it; a region is one combination of these parts. Two regions see each other where
+    every divider lets them; the ghosts of a face are seen as the face's own divider says. Across the
+    platform's edge the water sees itself as it would without the platform; only the ghosts of its two faces
+    are seen from their own side alone.
+
+    **Raises** ValueError for more regions and ghost sets than an integer has bits.
     """
 
     plates: tuple[WallPlate, ...] = eqx.field(static=True)
+    """Thin plates."""
     division: AbstractDivision
+    """Division of the water around each plate."""
     platforms: tuple[Platform, ...] = eqx.field(static=True, default=())
-    """One raised bed or none."""
+    """Raised bed, one or none."""
 
     def __check_init__(self) -> None:
-        """Refuses more regions than an integer has bits."""
+        """Refuses more regions and ghost sets than an integer has bits."""
         bits = self.count + len(self.sets)
         if bits > PLAIN_BIT:
             raise ValueError(
@@ -147,17 +152,17 @@ class Regions(eqx.Module):
 
     @property
     def count(self) -> int:
-        """Number of regions."""
+        """Number of regions of the water."""
         return int(np.prod(self._parts, initial=1))
 
     @property
     def sets(self) -> tuple[tuple[int, str], ...]:
-        """Ghost sets beside the plain ones, in the order of their bits: (divider, name of the face)."""
+        """Ghost sets of plates and platforms, in the order of their bits: (divider, name of the face)."""
         plates = [(k, name) for k in range(len(self.plates)) for name in SETS]
         return (*plates, *((len(self.plates), name) for _ in self.platforms for name in PLATFORM_SETS))
 
     def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
-        """Region of every particle at x (m)."""
+        """Region of every particle at x (m), as a number below `count`."""
         region, stride = jnp.zeros(x.shape[0], jnp.int32), 1
         for plate in self.plates:
             region = region + stride * self.division.region(columns(x), plate)
@@ -167,19 +172,20 @@ class Regions(eqx.Module):
         return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
-        """Kind bit of particles."""
+        """Kind bit of particles in these regions: the bit that stands for their region in every mask."""
         return jnp.left_shift(jnp.int32(1), region)
 
     def sees(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
-        """Bits of the particles and ghosts that a particle sees."""
+        """Bits of the particles and ghosts that particles in these regions see."""
         return jnp.asarray(self._packed())[region]
 
     def _part(self, divider: int) -> np.ndarray:
-        """Part of one divider that every region lies in."""
+        """Part of one divider, as a number, in which every region lies."""
         stride = int(np.prod(self._parts[:divider], initial=1))
         return np.arange(self.count) // stride % self._parts[divider]
 
     def _packed(self) -> np.ndarray:
+        """Bits of the particles and ghosts that every region sees."""
         water = np.ones((self.count, self.count), bool)
         for k in range(len(self.plates)):
             part = self._part(k)
@@ -189,18 +195,18 @@ class Regions(eqx.Module):
         return (bits @ (1 << np.arange(bits.shape[1])) | PLAIN).astype(np.int32)
 
     def _seen(self, divider: int, name: str) -> np.ndarray:
-        """Regions that see a set of ghosts."""
+        """Mask of the regions that see a set of ghosts."""
         part = self._part(divider)
         if name in PLATFORM_SETS:
             return part == PLATFORM_SETS.index(name)
         return self.division.ghost_mask()[part, SETS.index(name)]
 
     def set_kind(self, which: int) -> int:
-        """Kind bit of a ghost set, by its place in `sets`."""
+        """Kind bit of a ghost set, by its index in `sets`."""
         return 1 << (self.count + which)
 
     def node_sees(self, which: int) -> int:
-        """Bits of the particles that the nodes of a set use."""
+        """Bits of the particles that the interpolation nodes of a ghost set use, by its index in `sets`."""
         divider, name = self.sets[which]
         part = self._part(divider)
         if name in PLATFORM_SETS:
@@ -211,26 +217,33 @@ class Regions(eqx.Module):
 
 
 class AbstractThinWall(eqx.Module):
-    """How the ghosts of a plate are placed."""
+    """Method of placing the ghosts of a thin plate."""
 
     division: eqx.AbstractVar[AbstractDivision]
+    """Division of the water around the plate."""
 
     @abc.abstractmethod
     def check(self, plate: WallPlate, dx: float, layers: int) -> None:
-        """Raises ValueError where the plate is too thin for this method at this spacing."""
+        """Refuses a plate too thin for this method at the spacing `dx` (m) and with so many layers of ghosts.
+
+        **Raises** ValueError.
+        """
 
     @abc.abstractmethod
     def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
-        """For each of `SETS`, the extent (m) that its ghosts fill behind their face."""
+        """Extents (m) across the plate and up from its tip that the ghosts of each of `SETS` fill."""
 
     def tip_tangential(self, plate: WallPlate, dx: float, layers: int) -> float:
-        """Factor of the tangential velocity that the tip's ghosts carry."""
+        """Factor of the water's tangential velocity that the ghosts of the plate's tip carry."""
         return 1.0
 
 
 class RegionalGhosts(AbstractThinWall):
-    """Each face has its own full depth of ghosts, which may stand in the plate, in the water behind it
-    and over each other: only their own region sees them, so the plate may be half a spacing thin."""
+    """Thin-wall ghosts by region: each face has its own full depth of them (Zhu et al. 2020, section 2.4.1).
+
+    They may stand in the plate, in the water behind it and over each other, for only their own region sees
+    them: so the plate may be as thin as half a spacing.
+    """
 
     division: AbstractDivision = HorizontalDivision()
 
@@ -252,14 +265,16 @@ class RegionalGhosts(AbstractThinWall):
         """See `AbstractThinWall`."""
         if not plate.is_thin(dx, layers):
             return 1.0
-        # Carried along, the tip's few ghosts would stream out of the plate's own sides: a spurious flow
-        # that made 0.2 J/m a period in the OWC at dx = 0.02 m, four times what is left without it.
+        # With the water's tangential velocity the tip's few ghosts would stream out of the plate's sides: a
+        # spurious flow that made 0.2 J/m a period in the OWC at dx = 0.02 m, four times what is left without.
         return 0.0
 
 
 class MultiNodeGhosts(AbstractThinWall):
-    """Ghosts only inside the plate, each with a node per face (Meringolo et al. 2015): the plate needs
-    as many layers as the kernel reaches."""
+    """Thin-wall ghosts inside the plate only, each with a node per face (Meringolo et al. 2015).
+
+    The plate must be as many layers of ghosts thick as the kernel reaches.
+    """
 
     division: AbstractDivision = HorizontalDivision()
 

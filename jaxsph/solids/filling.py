@@ -1,10 +1,6 @@
-"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
+"""Filling of ghosts: interpolation of the water's pressure and velocity at the ghosts' nodes.
 
-A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
-velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
-from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
-into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
-set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
+A ghost's node is its mirror image in the water (`MirrorNodes`) or the ghost itself (`DummyParticles`).
 """
 
 from __future__ import annotations
@@ -30,25 +26,33 @@ from jaxsph.model import laws
 
 
 class NodeFit(NamedTuple):
-    """Weights of an interpolation that is exact for linear fields: sum_j w_j (a + b.r_j) f_j."""
+    """Coefficients of an interpolation that is exact for linear fields: sum_j w_j (a + b.r_j) f_j.
+
+    The weight w_j is V_j W; r_j goes from the node to the particle j, in smoothing lengths.
+    """
 
     a: Float[Array, " G"]
+    """Constant coefficient."""
     b: Components
+    """Coefficients of r_j along every axis."""
     offset: Components
-    """Weighted mean of x_j - x_node that is left, m: zero except where too little water is near."""
+    """Weighted mean of x_j - x_node that the interpolation leaves, m.
+
+    It is zero except where too little water is near for a slope.
+    """
     wet: Float[Array, " G"]
-    """1 where the node is in water, 0 where it is dry, smooth between."""
+    """Wetness of the node: 1 in water, 0 where it is dry, smooth between."""
 
 
 class AbstractFilling(eqx.Module):
-    """From where in the water a ghost takes its pressure and velocity, and how."""
+    """Method by which ghosts take their pressure and velocity from the water."""
 
     least: eqx.AbstractClassVar[float]
-    """Least that a node counts as full, of sum V W."""
+    """Lower bound of the sum V W that counts as full at a node."""
 
     @abc.abstractmethod
     def nodes(self, ghosts: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
-        """Interpolation nodes `[G, D]` (m) of ghosts whose mirror images are these."""
+        """Interpolation nodes `[G, D]` (m) of ghosts (m), whose mirror images are at `mirrored` (m)."""
 
     @abc.abstractmethod
     def fit(
@@ -59,16 +63,20 @@ class AbstractFilling(eqx.Module):
         smoothing: Smoothing,
         table: Int[Array, "K G"],
     ) -> NodeFit:
-        """Interpolation weights at the nodes; `full`: sum V W there were the tank full."""
+        """Interpolation coefficients at the nodes.
+
+        **Arguments**: `nodes` (m); `full`: the sum V W at the nodes were the tank full; `water`: the fields
+        of the water as sources; `table`: the nodes' neighbours.
+        """
 
 
 class MirrorNodes(AbstractFilling):
-    """From its mirror image in the water (Zhu et al. 2020, section 2.3), exact for linear fields where enough
-    water is near.
+    """Filling from a ghost's mirror image in the water (Zhu et al. 2020, section 2.3).
 
-    Moving least squares of first order in the place of Eq. 18's Shepard sum, which is wrong by a
-    slope times the offset of the weighted centre wherever the kernel is cut: at corners, the tip
-    and the surface. Where the second moments are too flat for a slope, Shepard's sum is left.
+    Moving least squares of first order take the place of Eq. 18's Shepard sum: they are exact for linear
+    fields where enough water is near. Shepard's sum is wrong by the field's slope times the offset of the
+    weighted centre wherever the kernel is cut: at corners, at a plate's tip and at the surface. It is kept
+    where the second moments are too flat for a slope.
     """
 
     least: ClassVar[float] = 0.05
@@ -94,8 +102,8 @@ class MirrorNodes(AbstractFilling):
         covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
         determinant, inverse = _flat_inverse(covariance)
         ratio = zeroth / full
-        # A fully supported Gaussian has covariance 1/2 per axis; below a tenth of that volume, or for a
-        # node farther from its water than that water is wide, a slope would be extrapolated from noise.
+        # A fully supported Gaussian has a covariance of 1/2 per axis; below a tenth of that determinant, or
+        # for a node farther from its water than that water is wide, a slope would be noise extrapolated.
         slope = symmetric_product(inverse, mean)
         sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
         a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))
@@ -106,10 +114,11 @@ class MirrorNodes(AbstractFilling):
 
 
 class DummyParticles(AbstractFilling):
-    """From the water that its own kernel reaches, by Shepard's sum; what that water is away from it makes the
-    hydrostatic part of its pressure (Yeylaghi et al. 2016, Eq. 22; Adami et al. 2012).
+    """Filling by Shepard's sum over the water in the ghost's own kernel (Yeylaghi et al. 2016, Eq. 22).
 
-    It needs no mirror image, so solids of any shape may have it, and move.
+    The distance from that water's weighted centre to the ghost gives the hydrostatic part of the ghost's
+    pressure (Adami et al. 2012). No mirror image is needed, so solids of any shape may be filled so, and
+    move.
     """
 
     least: ClassVar[float] = 1.0e-3
@@ -127,7 +136,7 @@ class DummyParticles(AbstractFilling):
             return w, tuple(-w * c / h for c in pair.r)
 
         zeroth, first = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
-        # far below what a single particle at the kernel's edge gives
+        # the bound is far below what a single particle at the kernel's edge gives
         norm = 1.0 / jnp.maximum(zeroth, 1e-6)
         wet = jnp.clip((zeroth / full - 0.05) / 0.2, 0.0, 1.0)
         none = tuple(jnp.zeros_like(norm) for _ in first)
@@ -135,13 +144,13 @@ class DummyParticles(AbstractFilling):
 
 
 def interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:
-    """Weight of the particle j in an interpolation at the node i that is exact for linear fields."""
+    """Weight of the particle j in the interpolation at the node i, exact for linear fields (`NodeFit`)."""
     r = tuple(-c / h for c in pair.r)
     return laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
 
 
 def _flat_inverse(C: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-    """Determinant and inverse of covariances of order one half; see `symmetric_inverse`."""
+    """Determinant and inverse of covariance matrices whose entries are of order one half."""
     scaled = tuple(2.0 * c for c in C)
     if len(C) == 3:
         determinant = scaled[0] * scaled[2] - scaled[1] ** 2

@@ -13,16 +13,22 @@ __all__ = ["PlatformBed", "TankWalls", "ThinPlate"]
 
 
 class TankWalls(AbstractSolid):
-    """Walls of a tank at rest: a moving wall at its low end of the first axis is another solid."""
+    """Walls of a tank at rest.
+
+    A moving wall at the low end of the first axis is a solid of its own, and not among them.
+    """
 
     low: tuple[float, ...] = eqx.field(static=True)
+    """Low ends of the water's domain, m."""
     high: tuple[float, ...] = eqx.field(static=True)
-    """Extent of the water's domain, m."""
+    """High ends of the water's domain, m."""
     sides: tuple[str, ...] = eqx.field(static=True)
-    """Bounds of every axis, as in `Box`: where there is no wall the extent only says how far the fluid may
-    go."""
+    """Kind of boundary of every axis, one of `solids.box.SIDES`.
+
+    Where there is no wall, `low` and `high` only say how far the water may go.
+    """
     paddle: bool = eqx.field(static=True, default=False)
-    """Whether the low wall of the first axis is a moving one."""
+    """Whether the wall at the low end of the first axis moves."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
     def push(self, own, x, dx, c0):
@@ -36,7 +42,7 @@ class TankWalls(AbstractSolid):
             high - x, dx, c0
         )
 
-    def entered(self, own, x, dx):
+    def contains(self, own, x, dx):
         """See `AbstractSolid`."""
         del own
         low, high = jnp.asarray(self.low, x.dtype), jnp.asarray(self.high, x.dtype)
@@ -50,9 +56,10 @@ class TankWalls(AbstractSolid):
 
 
 class ThinPlate(AbstractSolid):
-    """A vertical plate that pierces the surface."""
+    """Vertical plate at rest that pierces the water's surface."""
 
     plate: WallPlate = eqx.field(static=True)
+    """Geometry of the plate."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
     def push(self, own, x, dx, c0):
@@ -64,7 +71,7 @@ class ThinPlate(AbstractSolid):
         along, up = corner_push(beside, plate.tip - x[:, -1], lambda gap: spring(gap, dx, c0))
         return jnp.zeros_like(x).at[:, 0].add(side * along).at[:, -1].add(-up)
 
-    def entered(self, own, x, dx):
+    def contains(self, own, x, dx):
         """See `AbstractSolid`."""
         del own
         plate = self.plate
@@ -73,9 +80,10 @@ class ThinPlate(AbstractSolid):
 
 
 class PlatformBed(AbstractSolid):
-    """A raised bed at the tank's far end."""
+    """Raised bed at rest at the tank's far end."""
 
     platform: Platform = eqx.field(static=True)
+    """Geometry of the bed."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
     def push(self, own, x, dx, c0):
@@ -86,7 +94,7 @@ class PlatformBed(AbstractSolid):
         along, up = corner_push(beside, above, lambda gap: spring(gap, dx, c0))
         return jnp.zeros_like(x).at[:, 0].add(-along).at[:, -1].add(up)
 
-    def entered(self, own, x, dx):
+    def contains(self, own, x, dx):
         """See `AbstractSolid`."""
         del own
         inside = jnp.minimum(x[:, 0] - self.platform.start, self.platform.height - x[:, -1])

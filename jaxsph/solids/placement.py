@@ -1,11 +1,4 @@
-"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
-
-A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
-velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
-from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
-into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
-set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
-"""
+"""Placement of particles before a run, in NumPy: water on a lattice, and the ghosts of every kind of wall."""
 
 from __future__ import annotations
 
@@ -26,6 +19,7 @@ from jaxsph.solids.divisions import (
 )
 
 _PAIRS = 1_000_000
+"""Number of pairs that `kernel_fill` holds at a time, 24 bytes each."""
 
 
 def lattice(
@@ -35,12 +29,11 @@ def lattice(
     plates: Sequence[WallPlate] = (),
     platforms: Sequence[Platform] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of particles that fill a box around plates and over
-    a platform.
+    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of water that fills a box around plates and a platform.
 
-    The box is a whole number of spacings, and so are the levels of the plates' tips and the platform's
-    lengths. A plate's faces need not be: beside it the columns of either side are stretched to fill that
-    side, below it they are not.
+    The box from `low` to `high` (m) is a whole number of spacings `dx` (m), and so are the levels of the
+    plates' tips and the platform's lengths. A plate's faces need not be: beside it the columns of either side
+    are stretched to fill that side, below it they are not.
     """
     axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
     parts = []
@@ -68,26 +61,38 @@ def lattice(
 
 
 class GhostSet(NamedTuple):
-    """Ghosts of a wall on the host: places, nodes, mirror factors, masks, whether they move, volumes."""
+    """Ghosts of a wall on the host, in rows."""
 
     x: np.ndarray
+    """Positions `[G, D]`, m."""
     node: np.ndarray
+    """Interpolation nodes `[G, D]`, m."""
     mirror: np.ndarray
+    """Factors `[G, D]` of the velocity's components: -1 normal to the wall, 1 along it."""
     kind: np.ndarray
+    """Kind bits `[G]`, by which regions tell whether they see a ghost."""
     node_sees: np.ndarray
+    """Bits `[G]` of the particles that the nodes use; -1 for those that the node's own region sees."""
     moves: np.ndarray
+    """Whether `[G]` the ghosts go with the paddle."""
     volume: np.ndarray
+    """Volumes `[G]`, m^D."""
 
 
-def joined(parts: Sequence[GhostSet]) -> GhostSet:
-    """One set of all the ghosts of several."""
+def join(parts: Sequence[GhostSet]) -> GhostSet:
+    """Joins several sets of ghosts into one."""
     return GhostSet(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
 def sliding_velocity(
     x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]]
 ) -> np.ndarray:
-    """Velocity of the wall that each ghost is behind, m/s."""
+    """Velocity `[G, D]` of the wall in front of each ghost, for walls that move along themselves, m/s.
+
+    **Arguments**: ghosts' positions `x` (m); `sliding`: velocities (m/s) by (axis, 0 for the low or 1 for the
+    high end).
+    **Raises** ValueError where there is no such wall, or its velocity is not along it.
+    """
     u = np.zeros_like(x)
     for (axis, end), velocity in sliding.items():
         if not box.walls[axis, end]:
@@ -100,7 +105,10 @@ def sliding_velocity(
 
 
 def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
-    """Ghosts on the lattice outside the box; a corner's are mirrored in every wall they are behind."""
+    """Ghosts of a tank's walls, on the lattice of spacing `dx` (m) outside its box, `layers` deep.
+
+    A corner's ghosts are mirrored in every wall that they are behind.
+    """
     dim = len(box.low)
     low, high = np.array(box.low), np.array(box.high)
     behind = int(np.ceil(box.stroke / dx)) if box.paddle else 0
@@ -114,7 +122,7 @@ def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
     x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
     under, over = x < low, x > high
     outside = (under | over).any(axis=1)
-    # the paddle carries its own corner; the bed goes on behind it for as far as it may withdraw
+    # the paddle's own ghosts move with it, corner included; the bed's go on behind it as far as it withdraws
     x, under, over = x[outside], under[outside], over[outside]
     node = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))
     normal = under | over
@@ -151,8 +159,11 @@ def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
 def cut_by_platform(
     ghosts: GhostSet, box: Box, platform: Platform, regions: Regions, dx: float, layers: int
 ) -> GhostSet:
-    """The box's ghosts where a platform fills its end: those in the two inner corners of the platform are
-    mirrored in its faces too and seen from one side, and what else is behind it is left out."""
+    """Ghosts of a tank's walls where a platform fills its far end.
+
+    Those in the platform's two inner corners are mirrored in its faces too and seen from one side; all others
+    behind the platform are left out.
+    """
     x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
     kind, node_sees = ghosts.kind.copy(), ghosts.node_sees.copy()
     behind = (x[:, 0] > platform.start) & (x[:, -1] < platform.height)
@@ -165,7 +176,7 @@ def cut_by_platform(
         rows = rows & near
         which = regions.sets.index((len(regions.plates), name))
         node[rows, axis] = 2 * face - x[rows, axis]
-        # in the end's corner the bed was the other mirror, and is no longer there
+        # in the end wall's corner the bed was the other mirror, and the platform has taken its place
         mirror[rows, axis] = -1.0
         kind[rows], node_sees[rows] = regions.set_kind(which), regions.node_sees(which)
         keep |= rows
@@ -174,7 +185,7 @@ def cut_by_platform(
 
 
 def platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> GhostSet:
-    """Behind each face its own full depth of ghosts, which the other face's water does not see."""
+    """Ghosts of a platform: a full depth behind each face, which the water of the other face does not see."""
     depth = layers * dx
     faces = {
         "top": ((platform.start, box.high[0]), (platform.height - depth, platform.height)),
@@ -205,7 +216,10 @@ def plate_ghosts(
     dx: float,
     layers: int,
 ) -> GhostSet:
-    """Behind each face of a plate its own ghosts (`AbstractThinWall.body`)."""
+    """Ghosts of a plate: a set behind each face, of the extents that `AbstractThinWall.body` gives.
+
+    **Raises** ValueError for a plate too thin for the method `wall`.
+    """
     first = len(SETS) * regions.plates.index(plate)
     wall.check(plate, dx, layers)
     top = box.high[-1]
@@ -244,7 +258,10 @@ def plate_ghosts(
 
 
 def solid_ghosts(x: np.ndarray, dx: float) -> GhostSet:
-    """Dummies of a solid: they carry its own velocity, and nothing for a viscous force to hold on to."""
+    """Dummy particles of a solid as ghosts, from their positions x (m) and spacing (m).
+
+    They carry the solid's own velocity (mirror factors of 0), and no viscous force holds on to them.
+    """
     n = len(x)
     plain = np.full(n, PLAIN, np.int32)
     volume = np.full(n, dx ** x.shape[1])
@@ -258,13 +275,17 @@ def _inner_axes(box: Box) -> list[tuple[float, float]]:
 def kernel_fill(
     points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float
 ) -> np.ndarray:
-    """sum V W at points for a tank full of water to the brim (Gaussian weights are near enough)."""
+    """Kernel's sum V W at points (m) in the `water`, with a Gaussian's weights, which are near enough.
+
+    **Arguments**: positions (m) and volumes (m^D) of the water; `h`: smoothing length, m; `reach`: the
+    kernel's support in smoothing lengths.
+    """
     dim = points.shape[1]
     tree = KDTree(water)
     total = np.zeros(len(points))
     if not len(water):
         return total
-    # about so many pairs at a time: 24 bytes each
+    # pairs of one point at most
     most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
     rows = max(1, int(_PAIRS / most))
     for start in range(0, len(points), rows):

@@ -1,4 +1,4 @@
-"""Shapes of solids: how far water is from them, and where their dummy particles stand."""
+"""Shapes of solids: the distance from their surface, their volume's moments, and their dummy particles."""
 
 from __future__ import annotations
 
@@ -15,27 +15,32 @@ from jaxsph.core.arrays import Array, Float
 
 
 class AbstractShape(eqx.Module):
-    """A solid in its place at rest."""
+    """Shape of a solid in its place at rest."""
 
     @abc.abstractmethod
     def distance(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance from the surface, m; negative inside."""
+        """Distance of points x (m) from the surface, m; negative inside."""
 
     @abc.abstractmethod
     def moments(self) -> tuple[float, tuple[float, float], float]:
-        """Volume (m3; area, m2, in 2-D), (x, z) of its centre (m), and the second moment about it (m5; m4),
-        of turning in the x-z plane."""
+        """Volume, centre and second moment of the shape, for motion in the x-z plane.
+
+        **Returns** the volume (m3; area, m2, in 2-D), the centre's (x, z) (m), and the second moment about
+        the centre for turning in the x-z plane (m5; m4 in 2-D).
+        """
 
     @abc.abstractmethod
     def dummies(self, dx: float, layers: int) -> np.ndarray:
-        """Places `[B, D]` (m) of particles in layers a spacing apart behind the surface."""
+        """Positions `[B, D]` (m) of dummy particles behind the surface, in layers a spacing dx (m) apart."""
 
 
 class Block(AbstractShape):
-    """A box with faces across the axes, in two or three dimensions."""
+    """Box with faces across the axes, in two or three dimensions."""
 
     low: tuple[float, ...] = eqx.field(static=True)
+    """Low ends along the axes, m."""
     high: tuple[float, ...] = eqx.field(static=True)
+    """High ends along the axes, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -64,9 +69,10 @@ class Block(AbstractShape):
 
 
 class Polygon(AbstractShape):
-    """A polygon in the x-z plane."""
+    """Polygon in the x-z plane."""
 
     vertices: tuple[tuple[float, float], ...] = eqx.field(static=True)
+    """Corners (x, z) in their order around it, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -102,7 +108,7 @@ class Polygon(AbstractShape):
                 if not part.is_empty:
                     found.append(_along(part.exterior, dx))
         x = np.concatenate(found)
-        # where insets come close to each other the later ones give way
+        # where insets come close to each other the points of the later ones are left out
         keep = np.ones(len(x), bool)
         close = KDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
         for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
@@ -111,10 +117,12 @@ class Polygon(AbstractShape):
 
 
 class Disc(AbstractShape):
-    """A circular cylinder across the x-z plane."""
+    """Disc in the x-z plane: the section of a circular cylinder across it."""
 
     centre: tuple[float, float] = eqx.field(static=True)
+    """Centre (x, z), m."""
     radius: float = eqx.field(static=True)
+    """Radius, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -138,7 +146,7 @@ class Disc(AbstractShape):
 
 
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:
-    """Points about dx apart along every side, corners included."""
+    """Points (m) about dx (m) apart along every side of a closed line, its corners included."""
     corners = np.asarray(line.coords)
     found = []
     for a, b in itertools.pairwise(corners):

@@ -1,10 +1,8 @@
-"""Solid walls: fixed ghost particles with interpolation nodes, and the regional sets of thin walls.
+"""Ghost particles of all walls, and the pressure and velocity that they take from the water.
 
-A ghost stands in the wall; its node is its mirror image in the water. Each step the water's pressure and
-velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020, Eq. 18-20), which are
-from then on ordinary sources of the pair sums. Around a wall thinner than the kernel the water is divided
-into regions that see different ghosts and not each other (their section 2.4.1). Which region sees which
-set is a static matrix of booleans, packed into bit masks that the neighbour search applies.
+A ghost stands in the wall; its node is its mirror image in the water, or the ghost itself. Each step the
+water's pressure and velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020,
+Eq. 18-20), which are from then on ordinary sources of the pair sums.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Int, columns, dot, stacked
+from jaxsph.core.arrays import Array, Components, Float, Int, columns, dot, stack
 from jaxsph.core.pairs import (
     Pair,
     Period,
@@ -45,7 +43,7 @@ from jaxsph.solids.placement import (
     GhostSet,
     box_ghosts,
     cut_by_platform,
-    joined,
+    join,
     kernel_fill,
     lattice,
     plate_ghosts,
@@ -57,36 +55,44 @@ from jaxsph.solids.shapes import AbstractShape
 
 
 class Ghosts(eqx.Module):
-    """Ghost particles of all walls, their nodes, and how to fill them.
+    """Ghost particles of all walls, their interpolation nodes, and the method of filling them.
 
-    Leaves never evolve: positions at rest, masks, mirror factors. Moving solids place their own rows anew at
-    every step (`Model.walls_at`).
+    The leaves stay constant in a run: positions at rest, masks, mirror factors. Moving solids place their own
+    rows anew at every step (`Model.walls_at`).
     """
 
     x: Float[Array, "G D"]
+    """Positions at rest, m."""
     node: Float[Array, "G D"]
+    """Interpolation nodes at rest, m."""
     mirror: Float[Array, "G D"]
-    """-1 for components normal to the wall, 1 for tangential ones (0 at a thin wall's tip)."""
+    """Factors of the velocity's components: -1 normal to the wall, 1 along it (0 at a thin wall's tip)."""
     shear: Float[Array, "G D"]
-    """The same with the slip factor for tangential components: what the viscous force sees."""
+    """Factors of the velocity that the viscous force sees: `mirror`, with the slip factor along the wall."""
     full: Float[Array, " G"]
-    """sum V W at the node were the tank full."""
+    """Kernel's sum V W at the node were the tank full."""
     volume: Float[Array, " G"]
-    """m^D."""
+    """Volumes, m^D."""
     kind: Int[Array, " G"]
+    """Kind bits, by which regions tell whether they see a ghost."""
     node_sees: Int[Array, " G"]
+    """Bits of the particles that the nodes use."""
     regions: Regions
+    """Regions of the water, and what each sees."""
     paddle: tuple[int, ...] = eqx.field(static=True)
-    """First and last index of the paddle's ghosts (they are stored together); () without one."""
+    """Index of the paddle's first ghost and of the one after its last; () without a paddle."""
     low: tuple[float, ...] = eqx.field(static=True)
+    """Low ends of the water's domain, m."""
     high: tuple[float, ...] = eqx.field(static=True)
+    """High ends of the water's domain, m."""
     sides: tuple[str, ...] = eqx.field(static=True)
-    """What bounds each axis, as in `Box`."""
+    """Kind of boundary of each axis, one of `solids.box.SIDES`."""
     sliding: Float[Array, "G D"]
     """Velocity of walls that move along themselves, m/s; zero for others."""
     filling: AbstractFilling
+    """Method by which the ghosts take their pressure and velocity from the water."""
     dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    """For every solid of dummy particles, the index of its first ghost and of the one after its last."""
+    """Index of the first ghost, and of the one after the last, of every solid of dummy particles."""
 
     @classmethod
     def build(
@@ -103,13 +109,15 @@ class Ghosts(eqx.Module):
         filling: AbstractFilling | None = None,
         shapes: Sequence[AbstractShape] = (),
     ) -> Ghosts:
-        """Places the ghosts of a tank and of plates in it, on the host; none where it has no walls.
+        """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
-        **Arguments**: `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for the
-        low or 1 for the high end); only walls without slip drag the fluid with them. `platform`: a raised
-        bed at the far end of a two-dimensional tank, its lengths whole numbers of spacings. `filling`: by
-        default `MirrorNodes`. `shapes`: solids in the water, which need `DummyParticles`.
-        (An argument for each thing that walls can be made of.)
+        Sides without a wall have none.
+
+        **Arguments**: `dx`: spacing, m; `slip`: at the tank's walls and plates; `sliding`: velocities (m/s)
+        of walls that move along themselves, by (axis, 0 for the low or 1 for the high end); only walls
+        without slip drag the water with them. `platform`: a raised bed at the far end of a two-dimensional
+        tank, its lengths whole numbers of spacings. `filling`: by default `MirrorNodes`. `shapes`: solids in
+        the water, which need `DummyParticles`. There is an argument for each thing that walls can be made of.
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
@@ -120,14 +128,14 @@ class Ghosts(eqx.Module):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
         fixed = _fixed_ghosts(box, regions, thin_wall, dx, layers)
         dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
-        ghosts = joined([fixed, *dummies])
+        ghosts = join([fixed, *dummies])
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         # 0 for walls, 1 for the first solid of dummies, ...
         owner = np.repeat(np.arange(1 + len(shapes)), [len(part.x) for part in (fixed, *dummies)])
-        # solids' last, the paddle's first, then by column: a gather from neighbours in memory is cheaper
+        # the paddle's first, then the walls' by column, the solids' last: gathers from near memory cost less
         order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner))
         ghosts = GhostSet(*(a[order] for a in ghosts))
-        # The paddle is free-slip whatever the tank's walls are (section 2.4), and so are dummies.
+        # The paddle is free-slip whatever the walls are (Zhu et al. 2020, section 2.4), and so are dummies.
         tangential = np.where(owner[order, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
         normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
         node_sees = _seen_by_nodes(ghosts, regions)
@@ -155,16 +163,16 @@ class Ghosts(eqx.Module):
 
     @property
     def period(self) -> Period:
-        """As `Box.period`."""
+        """Periodic axes, each with its length (m)."""
         return Box(self.low, self.high, sides=self.sides).period
 
     @property
     def width(self) -> float:
-        """Of the tank across x and z, m; 1 in two dimensions, where everything is per metre."""
+        """Width of the tank across x and z, m; 1 in two dimensions, where everything is per metre."""
         return float(np.prod([b - a for a, b in zip(self.low[1:-1], self.high[1:-1], strict=True)]))
 
     def solids(self) -> tuple[AbstractSolid, ...]:
-        """Solids at rest whose ghosts these are."""
+        """Solids at rest to which ghosts belong: the tank's walls, the plates and the platform."""
         tank = TankWalls(self.low, self.high, self.sides, bool(self.paddle))
         return (tank, *map(ThinPlate, self.regions.plates), *map(PlatformBed, self.regions.platforms))
 
@@ -180,7 +188,7 @@ class Ghosts(eqx.Module):
         smoothing: Smoothing,
         table: Int[Array, "K G"],
     ) -> NodeFit:
-        """Interpolation weights at the nodes."""
+        """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours."""
         return self.filling.fit(nodes, self.full, water, smoothing, table)
 
     def at_nodes(
@@ -209,7 +217,7 @@ class Ghosts(eqx.Module):
         smoothing: Smoothing,
         table: Int[Array, "K G"],
     ) -> Float[Array, "K G"]:
-        """The weights of `at_nodes`, zero at dry nodes, for `pairs.weighted_sum`."""
+        """Interpolation weights of `at_nodes`, zero at dry nodes, for `pairs.weighted_sum`."""
 
         def law(pair: Pair, i, j):
             return (), i["wet"] * interpolation_weight(pair, i, j, smoothing.h)
@@ -226,9 +234,12 @@ class Ghosts(eqx.Module):
         nodes: Float[Array, "G D"],
         body_force: Float[Array, "G D"],
     ) -> Float[Array, " G"]:
-        """Eq. 19-20: the node's pressure plus the slope that balances the body force, Pa.
+        """Pressure of the ghosts, Pa: the node's and the body force's part (Zhu et al. 2020, Eq. 19-20).
 
-        `body_force` is rho0 (f - a_wall), N/m3.
+        The slope between a node and its ghost balances the body force.
+
+        **Arguments**: `at_node`: pressure at the nodes (Pa); places `x` of the ghosts and of their `nodes`
+        (m); `body_force`: rho0 (f - a_wall), N/m3.
         """
         reach = tuple(g - n - o for g, n, o in zip(columns(x), columns(nodes), fit.offset, strict=True))
         return at_node + dot(columns(body_force), reach)
@@ -236,16 +247,20 @@ class Ghosts(eqx.Module):
     def velocity(
         self, at_node: Components, wall: Components, mirror: Float[Array, "G D"]
     ) -> Float[Array, "G D"]:
-        """u_ghost = mirror u_node + (1 - mirror) u_wall, component by component (section 2.4)."""
-        return stacked(
-            [m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)]
-        )
+        """Velocity of the ghosts, m/s: mirror u_node + (1 - mirror) u_wall in every component.
+
+        Zhu et al. 2020, section 2.4. **Arguments**: velocities (m/s) at the nodes and of the wall.
+        """
+        return stack([m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)])
 
 
 def _fixed_ghosts(
     box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int
 ) -> GhostSet:
-    """Ghosts of a tank's walls, of its platform and of its plates."""
+    """Ghosts of a tank's walls, of its platform and of its plates.
+
+    **Raises** ValueError for a platform in a tank that cannot have one, or a plate that is too thin.
+    """
     parts = [box_ghosts(box, dx, layers)]
     for platform in regions.platforms:
         if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
@@ -254,11 +269,11 @@ def _fixed_ghosts(
             cut_by_platform(parts[0], box, platform, regions, dx, layers),
             platform_ghosts(box, platform, regions, dx, layers),
         ]
-    return joined([*parts, *(plate_ghosts(box, p, thin_wall, regions, dx, layers) for p in regions.plates)])
+    return join([*parts, *(plate_ghosts(box, p, thin_wall, regions, dx, layers) for p in regions.plates)])
 
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
-    """Bits of the particles that every node uses: a set's own, or those that its own region sees."""
+    """Bits of the particles that every node uses: those of its ghost set, or those its own region sees."""
     own = regions.index(jnp.asarray(ghosts.node, jnp.float32))
     plain = np.asarray(regions.sees(own)) & ((1 << regions.count) - 1)
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
@@ -267,8 +282,10 @@ def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
 def _brimful(
     box: Box, regions: Regions, shapes: Sequence[AbstractShape], dx: float, layers: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places (m) and volumes of water that fills the tank to the brim and a little over it, as over every end
-    without a wall."""
+    """Positions (m) and volumes (m^D) of water that fills the tank to the brim.
+
+    It goes a little beyond every end without a wall, the brim included.
+    """
     beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
     under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
     x, volume = lattice(under, over, dx, regions.plates, regions.platforms)
@@ -285,7 +302,7 @@ def _full(
     regions: Regions,
     smoothing: Smoothing,
 ) -> np.ndarray:
-    """Sum of V W at every node over the water `brim` that it sees."""
+    """Kernel's sum V W at every node over the water `brim` that the node sees."""
     x, volume = brim
     full, kind = np.zeros(len(ghosts.x)), np.asarray(regions.kind(regions.index(jnp.asarray(x, jnp.float32))))
     for mask in np.unique(node_sees):
@@ -298,7 +315,10 @@ def _full(
 def wall_normals(
     ghosts: Float[Array, "G D"], water: dict, smoothing: Smoothing, table: Int[Array, "K G"]
 ) -> Float[Array, "G D"]:
-    """Eq. 21: unit normals from the kernel's gradient over the water, pointing into it."""
+    """Unit normals of walls at the ghosts (m), pointing into the water (Zhu et al. 2020, Eq. 21).
+
+    They come from the sum of the kernel's gradient over the water.
+    """
     raw = pair_sum(laws.surface_vector, smoothing, {"x": columns(ghosts)}, water, table)
     length = jnp.sqrt(dot(raw, raw) + 1e-20)
-    return stacked([c / length for c in raw])
+    return stack([c / length for c in raw])

@@ -1,4 +1,4 @@
-"""What the methods of a derivative share: parameters, results as functionals of the power, what comes out."""
+"""Base of the methods for slopes: parameters, results as functions of the power, `Derivative`."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ SMOOTH = (
     "body.pto.coulomb",
     "body.pto.spring",
 )
-"""Numbers on which a model depends smoothly, for methods through the loop. Lengths are not among them: they
-move the lattice."""
+"""Keys of the numbers on which a model depends smoothly, for methods that differentiate through the time
+loop. Lengths are not among them: they move the lattice."""
 
 
 @dataclass(frozen=True)
@@ -41,28 +41,28 @@ class Derivative:
     of: str
     value: float
     slope: float
-    """d(of)/d(parameter)."""
+    """Slope d(of)/d(parameter), in the result's unit over the parameter's."""
     error: float | None
     """Standard error of the slope, or a filter's bias; None where the method has none to give."""
     reach: float
-    """Change of the parameter for which the slope speaks, in the parameter's unit: an ensemble's spread, or
-    what moves neighbouring particles a tenth of a spacing against each other."""
+    """Largest change of the parameter for which the slope holds, in the parameter's unit: an ensemble's
+    spread, or what moves neighbouring particles a tenth of a spacing against each other."""
     method: AbstractMethod
     series: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
     """Readings of the chamber, `[T]`, "time" among them; empty for an ensemble."""
     slopes: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
-    """Their slopes, and "grain": how far the particles' slopes of place differ from their neighbours', m per
-    unit of the parameter."""
+    """Slopes of the readings, and "grain": how far the particles' slopes of place differ from their
+    neighbours', m per unit of the parameter."""
     members: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
-    """An ensemble's values of the parameter and of the result; empty otherwise."""
+    """Values in an ensemble of the parameter and of the result; empty otherwise."""
 
 
 class AbstractMethod(eqx.Module):
-    """A way to a derivative."""
+    """Method that finds the slope of a result over a number of a case."""
 
     @abc.abstractmethod
     def derivative(self, case: Case, parameter: str, of: str, progress: bool) -> Derivative:
-        """See `derivative`."""
+        """Value and slope of a result; arguments and errors are those of `study.derivative`."""
 
 
 def parameter_value(case: Case, parameter: str) -> float:
@@ -77,7 +77,10 @@ def parameter_value(case: Case, parameter: str) -> float:
 
 
 def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
-    """The result as a functional of (t, power of the PTO); linear in the power."""
+    """Result `of` as a function of the times (s) and the PTO's power (W; W/m in 2-D), linear in the power.
+
+    **Raises** CaseError for a result that the case does not have.
+    """
     column = case.pto is not None and case.pto.K_dm is not None
     if not column and (case.body is None or case.body.pto is None):
         raise CaseError(f"of = {of!r} needs a device with a damping: pto.K_dm, or a body with body.pto")

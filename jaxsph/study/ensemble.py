@@ -20,17 +20,20 @@ from jaxsph.study.sweep import sweep
 
 
 class Ensemble(AbstractMethod):
-    """The slope of a parabola through the results of several runs around the case's value.
+    """Ensemble of runs around the case's value, whose slope is that of a parabola through their results.
 
     Each member is a whole run with its own chaotic particles, so the scatter about the parabola is the error
     to reckon with, and a wide enough spread the remedy. `out` keeps the members in a file that resumes.
     """
 
     spread: float = eqx.field(static=True, default=0.3)
-    """Members lie evenly within this share of the value, on both sides."""
+    """Share of the value, to either side, over which the members lie evenly."""
     members: int = eqx.field(static=True, default=9)
+    """Number of runs, four or more."""
     out: str | Path | None = eqx.field(static=True, default=None)
+    """File that keeps the members; None keeps none."""
     workers: int | None = eqx.field(static=True, default=None)
+    """Number of runs at a time; by default one per core."""
 
     def __check_init__(self) -> None:
         """Refuses what gives no slope, or one without an error."""
@@ -41,7 +44,7 @@ class Ensemble(AbstractMethod):
             )
 
     def derivative(self, case, parameter, of, progress):
-        """See `derivative`."""
+        """See `AbstractMethod`."""
         value = parameter_value(case, parameter)
         if value == 0.0:
             raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
@@ -90,7 +93,7 @@ class Parabola:
 
 
 def parabola(x: np.ndarray, y: np.ndarray) -> Parabola:
-    """Least squares of points of equal, unknown error; with four points or more that is known too."""
+    """Parabola through points by least squares; four points or more also give the error of its slope."""
     A = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
     found, *_ = np.linalg.lstsq(A, y, rcond=None)
     variance = np.sum((y - A @ found) ** 2) / (len(x) - 3)

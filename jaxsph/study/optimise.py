@@ -25,16 +25,16 @@ from jaxsph.study.ensemble import Ensemble
 
 @dataclass(frozen=True)
 class Maximum:
-    """The best case that was seen, and the way to it."""
+    """Best evaluation of a search, and all evaluations on the way to it."""
 
     case: Case
-    """The case with the best values."""
+    """Case with the best values."""
     of: str
     value: float
     reason: str
-    """Why the search ended."""
+    """Reason for which the search ended."""
     history: list[dict[str, float]]
-    """Every evaluation: the parameters, the result, and "slope KEY" and "error KEY" of each parameter."""
+    """Evaluations: the parameters, the result, and "slope KEY" and "error KEY" of each parameter."""
 
 
 def maximise(
@@ -87,7 +87,7 @@ def maximise(
         if np.all(outward | (np.abs(slopes) <= errors)):
             reason = "at the bounds" if outward.all() else "every slope is within its error"
             break
-        # a slope out of the bounds asks for nothing
+        # a slope that points out of the bounds moves nothing
         step, memory = optimiser.update(jnp.asarray(np.where(outward, 0.0, -slopes)), memory, jnp.asarray(z))
         z = np.clip(z + np.asarray(step), bounds[:, 0], bounds[:, 1])
     best = max(history, key=lambda found: found[of])

@@ -30,16 +30,16 @@ from jaxsph.output.sweep_file import SweepFile, over_members
 from jaxsph.run.together import run_together, shape
 
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-"""What the members' compiler is told: a step takes 0.83 of its time. It cannot compile a checkpointed
-reverse pass, so it is no default of the package; a member only runs forward."""
+"""Flags of the compiler (XLA) for members: a step takes 0.83 of its time. With them a checkpointed reverse
+pass cannot be compiled, so they are no default of the package; a member only runs forward."""
 
 
 BATCH = 8
-"""Members in one call on an accelerator, where none is said."""
+"""Number of members in one vmapped call on an accelerator, by default."""
 
 
 Ended = tuple[dict[str, Any], dict[str, Variable]]
-"""What a member gave, and what that is."""
+"""Results, series and failure of a member that has ended, and the meaning of each series."""
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,18 @@ class Sweep:
     """Results of every member over the swept parameters."""
 
     case: Case
-    """What all members share."""
+    """Case that all members share."""
     axes: dict[str, np.ndarray]
     """Values of each parameter by dotted name."""
     results: dict[str, np.ndarray]
     """Scalar results over the grid (or list) of members; NaN where a member has none."""
     failures: dict[tuple[int, ...], str]
-    """What stopped a member, by its place; empty where all went well."""
+    """Error messages of the members that failed, by their place; empty where all went well."""
     members: dict[tuple[int, ...], dict[str, np.ndarray]] = field(repr=False)
     """Series of each member by its place, "time" (s) among them."""
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The scalar result called `name`, over the members."""
+        """Scalar result called `name`, over the members."""
         if name not in self.results:
             raise KeyError(f"no result {name!r}; there are {', '.join(sorted(self.results))}")
         return self.results[name]
@@ -135,7 +135,7 @@ def _ended_before(
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """The results in a sweep's file, finished or not. **Raises** FileError."""
+    """Results in a sweep's file, whether the sweep has ended or not. **Raises** FileError."""
     stored = SweepFile(path).read()
     case = Case.from_dict(tomllib.loads(stored.case_toml))
     return _make_sweep(case, stored.axes, stored.shape, stored.members)
@@ -227,7 +227,7 @@ class _Children:
         return status
 
     def stop(self) -> None:
-        """Ends all of them; their last checkpoints stay."""
+        """Ends the processes of all members; their last checkpoints stay."""
         with self._lock:
             self._stopped = True
             for child in self._running:
@@ -259,7 +259,7 @@ def _member(case: Case, stem: Path, cores: SimpleQueue[int], children: _Children
 
 
 def _read_member(run: Path) -> Ended:
-    """What a member's file holds."""
+    """Results, series and failure in a member's file, and the meaning of each series."""
     try:
         file = RunFile.open(run)
         found = {"results": file.results(), "series": file.series(), "failure": ""}

@@ -48,7 +48,7 @@ class _ThroughLoop(AbstractMethod):
         """What is known of the slope's error."""
 
     def derivative(self, case, parameter, of, progress):
-        """See `derivative`."""
+        """See `AbstractMethod`."""
         if parameter not in SMOOTH:
             raise CaseError(
                 f"{parameter}: the loop does not depend smoothly on it (on {', '.join(SMOOTH)} it does); "
@@ -103,15 +103,16 @@ class _ThroughLoop(AbstractMethod):
 
 
 class Exact(_ThroughLoop):
-    """The derivative of the program itself.
+    """Exact derivative of the discrete program, carried through every step.
 
-    It is the flow's for as long as neighbouring particles agree on it. Then, within a fraction of a second,
-    it becomes that of the particles' own chaotic paths, and speaks of smaller and smaller changes: the run
+    While neighbouring particles agree it is the derivative of the flow. Then, within a fraction of a second,
+    it becomes that of the particles' own chaotic paths, and holds for smaller and smaller changes: the run
     stops when a change of the parameter by the share `least` would, by these slopes, move neighbours a tenth
     of a spacing against each other.
     """
 
     least: float = eqx.field(static=True, default=0.01)
+    """Smallest change for which a slope is worth having, as a share of the parameter."""
 
     def _model_to_differentiate(self, model):
         return model
@@ -129,9 +130,9 @@ class Exact(_ThroughLoop):
 
 
 class Filtered(_ThroughLoop):
-    """The derivative with the particles' own paths averaged out of it as it goes (`TangentFilter`): one run
-    for some ten wave periods, and about half of the water's response lost.
+    """Derivative through every step whose tangents are averaged over neighbours as it goes (`TangentFilter`).
 
+    One run gives slopes for some ten wave periods, and about half of the water's response is lost.
     A result changes with K_dm directly, by 2/K_dm of itself, and because the water moves otherwise; near the
     best damping the two nearly cancel. The filter leaves the first alone and takes a share `lost` of the
     second, and that share is the error that a slope over K_dm is given.
@@ -139,7 +140,8 @@ class Filtered(_ThroughLoop):
 
     filter: TangentFilter = eqx.field(default_factory=TangentFilter)
     lost: float = eqx.field(static=True, default=0.7)
-    """Measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python -m experiments run filter_study`)."""
+    """Share of the water's response taken as lost; measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python
+    -m experiments run filter_study`)."""
 
     def _model_to_differentiate(self, model):
         return dataclasses.replace(model, tangents=self.filter)
@@ -178,7 +180,7 @@ def _simulate_tangents(model, state, d_model, d_state, probes, n_steps, sample_e
 def _beside(case: Case, parameter: str) -> tuple[Case, Case, float]:
     """The case with a little more and a little less of the parameter, and by how much."""
     value = parameter_value(case, parameter)
-    # what builds make of a number is smooth: the square of the share is lost, or a rounding over it
+    # the error of a central difference: the square of the share, and round-off over the share
     share = 1e-4 if case.precision == "float64" else 1e-2
     step = share * value if value else share
     return case.replace({parameter: value + step}), case.replace({parameter: value - step}), step
@@ -205,8 +207,9 @@ def _seed(case: Case, parameter: str, model: Model, state: State) -> tuple[Any, 
 
 
 def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:
-    """Root mean square of what a field `[N, D]` at x differs from straight lines through it, in cells of
-    four spacings (m): zero for a flow's field, the field's own size where neighbours have nothing in common.
+    """Root mean square difference (m) of a field `[N, D]` from linear fits in cells of four spacings.
+
+    It is near zero for the field of a flow, and the field's own size where neighbours have nothing in common.
     """
     cells = np.unique(np.floor(x / (4 * spacing)).astype(int), axis=0, return_inverse=True)[1].ravel()
     rest = 0.0

@@ -1,13 +1,8 @@
-"""Water waves on constant depth: theory, the piston that makes them, and their absorption.
+"""Active absorption of reflected waves by a piston wavemaker, Eq. 23 of Zhu et al. (2020).
 
-Linear and second-order Stokes waves, the transfer function of a piston wavemaker with
-its second-order correction, active absorption at the paddle and a sponge layer at the
-far end. Equation numbers are those of Zhu et al. (2020) unless another source is named.
-
-Conventions: SI units; x from the paddle's rest position, positive into the tank; z from
-the BED, so that z = d is the still water level; a crest passes x = 0 at t = 0. The
-paddle's displacement X is positive into the tank, and a paddle velocity
-U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
+SI units; x from the paddle's rest position, positive into the tank. The paddle's displacement X is positive
+into the tank, and its velocity U = (omega / Phi) eta makes the progressive elevation eta (Phi:
+`theory.biesel`).
 """
 
 from __future__ import annotations
@@ -22,10 +17,11 @@ from jaxsph.waves.regular import RegularWaves
 from jaxsph.waves.theory import GRAVITY
 
 _EVANESCENT_MODES = 200
+"""Number of evanescent modes that are summed."""
 
 
 def near_field_ratio(x: float, omega: float, d: float, g: float = GRAVITY) -> float:
-    """Evanescent elevation at distance x over the piston's displacement (-); host numpy.
+    """Ratio of the evanescent elevation at x (m) from a piston to the piston's displacement (-); host numpy.
 
     Linear theory of a piston U = dX/dt: besides the progressive wave,
     eta = X(t) sum_n C_n exp(-k_n x), C_n = 4 sin^2(k_n d) / (2 k_n d + sin 2 k_n d),
@@ -42,7 +38,7 @@ def near_field_ratio(x: float, omega: float, d: float, g: float = GRAVITY) -> fl
 
 
 class ActiveAbsorption(eqx.Module):
-    """A piston that makes the target waves and absorbs those that come back, Eq. 23.
+    """Active absorption: a piston that makes the target waves and absorbs reflected ones, Eq. 23.
 
     Eq. 23, U = (omega / Phi)(2 eta - eta_sph), is feed-forward plus feedback,
     (omega / Phi) eta + (omega / Phi)(eta - eta_sph). Here the feed-forward is the
@@ -58,18 +54,18 @@ class ActiveAbsorption(eqx.Module):
     motion: with the actual X any slow drift would feed itself at the rate
     near_field * omega / Phi, though a slow paddle raises no elevation.
 
-    A constant error of the gauge moves the paddle until the water it displaces makes up
-    for it (closed tank) or until drift_rate holds it, at (omega / Phi) error / drift_rate.
+    A constant error of the gauge moves the paddle until the displaced water makes up for the
+    error (closed tank) or until drift_rate holds it, at (omega / Phi) error / drift_rate.
     """
 
     gain: Scalar = eqx.field(converter=real, default=1.0)
-    """Feedback gain (-): 1 is Eq. 23, 0 is no absorption."""
+    """Gain of the feedback (-): 1 is Eq. 23, 0 is no absorption."""
     drift_rate: Scalar = eqx.field(converter=real, default=0.0)
     """Rate at which the paddle returns to its target position, 1/s; keep << omega."""
     distance: Scalar = eqx.field(converter=real, default=0.0)
     """Distance of the gauge from the paddle, m."""
     near_field: Scalar = eqx.field(converter=real, default=0.0)
-    """Evanescent elevation at the gauge per paddle displacement (-)."""
+    """Ratio of the evanescent elevation at the gauge to the paddle's displacement (-)."""
 
     @classmethod
     def at_gauge(
@@ -81,24 +77,25 @@ class ActiveAbsorption(eqx.Module):
     ) -> "ActiveAbsorption":
         """Absorption with a gauge `distance` (m) in front of the paddle.
 
-        The near field is summed on the host for the present T and d of `waves`; it is
-        a leaf, constant under differentiation with respect to them.
+        The near field is summed on the host for the present T and d of `waves`; it is a leaf,
+        constant under differentiation with respect to T and d. **Arguments**: `gain` (-);
+        `drift_rate` (1/s).
         """
         near_field = near_field_ratio(float(distance), float(waves.omega), float(waves.d), float(waves.g))
         return cls(gain, drift_rate, distance, near_field)
 
     def gauge_elevation(self, waves: RegularWaves, t: ArrayLike) -> Float[Array, "..."]:
-        """Elevation (m) that the gauge reads when nothing comes back."""
+        """Elevation at the gauge at t (s) without reflected waves, m."""
         near = self.near_field * waves.first_order_displacement(t)
         return waves.delayed_elevation(self.distance, t) + near
 
     def velocity(
         self, waves: RegularWaves, X: ArrayLike, t: ArrayLike, eta_measured: ArrayLike
     ) -> Float[Array, "..."]:
-        """Paddle velocity U (m/s) at time t (s), Eq. 23.
+        """Velocity U of the paddle at t (s), m/s, Eq. 23.
 
-        `X` displacement of the paddle (m), `eta_measured` elevation at the gauge over
-        the still water level (m).
+        **Arguments**: `X`: displacement of the paddle (m); `eta_measured`: elevation at the
+        gauge over the still water level (m).
         """
         feedback = self.gauge_elevation(waves, t) - eta_measured
         drift = X - waves.paddle_displacement(t)
@@ -109,7 +106,7 @@ class ActiveAbsorption(eqx.Module):
         )
 
     def filter_time(self, waves: RegularWaves) -> Scalar:
-        """Time constant (s) of a low-pass on the feedback that suits this gauge.
+        """Time constant of a low-pass filter on the feedback that suits this gauge, s.
 
         The gauge meets the arriving wave k * distance early, and the near field of the
         absorbing motion adds near_field / Phi to that. A first-order filter of this time
@@ -120,11 +117,11 @@ class ActiveAbsorption(eqx.Module):
         return jnp.tan(lead) / waves.omega
 
     def residual_reflection(self, waves: RegularWaves, filter_time: ArrayLike = 0.0) -> Scalar:
-        """Share (-) of an arriving wave that the paddle sends back, linear theory.
+        """Reflection coefficient of the paddle for an arriving wave in linear theory (-).
 
         An arriving wave of amplitude 1 doubles at the fixed paddle; the paddle's motion
         adds a progressive wave b and its own near field -i near_field b / Phi. Closing
-        the loop through the gauge gives b, and the share is |1 + b|: 0 for a gauge at
+        the loop through the gauge gives b, and the coefficient is |1 + b|: 0 for a gauge at
         the paddle without near field. `filter_time` (s) is that of a first-order filter
         on the feedback. Drift is left out; `near_field` must be that of `at_gauge`.
         """

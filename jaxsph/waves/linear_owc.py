@@ -1,4 +1,4 @@
-"""Linear theory of the onshore oscillating water column: what the simulation tends to for small waves.
+"""Linear theory of the onshore oscillating water column in regular waves, the limit of small waves.
 
 A chamber of length b on depth h, closed by a vertical back wall at x = 0 and by a front wall of draught a
 at x = b; waves come from x = +inf. Incompressible air of uniform gauge pressure p acts on the chamber's
@@ -43,31 +43,35 @@ from scipy.special import gamma, ive, jv, zeta
 from jaxsph.waves import theory
 
 Matrix = NDArray[np.floating]
+"""Matrix of real numbers."""
 
 
 _FUNCTIONS = 16
-"""Edge functions v_m on each edge of the gap."""
+"""Number of edge functions v_m on each edge of the gap."""
 
 
 _FAR = 4000.0
-"""Argument kappa from where the Bessel functions in a sum over modes are replaced by their asymptotes."""
+"""Argument kappa (-) from where the Bessel functions in a sum over modes are replaced by asymptotes."""
 
 
 @dataclass(frozen=True)
 class ChamberGeometry:
-    """The section of an onshore OWC; all lengths in m. **Raises** ValueError for what is no chamber."""
+    """Section of an onshore oscillating water column; all lengths in m.
+
+    **Raises** ValueError for lengths that make no chamber.
+    """
 
     depth: float
-    """Still water depth h, over a flat bed."""
+    """Still water depth h over a flat bed, m."""
     length: float
-    """Inner length b, from the back wall to the front wall's inner face."""
+    """Inner length b of the chamber, from the back wall to the front wall's inner face, m."""
     draught: float
-    """Depth a of the front wall's tip."""
+    """Draught a: depth of the front wall's tip, m."""
     thickness: float = 0.0
-    """Of the front wall; 0 is a thin wall."""
+    """Thickness t of the front wall, m; 0 is a thin wall."""
 
     def __post_init__(self) -> None:
-        """Refuses lengths that are not positive."""
+        """Raises ValueError for lengths that make no chamber."""
         if not (self.depth > 0.0 and self.length > 0.0 and self.thickness >= 0.0):
             raise ValueError(f"{self}: depth and length must be positive, thickness not negative")
         if not 0.0 < self.draught < self.depth:
@@ -81,7 +85,7 @@ class ChamberGeometry:
 
 @dataclass(frozen=True)
 class RadiationAndScattering:
-    """What the water does at one frequency, whatever the turbine and the wave height.
+    """Radiation and scattering of waves by a chamber at one frequency, for any turbine and wave height.
 
     Phases are those of an incident wave whose crest, undisturbed, is at the back wall at t = 0.
     """
@@ -94,31 +98,31 @@ class RadiationAndScattering:
     k: float
     """Wavenumber, rad/m."""
     q_R: complex
-    """Flow of phi_R, m."""
+    """Flow q_R of the radiation potential phi_R, m."""
     q_S: complex
-    """Flow out of the open chamber per metre of incident amplitude, m/s."""
+    """Flow of air q_S out of the open chamber per unit width and metre of incident amplitude, m/s."""
     R: complex
     """Reflection coefficient of the open chamber, at the back wall (-); its modulus is 1."""
 
     @property
     def group_velocity(self) -> float:
-        """c_g, m/s."""
+        """Group velocity c_g, m/s."""
         kd = self.k * self.geometry.depth
         return float(0.5 * self.omega / self.k * (1.0 - 4.0 * kd * np.exp(-2.0 * kd) / np.expm1(-4.0 * kd)))
 
     @property
     def Kh(self) -> float:
-        """omega^2 h / g (-)."""
+        """Depth h times the wavenumber K = omega^2 / g of deep water (-)."""
         return self.omega**2 * self.geometry.depth / self.g
 
     @property
     def mu(self) -> float:
-        """Added mass, rho g A / (omega b) (-)."""
+        """Added mass mu = rho g A / (omega b) (-)."""
         return self.q_R.real / self.geometry.length
 
     @property
     def nu(self) -> float:
-        """Radiation damping, rho g B / (omega b) (-)."""
+        """Radiation damping nu = rho g B / (omega b) (-)."""
         return self.q_R.imag / self.geometry.length
 
     @property
@@ -129,29 +133,30 @@ class RadiationAndScattering:
 
     @property
     def open_level(self) -> float:
-        """Amplitude of the mean chamber elevation with open top over the incident amplitude (-)."""
+        """Ratio of the mean elevation's amplitude in the open chamber to the incident amplitude (-)."""
         return abs(self.q_S) / (self.omega * self.geometry.length)
 
     def Z(self, rho0: float = 1000.0) -> complex:
-        """Flow that an air pressure drives out of the column's way, B - iA, m2/(s Pa)."""
+        """Radiation admittance Z = B - iA: flow of air into the chamber per unit air pressure, m2/(s Pa)."""
         return -1j * self.omega / (rho0 * self.g) * self.q_R
 
 
 @dataclass(frozen=True)
 class LinearOWC:
-    """Linear answer of the chamber to regular waves, with a turbine that takes P_a = K_dm^2 |q| q.
+    """Linear response of a chamber to regular waves, with a turbine of the quadratic law P_a = K_dm^2 |q| q.
 
     Amplitudes a are complex, standing for Re(a exp(-i omega t)); see `RadiationAndScattering` for the
     phase. Where `linear_response` was given arrays of H and K_dm, the results have their common shape.
     """
 
     water: RadiationAndScattering
+    """Radiation and scattering at the waves' frequency."""
     H: NDArray
     """Incident wave height, m; the amplitude is half of it."""
     K_dm: NDArray
-    """Damping coefficient of the quadratic law, kg^0.5 m^-2.5."""
+    """Damping coefficient K_dm of the quadratic law, kg^0.5 m^-2.5."""
     Lambda: NDArray
-    """Linear turbine q = Lambda p that takes the same mean power, m2/(s Pa); inf for an open chamber."""
+    """Linear turbine q = Lambda p of the same mean power: Lambda, m2/(s Pa); inf for an open chamber."""
     q: NDArray
     """Flow of air out of the chamber per unit width, complex, m2/s."""
     P_a: NDArray
@@ -165,31 +170,31 @@ class LinearOWC:
     R: NDArray
     """Reflection coefficient of the device, complex, at the back wall (-): xi = 1 - |R|^2."""
     K_dm_best: NDArray
-    """Damping coefficient of the largest efficiency, `eta_max`, in waves of this height."""
+    """Damping coefficient of the largest efficiency, `eta_max`, in waves of height H, kg^0.5 m^-2.5."""
 
     @property
     def omega(self) -> float:
-        """Angular frequency, rad/s."""
+        """Angular frequency of the waves, rad/s."""
         return self.water.omega
 
     @property
     def T(self) -> float:
-        """Period, s."""
+        """Wave period, s."""
         return 2.0 * np.pi / self.omega
 
     @property
     def Kh(self) -> float:
-        """omega^2 h / g (-)."""
+        """Depth h times the wavenumber K = omega^2 / g of deep water (-)."""
         return self.water.Kh
 
     @property
     def mu(self) -> float:
-        """Added mass (-)."""
+        """Added mass mu of `water` (-)."""
         return self.water.mu
 
     @property
     def nu(self) -> float:
-        """Radiation damping (-)."""
+        """Radiation damping nu of `water` (-)."""
         return self.water.nu
 
     @property
@@ -199,21 +204,22 @@ class LinearOWC:
 
     @property
     def xi(self) -> NDArray:
-        """Hydrodynamic efficiency (-), 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
+        """Hydrodynamic efficiency xi (-), 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
         return self.P_owc / self.P_inc
 
     @property
     def P_a_peak(self) -> NDArray:
-        """Largest pressure (Pa) that the quadratic law makes of the sinusoidal flow: 3 pi/8 |P_a|."""
+        """Peak pressure of the air by the quadratic law of the sinusoidal flow, Pa: 3 pi/8 |P_a|."""
         return self.K_dm**2 * np.abs(self.q) ** 2
 
 
 def linear_response(
     water: RadiationAndScattering, H: ArrayLike, K_dm: ArrayLike, rho0: float = 1000.0
 ) -> LinearOWC:
-    """The chamber with a quadratic turbine, by the linear one that takes the same mean power.
+    """Linear response of a chamber to regular waves of height H (m), with a quadratic turbine.
 
-    With q sinusoidal that is 1 / Lambda = (8 / (3 pi)) K_dm^2 |q|, which is solved together with
+    The turbine is replaced by the linear one that takes the same mean power. With q sinusoidal that is
+    1 / Lambda = (8 / (3 pi)) K_dm^2 |q|, which is solved together with
     q = q_S A Lambda / (Lambda + Z), A = H / 2. There is one solution: |q| falls as the damping grows.
     K_dm may be 0 (an open chamber) or as large as a closed one's.
 
@@ -252,7 +258,7 @@ def linear_response(
 
 
 def _resistance(drive: NDArray, Z: complex) -> NDArray:
-    """r = 1 / Lambda >= 0 (Pa s/m2) with r |1 + Z r| = `drive`; Re Z >= 0 makes it unique.
+    """Resistance r = 1 / Lambda >= 0 (Pa s/m2) of r |1 + Z r| = `drive`; Re Z >= 0 makes it unique.
 
     In x = r |Z| the left side lies between x max(1, x) and x (1 + x), which brackets the root within a
     factor of 1.3; its logarithm has a slope between 1 and 2 in log x, so that Newton cannot fail.
@@ -272,9 +278,9 @@ def _resistance(drive: NDArray, Z: complex) -> NDArray:
 def radiation_and_scattering(
     geometry: ChamberGeometry, omega: float, g: float = theory.GRAVITY
 ) -> RadiationAndScattering:
-    """Solves the radiation and the scattering problem at angular frequency `omega` (rad/s, > 0).
+    """Radiation and scattering by a chamber at the angular frequency `omega` (rad/s, > 0).
 
-    Some milliseconds, and some tens for the first frequency of a geometry; answers are remembered.
+    Takes some milliseconds, and some tens for the first frequency of a geometry; results are cached.
     The error is below 1e-6 of |q_R| up to Kh = 3 for a thin wall, and for a thickness of 1/50 of the gap
     under the wall or more; it grows to 3e-5 at 1/300, and to 4e-4 where the thickness ceases to matter.
     **Raises** ValueError for omega or g (m/s2) that is not positive.
@@ -285,7 +291,7 @@ def radiation_and_scattering(
 
 
 def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) -> RadiationAndScattering:
-    """See `radiation_and_scattering`; `functions` on each edge.
+    """Radiation and scattering as in `radiation_and_scattering`, by `functions` edge functions on each edge.
 
     Without the propagating mode the equations are real: A a = rhs. `_thin` and `_thick` give S = V^T A^-1 V
     for V = (e, f1, f2): e integrates the velocity at the chamber's edge, f1 and f2 take its propagating
@@ -338,8 +344,8 @@ def _thin(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, function
 def _thick(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functions: int) -> Matrix:
     """S of `_solve` for a wall with thickness: modes cos(j pi (z+h) / (h-a)) under it, matched at its edges.
 
-    The last unknown is the depth-averaged potential under the wall at its inner edge; its equation is
-    that as much water leaves under the wall as enters.
+    The last unknown is the depth-averaged potential under the wall at its inner edge; its equation is the
+    balance of the flows into and out of the gap.
     """
     ratio, order = geometry.gap / geometry.depth, 1.0 / 6.0
     inner, outer = _modes(ratio, Kh, geometry.length / geometry.depth, order, functions)
@@ -361,8 +367,10 @@ def _thick(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functio
 
 @lru_cache(maxsize=64)
 def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
-    """Modes under the wall, which know no frequency: sums of coth(x) and of 1 / sinh(x), x = j pi slender,
-    over j pi / 2 times the transforms' products at kappa = j pi; `slender` is t / (h - a).
+    """Sums over the modes under the wall, of coth(x) and of 1 / sinh(x), x = j pi slender.
+
+    Both are over j pi / 2, times the transforms' products at kappa = j pi; `slender` is t / (h - a). They do
+    not depend on the frequency.
     """
     whole, W = _static(1.0, order, functions)
     # coth - 1 and 1 / sinh are below rounding from x = 37 on. Under a wall so thin that x does not get there
@@ -376,13 +384,13 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
 
 
 def _propagating(Kh: float) -> float:
-    """kh with kh tanh kh = Kh."""
+    """Root kh of kh tanh kh = Kh, of the propagating mode (-)."""
     found = brentq(lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=np.float64(1e-15))
     return float(np.asarray(found))
 
 
 def _evanescent(Kh: float, count: int) -> NDArray[np.floating]:
-    """k_n h, n = 1 .. count, with k_n h tan k_n h = -Kh."""
+    """Roots k_n h, n = 1 .. count, of k_n h tan k_n h = -Kh, of the evanescent modes (-)."""
     n = np.arange(1, count + 1)
     x = n * np.pi - np.arctan(Kh / (n * np.pi))
     for _ in range(8):  # Newton; the slope of the bracket lies between 1 - 1/pi and 1
@@ -396,23 +404,23 @@ def _transform(kappa: NDArray[np.floating], order: float, functions: int) -> Mat
 
 
 def _mean(order: float, functions: int) -> NDArray[np.floating]:
-    """The transform at kappa = 0: only the first function carries water."""
+    """Cosine transforms of the edge functions at kappa = 0: only the first function carries a flow."""
     e = np.zeros(functions)
     e[0] = 0.5**order / gamma(1.0 + order)
     return e
 
 
 def _wave(ratio: float, kh: float, norm: float, order: float, functions: int) -> NDArray[np.floating]:
-    """int v_m psi_0 dz: the transform at kappa = ikc, where J becomes I; c = ratio h is the gap."""
+    """Integrals int v_m psi_0 dz: transforms at kappa = ikc, where J becomes I; c = ratio h is the gap."""
     m, kc = np.arange(functions), ratio * kh
     return (-1.0) ** m * ive(2.0 * m + order, kc) * np.exp(kc - kh) / (kc**order * np.sqrt(norm))
 
 
 def _modes(ratio: float, Kh: float, length: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
-    """Evanescent modes of the chamber and of the sea: sum of [coth k_n b or 1] / (k_n h) times
-    int v_m psi_n dz int v_m' psi_n dz; `length` is b / h.
+    """Sums over the evanescent modes of the chamber and of the sea.
 
-    The modes differ from those of K = 0 by a term that falls by two orders faster, so that a few make up
+    The terms are [coth k_n b or 1] / (k_n h) times int v_m psi_n dz int v_m' psi_n dz; `length` is b / h. The
+    modes differ from those of K = 0 by a term that falls by two orders faster, so that a few make up
     the difference to the sum over all of those, which does not depend on the frequency.
     """
     whole, F0 = _static(ratio, order, functions)
@@ -429,11 +437,12 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
 
 @lru_cache(maxsize=64)
 def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
-    """sum_{n >= 1} 2 / (n pi) of the transforms' products at kappa = n pi ratio, and the transforms [n, m].
+    """Sum over the modes of K = 0, of 2 / (n pi) times the transforms' products, and the transforms [n, m].
 
-    From kappa = `_FAR` on the product is (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)):
-    the first part sums to Hurwitz's zeta function, and so does the second under the wall, where
-    2 kappa is a multiple of 2 pi; elsewhere it is summed by parts.
+    n goes from 1 and kappa = n pi ratio. From kappa = `_FAR` on the product is
+    (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)): the first part sums to Hurwitz's zeta
+    function, and so does the second under the wall, where 2 kappa is a multiple of 2 pi; elsewhere it is
+    summed by parts.
     """
     step = np.pi * ratio
     count = int(_FAR / step) + 1

@@ -1,13 +1,8 @@
-"""Water waves on constant depth: theory, the piston that makes them, and their absorption.
+"""Regular waves made by a piston: its motion of first or second order, and the elevation that it aims at.
 
-Linear and second-order Stokes waves, the transfer function of a piston wavemaker with
-its second-order correction, active absorption at the paddle and a sponge layer at the
-far end. Equation numbers are those of Zhu et al. (2020) unless another source is named.
-
-Conventions: SI units; x from the paddle's rest position, positive into the tank; z from
-the BED, so that z = d is the still water level; a crest passes x = 0 at t = 0. The
-paddle's displacement X is positive into the tank, and a paddle velocity
-U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
+Equation numbers are those of Zhu et al. (2020) unless another source is named. SI units; x from the paddle's
+rest position, positive into the tank; a crest passes x = 0 at t = 0. The paddle's displacement X is positive
+into the tank, and its velocity U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
 """
 
 from __future__ import annotations
@@ -31,9 +26,9 @@ from jaxsph.waves.theory import (
 
 
 def second_order_piston(H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
-    """Amplitude e2 (m) of the second harmonic of a piston's displacement, Madsen (1971).
+    """Amplitude e2 of the second harmonic of a piston's displacement, m.
 
-    With X = (S0 / 2) sin(omega t) + e2 sin(2 omega t) the paddle radiates (nearly) no
+    Source: Madsen (1971). With X = (S0 / 2) sin(omega t) + e2 sin(2 omega t) the paddle radiates (nearly) no
     free second harmonic. e2 = (H^2 / 32 d) (3 cosh kd / sinh^3 kd - 2 / Phi). Valid for
     an Ursell number H lambda^2 / d^3 below 8 pi^2 / 3, best in shallow water.
     """
@@ -43,19 +38,19 @@ def second_order_piston(H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array
 
 
 class AbstractGeneration(eqx.Module):
-    """Order of wave generation: what it adds to the piston's linear motion, and to the linear wave."""
+    """Order of wave generation: corrections of the piston's linear motion and of the linear wave."""
 
     @abc.abstractmethod
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Correction of the paddle's displacement (m) at t (s), without ramp."""
+        """Correction of the paddle's displacement at t (s), m, without ramp."""
 
     @abc.abstractmethod
     def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Correction of the elevation at x = 0 (m) at t (s), without ramp."""
+        """Correction of the elevation at x = 0 at t (s), m, without ramp."""
 
 
 class FirstOrderPiston(AbstractGeneration):
-    """First-order wave generation: nothing beside the linear motion."""
+    """First-order wave generation: the linear motion, without corrections."""
 
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
         """See `AbstractGeneration`."""
@@ -69,15 +64,15 @@ class FirstOrderPiston(AbstractGeneration):
 
 
 class SecondOrderPiston(AbstractGeneration):
-    """Second-order wave generation: Madsen's (1971) motion and the bound harmonic."""
+    """Second-order wave generation: Madsen's (1971) second harmonic of the motion, and the wave's own."""
 
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Correction of the paddle's displacement (m), without ramp."""
+        """Second harmonic of the paddle's displacement at t (s), m, without ramp."""
         e2 = second_order_piston(waves.H, waves.k, waves.d)
         return e2 * jnp.sin(2.0 * waves.omega * real(t))
 
     def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Bound second harmonic of the elevation at x = 0 (m), without ramp."""
+        """Bound second harmonic of the elevation at x = 0 at t (s), m, without ramp."""
         eta2 = _stokes2_amplitude(waves.H, waves.k, waves.d)
         return eta2 * jnp.cos(2.0 * waves.omega * real(t))
 
@@ -85,40 +80,40 @@ class SecondOrderPiston(AbstractGeneration):
 class RegularWaves(eqx.Module):
     """Regular waves made by a piston, with a smooth start.
 
-    Every number is a float leaf: k, omega and Phi are derived from them at each use, so
-    that derivatives with respect to T and d are whole.
+    Every number is a float leaf. k, omega and Phi are computed from H, T, d and g at each use, so that
+    derivatives with respect to T and d are complete.
     """
 
     H: Scalar = eqx.field(converter=real)
     """Wave height, crest to trough, m."""
     T: Scalar = eqx.field(converter=real)
-    """Period, s."""
+    """Wave period, s."""
     d: Scalar = eqx.field(converter=real)
     """Still water depth, m."""
     g: Scalar = eqx.field(converter=real, default=GRAVITY)
     """Acceleration of gravity, m/s2."""
     ramp: Scalar = eqx.field(converter=real, default=0.0)
-    """Length of the start-up, s; 0 starts at once."""
+    """Duration of the start-up, s; 0 starts at once."""
     correction: AbstractGeneration = FirstOrderPiston()
-    """Order of generation."""
+    """Order of wave generation."""
 
     @property
     def omega(self) -> Scalar:
-        """Angular frequency, rad/s."""
+        """Angular frequency of the waves, rad/s."""
         return 2.0 * jnp.pi / self.T
 
     @property
     def k(self) -> Scalar:
-        """Wavenumber, rad/m."""
+        """Wavenumber of the waves, rad/m."""
         return wavenumber(self.omega, self.d, self.g)
 
     @property
     def Phi(self) -> Scalar:
-        """Transfer function H / S0 of the piston, Eq. 22."""
+        """Transfer function H / S0 of the piston (-), Eq. 22."""
         return biesel(self.k, self.d)
 
     def ramp_factor(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Start-up factor in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp.
+        """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp.
 
         Its first two derivatives vanish at both ends: no jump of the acceleration.
         """
@@ -129,38 +124,38 @@ class RegularWaves(eqx.Module):
         return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
     def first_order_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
-        """First-order part of the paddle's displacement (m), ramped."""
+        """First-order part of the paddle's displacement at t (s), m, with the ramp."""
         t = real(t)
         return self.ramp_factor(t) * 0.5 * self.H / self.Phi * jnp.sin(self.omega * t)
 
     def paddle_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Paddle displacement X(t) (m), zero and at rest at t = 0 with a ramp; t in s.
+        """Displacement X of the paddle at t (s), m; with a ramp it is zero and at rest at t = 0.
 
-        (S0 / 2) sin(omega t), S0 = H / Phi, plus the correction, both times the ramp.
+        X = (S0 / 2) sin(omega t), S0 = H / Phi, plus the correction, both times the ramp.
         """
         X = self.first_order_displacement(t)
         return X + self.ramp_factor(t) * self.correction.displacement(self, t)
 
     def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Paddle velocity dX/dt (m/s), by differentiating the displacement."""
+        """Velocity dX/dt of the paddle at t (s), m/s: the derivative of its displacement."""
         t = real(t)
         return jax.jvp(self.paddle_displacement, (t,), (jnp.ones_like(t),))[1]
 
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
-        """Target elevation (m) at x (m) from the paddle's rest position, second order.
+        """Target elevation at x (m) from the paddle's rest position and t (s), m, to second order.
 
-        Phase-locked to the paddle. It has no ramp: compare it with a simulation only
-        once the front, travelling at the group velocity, has passed x.
+        The wave is in phase with the paddle. It has no ramp: compare it with a simulation
+        only once the front, travelling at the group velocity, has passed x.
         """
         return stokes2_elevation(x, t, self.H, self.T, self.d, self.g)
 
     def paddle_elevation(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Linear target elevation at the paddle (m), ramped: the eta of Eq. 23."""
+        """Linear target elevation at the paddle at t (s), m, with the ramp: the eta of Eq. 23."""
         t = real(t)
         return self.ramp_factor(t) * 0.5 * self.H * jnp.cos(self.omega * t)
 
     def delayed_elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
-        """Target progressive elevation (m) at x (m) near the paddle, ramped.
+        """Target elevation of the progressive wave at x (m) near the paddle and t (s), m, with the ramp.
 
         The paddle's elevation one travel time k x / omega ago, with the bound second
         harmonic where the waves have one. The ramp travels at the phase speed, which is

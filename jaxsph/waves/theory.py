@@ -1,13 +1,9 @@
-"""Water waves on constant depth: theory, the piston that makes them, and their absorption.
+"""Theory of water waves on constant depth: linear and second-order Stokes waves, and the transfer function of
+a piston wavemaker.
 
-Linear and second-order Stokes waves, the transfer function of a piston wavemaker with
-its second-order correction, active absorption at the paddle and a sponge layer at the
-far end. Equation numbers are those of Zhu et al. (2020) unless another source is named.
-
-Conventions: SI units; x from the paddle's rest position, positive into the tank; z from
-the BED, so that z = d is the still water level; a crest passes x = 0 at t = 0. The
-paddle's displacement X is positive into the tank, and a paddle velocity
-U = (omega / Phi) eta makes the progressive elevation eta (Phi: `biesel`).
+Equation numbers are those of Zhu et al. (2020) unless another source is named. SI units; x from the paddle's
+rest position, positive into the tank; z from the BED, so that z = d is the still water level; a crest passes
+x = 0 at t = 0. Functions broadcast over arrays and can be differentiated, but for those on the host.
 """
 
 from __future__ import annotations
@@ -24,17 +20,18 @@ GRAVITY = 9.81
 
 
 _URSELL_LIMIT = 8.0 * np.pi**2 / 3.0
+"""Largest Ursell number H lambda^2 / d^3 of second-order Stokes waves (-)."""
 
 
 def _sech2(x: Array) -> Array:
-    """sech^2 x, which 1 - tanh^2 x loses to rounding from x = 4 on."""
+    """Square of the hyperbolic secant of x (-), which as 1 - tanh^2 x is lost to rounding from x = 4 on."""
     e = jnp.exp(-2.0 * x)
     return 4.0 * e / (1.0 + e) ** 2
 
 
 @jax.custom_jvp
 def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
-    """k such that omega^2 = g k tanh kd.
+    """Wavenumber k (rad/m) of the dispersion relation omega^2 = g k tanh kd.
 
     The explicit start of Guo (2002) is within 0.8 %; each Newton step squares the
     error, so that three reach the rounding of float32 and nearly that of float64.
@@ -49,8 +46,8 @@ def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
 
 @_solve_dispersion.defjvp
 def _solve_dispersion_jvp(primals, tangents):
-    # The implicit function theorem: exact at the root, whatever the iteration did, and
-    # it is itself differentiable.
+    # The derivative by the implicit function theorem is exact at the root, whatever the iteration did, and
+    # can itself be differentiated.
     (omega, d, g), (omega_dot, d_dot, g_dot) = primals, tangents
     k = _solve_dispersion(omega, d, g)
     sech2 = _sech2(k * d)
@@ -59,7 +56,7 @@ def _solve_dispersion_jvp(primals, tangents):
 
 
 def wavenumber(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Array, "..."]:
-    """Wavenumber k (rad/m) of linear waves: omega^2 = g k tanh(k d).
+    """Wavenumber k of linear waves, rad/m: omega^2 = g k tanh(k d).
 
     `omega` (rad/s, > 0) and the depth `d` (m, > 0) broadcast. The relative error in
     float32 is under 1e-6 for kd from 0.05 to 20; derivatives of any order are exact.
@@ -70,17 +67,17 @@ def wavenumber(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[
 
 
 def wavelength(T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Array, "..."]:
-    """Linear wavelength lambda (m) of period `T` (s) on depth `d` (m)."""
+    """Wavelength lambda of linear waves of period `T` (s) on depth `d` (m), m."""
     return 2.0 * jnp.pi / wavenumber(2.0 * jnp.pi / real(T), d, g)
 
 
 def _x_over_sinh(x: Array) -> Array:
-    """x / sinh x for x > 0, in a form that overflows neither here nor in its derivative."""
+    """Ratio x / sinh x for x > 0 (-), in a form in which neither it nor its derivative overflows."""
     return 2.0 * x * jnp.exp(-x) / -jnp.expm1(-2.0 * x)
 
 
 def group_velocity(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Array, "..."]:
-    """Linear group velocity (m/s): (omega / 2k) (1 + 2kd / sinh 2kd)."""
+    """Group velocity of linear waves, m/s: (omega / 2k) (1 + 2kd / sinh 2kd); `omega` in rad/s, `d` in m."""
     k = wavenumber(omega, d, g)
     return jnp.asarray(0.5 * omega / k * (1.0 + _x_over_sinh(2.0 * k * d)))
 
@@ -88,7 +85,7 @@ def group_velocity(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Fl
 def incident_power(
     H: ArrayLike, T: ArrayLike, d: ArrayLike, rho0: ArrayLike = 1000.0, g: ArrayLike = GRAVITY
 ) -> Float[Array, "..."]:
-    """Mean wave power per metre of crest (W/m), Eq. 26, with A_i = H / 2.
+    """Mean power of regular waves per metre of crest, W/m: Eq. 26 with A_i = H / 2.
 
     `H` wave height (m), `T` period (s), `d` depth (m), `rho0` density (kg/m3).
     """
@@ -100,15 +97,15 @@ def incident_power(
 def biesel(k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
     """Transfer function Phi = H / S0 of a piston wavemaker (-), Eq. 22.
 
-    `k` (rad/m), `d` (m); S0 is the stroke, crest to trough. Written as
-    2 tanh kd / (1 + 2kd / sinh 2kd), which is the same and does not overflow.
+    H is the wave height and S0 the stroke, crest to trough; `k` (rad/m), `d` (m). The form
+    2 tanh kd / (1 + 2kd / sinh 2kd) of Eq. 22 does not overflow.
     """
     kd = real(k) * d
     return 2.0 * jnp.tanh(kd) / (1.0 + _x_over_sinh(2.0 * kd))
 
 
 def _stokes2_amplitude(H: Array, k: Array, d: Array) -> Array:
-    """Amplitude of the bound second harmonic (m).
+    """Amplitude of the bound second harmonic of the elevation, m.
 
     (H^2 k / 16) cosh kd (2 + cosh 2kd) / sinh^3 kd, in terms of tanh kd.
     """
@@ -124,7 +121,7 @@ def stokes2_elevation(
     d: ArrayLike,
     g: ArrayLike = GRAVITY,
 ) -> Float[Array, "..."]:
-    """Elevation eta (m) of a second-order Stokes wave travelling along +x.
+    """Elevation eta of a second-order Stokes wave travelling along +x, m.
 
     `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. Source: Dean and
     Dalrymple (1991), section 11.2; the mean level is the still water level.
@@ -145,11 +142,12 @@ def stokes2_velocity(
     d: ArrayLike,
     g: ArrayLike = GRAVITY,
 ) -> Float[Array, "..."]:
-    """Velocity (u, w) [..., 2] (m/s) of the wave of `stokes2_elevation`; z (m) from the bed.
+    """Velocity (u, w) `[..., 2]` of a second-order Stokes wave travelling along +x, m/s.
 
-    Zero Eulerian mean below the troughs (no return current). Source: Dean and Dalrymple
-    (1991), section 11.2. The ratios of hyperbolic functions are written with decaying
-    exponentials, which do not overflow.
+    The wave is that of `stokes2_elevation`, with zero Eulerian mean below the troughs (no return
+    current); z (m) is counted from the bed. Source: Dean and Dalrymple (1991), section 11.2.
+    The ratios of hyperbolic functions are written with decaying exponentials, which do not
+    overflow.
     """
     x, z, t = real(x), real(z), real(t)
     H = real(H)
@@ -166,7 +164,7 @@ def stokes2_velocity(
 
 
 def largest_stroke(d: float) -> float:
-    """Largest stroke (m, crest to trough) of a piston for waves within `theory_limits` on depth `d` (m).
+    """Largest stroke, crest to trough, of a piston for waves within `theory_limits` on depth `d` (m), m.
 
     At the limits' H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
     where the first two meet, at kd = 1.007: 0.684 d.
@@ -175,9 +173,9 @@ def largest_stroke(d: float) -> float:
 
 
 def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]:
-    """Warnings where the theory of this module does not hold; empty where it does.
+    """Warnings where the theory of this module does not hold for a wave; empty where it does.
 
-    Host function; `H` (m), `T` (s), `d` (m). Each warning gives the value and the limit:
+    Host function; height `H` (m), period `T` (s), depth `d` (m). Each warning gives the value and the limit:
     breaking by steepness (Miche 1944) and by depth (McCowan 1894), the Ursell number for
     second-order Stokes waves, and the kd in which a piston makes clean waves.
     """

@@ -1,8 +1,8 @@
 """Interface of a neighbour search: positions in, slot-major tables `[K, N]` of source indices out.
 
-A search finds all sources within its radius of every target. Who may see whom near a thin wall is a bit mask:
-a target sees a source when their bits meet. Tables are allocated on the host, with so many slots for every
-target; inside the loop they have that shape, and a table that is too small says so.
+A search finds all sources within its radius of every target. Which sources a target may see near a thin wall
+is a bit mask: a target sees a source where their bits meet. Tables are allocated on the host, with the same
+number of slots for every target; inside the loop they keep that shape, and a table that is too small says so.
 """
 
 from __future__ import annotations
@@ -17,18 +17,25 @@ from jaxsph.core.arrays import Array, Bool, Float, Int
 from jaxsph.core.pairs import SPARE, Period
 
 WIDTH = 2
-"""Cells per search radius: five lines of half-radius cells hold 30 % fewer candidates than three whole."""
+"""Cells per search radius (-): five lines of half-radius cells hold 30 % fewer candidates than three of whole
+ones."""
 
 
 class Grid(eqx.Module):
-    """A box of cells. Particles outside it are counted in the nearest cell, which loses no pair; along a
-    periodic axis they must have been `wrapped` into it."""
+    """A box of cells that particles are sorted by.
+
+    Particles outside the box are counted in the nearest cell, which loses no pair; along a periodic axis
+    they must have been moved into the box (`cells.wrap`).
+    """
 
     origin: tuple[float, ...] = eqx.field(static=True)
+    """Low corner of the box, m."""
     cell: float = eqx.field(static=True)
     """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of them fits."""
     shape: tuple[int, ...] = eqx.field(static=True)
+    """Number of cells along every axis."""
     period: Period = eqx.field(static=True, default=())
+    """Periodic axes and their lengths, m."""
 
     @property
     def radius(self) -> float:
@@ -43,29 +50,30 @@ class Grid(eqx.Module):
 
 
 class Table(NamedTuple):
-    """Neighbours of every target, and what is needed to trust them."""
+    """Table of the neighbours of every target, and the number of slots that it needed."""
 
     indices: Int[Array, "K N"]
-    """Source of each slot; the number of sources itself (the empty source) where the slot is empty."""
+    """Index of the source in each slot; the number of sources (the empty source) where the slot is empty."""
     most: Int[Array, ""]
-    """Largest number of neighbours found: above K, the table has overflowed."""
+    """Largest number of neighbours of any target: above K, the table has overflowed."""
 
     @property
     def overflow(self) -> Bool[Array, ""]:
-        """Whether neighbours were lost."""
+        """True where neighbours were lost because a target had more than K."""
         return self.most > self.indices.shape[0]
 
 
 class AbstractSearch(eqx.Module):
-    """A way to find neighbours, with all that it has allocated on the host."""
+    """A neighbour search, with all that it has allocated on the host."""
 
     @classmethod
     @abc.abstractmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> AbstractSearch:
-        """The search for the initial state.
+        """Search allocated for the initial state.
 
-        **Arguments**: `grid` covers what stands at rest and has the search's radius; `water`, `nodes`:
-        positions `[N, D]` (m), targets and sources together, of a search for the water and for other places.
+        **Arguments**: `grid` covers the walls at rest and has the search's radius; `water`, `nodes`:
+        positions `[N, D]` (m), targets and sources together, of a search around the water's particles and
+        of one around other points.
         **Raises** ValueError for a grid that the search cannot do, ImportError naming the missing extra.
         """
 
@@ -79,7 +87,7 @@ class AbstractSearch(eqx.Module):
         kind: Int[Array, " M"],
         same: bool,
     ) -> Table:
-        """All sources within the radius of each target, `capacity` at most.
+        """Table of all sources within the radius of each target, `capacity` of them at most; positions in m.
 
         **Arguments**: `sees` and `kind` are bit masks: a pair counts where `sees[i] & kind[j]` is not zero;
         `same`: the first N sources are the targets, and a particle is not its own neighbour.
@@ -88,9 +96,12 @@ class AbstractSearch(eqx.Module):
 
     @abc.abstractmethod
     def grown(self) -> AbstractSearch:
-        """The same search with a quarter more of what it has allocated beside the tables."""
+        """The same search with a quarter more room in what it has allocated beside the tables."""
 
 
 def needed_capacity(most: int, spare: float = SPARE) -> int:
-    """Slots for tables whose fullest target has `most` neighbours now: some spare, a multiple of four."""
+    """Number of slots of a table whose fullest target has `most` neighbours now.
+
+    `spare` times as many, rounded up to a multiple of four.
+    """
     return max(4, int(np.ceil(most * spare / 4)) * 4)

@@ -1,9 +1,8 @@
-"""Neighbour search: positions in, slot-major tables `[K, N]` of source indices out.
+"""Neighbour search by cells of half the search radius, into slot-major tables `[K, N]` of source indices.
 
-Sources are sorted by cells of half the search radius; in every line of cells the candidates of a target
-are one contiguous range of the sorted sources, which a loop walks and compacts. Who may see whom near a
-thin wall is a bit mask: a target sees a source when their bits meet. Along a periodic axis the cells divide
-the period, the lines go on at the other end, and distances are those to the nearest image.
+Sources are sorted by cell; in every line of cells the candidates of a target are one contiguous range of the
+sorted sources, which a loop walks and compacts. Along a periodic axis the cells divide the period, the lines
+go on at the other end, and distances are those to the nearest image.
 """
 
 from __future__ import annotations
@@ -21,16 +20,18 @@ from jaxsph.core.pairs import Period, nearest_image
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid, Table
 
 LARGEST_INDEX = np.iinfo(np.int32).max
+"""Largest index into a flat array that an int32 holds."""
 
 
 class Cells(AbstractSearch):
-    """Search in cells of half the radius, `search`: the default."""
+    """Neighbour search in cells of half the search radius: the default."""
 
     grid: Grid
+    """Cells that the sources are sorted by."""
 
     @classmethod
     def of(cls, grid, water, nodes):
-        """See `AbstractSearch`; nothing has a size that would follow from positions."""
+        """See `AbstractSearch`: nothing is allocated beside the tables."""
         del water, nodes
         return cls(grid)
 
@@ -39,15 +40,15 @@ class Cells(AbstractSearch):
         return search(targets, sources, self.grid, capacity, sees, kind, same)
 
     def grown(self):
-        """See `AbstractSearch`: nothing beside the tables has a size."""
+        """See `AbstractSearch`: nothing is allocated beside the tables."""
         return self
 
 
 def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = ()) -> Grid:
-    """The grid that covers the box from `low` to `high` for searches within `radius`.
+    """Grid of cells over the box from `low` to `high` (m), for searches within `radius` (m).
 
-    Along a periodic axis it covers one period from `low`. **Raises** ValueError for a period so short that
-    a particle would see a cell, and with it a source, from both ends.
+    Along a periodic axis the grid covers one period from `low`. **Raises** ValueError for a period so short
+    that a particle would see a cell, and with it a source, from both ends.
     """
     cell = float(radius) / WIDTH
     span = np.asarray(high, float) - np.asarray(low, float)
@@ -62,12 +63,12 @@ def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period =
     return Grid(tuple(float(a) for a in low), cell, tuple(shape), period)
 
 
-def wrapped(
+def wrap(
     x: Float[Array, "N D"], carry: Float[Array, "N D"], low: tuple[float, ...], period: Period
 ) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
-    """Positions (m) moved by a period into [low, low + period), and what they have lost to rounding.
+    """Positions (m) moved by a period into [low, low + period), and their rounding errors (m).
 
-    The move is exact: what x cannot hold of it goes into the carry (Knuth's two-sum).
+    The move is exact: what x cannot hold of it goes into `carry` (Knuth's two-sum).
     """
     if not period:
         return x, carry
@@ -81,6 +82,7 @@ def wrapped(
 
 
 def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
+    """Cell of every position (m), one index per axis."""
     side = jnp.asarray(grid.sides, x.dtype) if grid.period else grid.cell
     scaled = (x - jnp.asarray(grid.origin, x.dtype)) / side
     # clip first: an integer conversion of a huge float is undefined
@@ -89,6 +91,7 @@ def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
 
 
 def _key(cell: Int[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
+    """Number of a cell in the order of the grid, the last axis fastest."""
     key = cell[:, 0]
     for axis in range(1, len(grid.shape)):
         key = key * grid.shape[axis] + cell[:, axis]
@@ -96,7 +99,7 @@ def _key(cell: Int[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
 
 
 def cell_order(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
-    """Permutation that sorts particles by cell (stable, so that a sorted set stays as it is)."""
+    """Permutation that sorts particles at x (m) by cell; stable, so that a sorted set stays as it is."""
     return jnp.argsort(_key(_cells(jax.lax.stop_gradient(x), grid), grid), stable=True)
 
 
@@ -109,11 +112,11 @@ def search(
     kind: Int[Array, " M"],
     same: bool,
 ) -> Table:
-    """All sources within the grid's radius of each target.
+    """Table of all sources within the grid's radius of each target, `capacity` of them at most.
 
-    **Arguments**: `sees` and `kind` are bit masks: a pair counts where `sees[i] & kind[j]` is not zero;
-    `same`: the first N sources are the targets, and a particle is not its own neighbour.
-    Not differentiated: the table is a piecewise constant function of the positions.
+    **Arguments**: positions in m; `sees` and `kind` are bit masks: a pair counts where
+    `sees[i] & kind[j]` is not zero; `same`: the first N sources are the targets, and a particle is not its
+    own neighbour. Not differentiated: the table is a piecewise constant function of the positions.
     """
     targets, sources = jax.lax.stop_gradient((targets, sources))
     find = functools.partial(_search, grid=grid, capacity=capacity, same=same)
@@ -144,7 +147,7 @@ def _search(
     capacity: int,
     same: bool,
 ) -> Table:
-    """The tables `[B, K, N]` of B lanes, each with a grid of its own after the last one's."""
+    """Tables `[B, K, N]` of B lanes, whose grids are numbered one after another."""
     lanes, n_lane, m_lane = *targets.shape[:2], sources.shape[1]
     n, m = lanes * n_lane, lanes * m_lane
     targets, sources = (a.reshape(-1, a.shape[-1]) for a in (targets, sources))
@@ -168,12 +171,12 @@ def _search(
     bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
     spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
     if len(grid.shape) - 1 in periodic:
-        # what sticks out at one end of the last axis goes on at the other
+        # a line that leaves one end of the last axis goes on at the other
         over = jnp.where(bottom < 0, bottom + last, 0)
         spans.append((over, jnp.where(bottom < 0, last - 1, jnp.where(top >= last, top - last, -1))))
 
     def line(offset, low, high, found):
-        """Adds the candidates of one line of cells to what was found."""
+        """Adds the neighbours in one line of cells to those found so far."""
         inside = low <= high
         row = jnp.zeros(n, jnp.int32)
         for axis, step in enumerate(offset):
@@ -195,8 +198,8 @@ def _search(
             near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
             if same:
                 near &= j != me
-            # Written at the next free slot whether near or not: the next near one overwrites it, and
-            # what is left behind the last is cleared below. The slot after the table takes the excess.
+            # A candidate is written at the next free slot whether near or not: the next near one overwrites
+            # it, and what is left behind the last is cleared below. A spare last slot takes the excess.
             slot = jnp.minimum(count, capacity)
             return put(rows, slot, j), count + near.astype(jnp.int32)
 
@@ -215,7 +218,7 @@ def _search(
 
 
 def _slots(capacity: int, n: int) -> tuple[Int[Array, "..."], Callable]:
-    """Empty slots for n targets, and the function that writes one slot of each target.
+    """Empty slots for n targets, and the function that writes one slot of every target.
 
     One index into a flat array costs a fifth less of the search's time than two; it fits int32 up to
     8.6 million targets of 250 slots.

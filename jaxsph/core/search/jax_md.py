@@ -1,8 +1,8 @@
 """Neighbour search by jax-md (Schoenholz & Cubuk 2020): `search = "jax_md"`, the extra `jaxsph[jax-md]`.
 
 jax-md lists every particle's neighbours in one set of particles, without masks and with coordinates that wrap
-at a box. Here targets and sources are searched as one set, the box is wider than they are, and what a target
-may not see is removed from its list afterwards; the slots are in the order of the sources' indices.
+at a box. Here targets and sources are searched as one set, the box is wider than they are, and sources that
+a target may not see are removed from its list afterwards; the slots are in the order of the sources' indices.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from jaxsph.core.arrays import Array, Float, Int
 from jaxsph.core.search.base import AbstractSearch, Grid, Table
 
 CROWDING = 1.25
-"""Room of a cell over the particles of the fullest in the initial state."""
+"""Ratio of a cell's room to the particles of the fullest cell in the initial state (-)."""
 
 
 LISTED = 3
-"""Room of jax-md's lists over the slots of the table: they hold what a target does not see, too."""
+"""Ratio of the room of jax-md's lists to the table's slots (-): they also hold what a target may not see."""
 
 
 class JaxMD(AbstractSearch):
-    """Search by `jax_md.partition.neighbor_list`, of dense format."""
+    """Neighbour search by `jax_md.partition.neighbor_list`, in its dense format."""
 
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
@@ -35,11 +35,11 @@ class JaxMD(AbstractSearch):
     radius: float = eqx.field(static=True)
     """Search radius (support plus skin), m."""
     cell_capacity: tuple[int, int] = eqx.field(static=True)
-    """Particles in a cell, at most: in a search for the water, and for other places."""
+    """Largest number of particles in a cell: in a search around the water, and around other points."""
 
     @classmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> JaxMD:
-        """See `AbstractSearch`; without periodic axes."""
+        """See `AbstractSearch`; raises ValueError for a grid with periodic axes."""
         if grid.period:
             raise ValueError(f'search = "jax_md" has no periodic axes, and here the period is {grid.period}')
         md = partition()
@@ -63,7 +63,7 @@ class JaxMD(AbstractSearch):
         everything = sources if same else jnp.concatenate([targets, sources])
         found, lost = self._lists(everything, self.cell_capacity[0 if same else 1], LISTED * capacity)
         source = found[:n] if same else found[:n] - n
-        # beyond the last: jax-md's empty slots
+        # indices beyond the last source are jax-md's empty slots
         real = (source >= 0) & (source < m)
         seen = (sees[:, None] & kind[jnp.clip(source, 0, m - 1)]) != 0
         keep = real & seen
@@ -76,7 +76,7 @@ class JaxMD(AbstractSearch):
         return Table(jnp.sort(rows, axis=1).T, jnp.where(lost, jnp.maximum(most, capacity + 1), most))
 
     def grown(self):
-        """See `AbstractSearch`: room in the cells."""
+        """See `AbstractSearch`: more room in the cells."""
         water, nodes = (int(1.25 * count) + 1 for count in self.cell_capacity)
         return JaxMD(self.origin, self.box, self.radius, (water, nodes))
 
@@ -88,7 +88,7 @@ class JaxMD(AbstractSearch):
         box, n = np.asarray(self.box), len(x)
         displacement, _ = space.free()
         functions = md.neighbor_list(displacement, box, self.radius)
-        # What `allocate` would find from the positions; it cannot be called in a compiled function.
+        # `allocate` would find these sizes from the positions, but cannot be called in a compiled function.
         width = min(most, 3 ** x.shape[1] * room)
         lists = md.NeighborList(
             idx=jnp.full((n, width), n, jnp.int32),
@@ -105,7 +105,7 @@ class JaxMD(AbstractSearch):
 
 
 def partition() -> ModuleType:
-    """The part of jax-md that searches. **Raises** ImportError that names the extra."""
+    """Module `jax_md.partition`. **Raises** ImportError that names the missing extra."""
     try:
         from jax_md import partition
     except ImportError as error:

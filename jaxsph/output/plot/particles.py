@@ -30,12 +30,12 @@ from jaxsph.output.plot.style import (
 from jaxsph.output.run_file import RunFile
 
 MOST_FRAMES = 200
-"""Frames of an animation; longer runs skip snapshots."""
+"""Largest number of frames of an animation; longer runs skip snapshots."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """A quantity of the particles to colour them by."""
+    """Quantity by which particles are coloured, and its label with the unit."""
 
     label: str
     colours: str | Colormap
@@ -148,7 +148,7 @@ def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | Non
 
 @in_style
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
-    """Particles of one snapshot, coloured by a field; a long tank in strips, and the OWC enlarged.
+    """Figure of the particles of one snapshot, coloured by a field; a long tank in strips, the OWC enlarged.
 
     A three-dimensional run is cut along the middle of its width.
     """

@@ -32,7 +32,7 @@ from jaxsph.waves.linear_owc import LinearOWC
 
 @in_style
 def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
-    """Elevation at each gauge, one axis for each, on one scale."""
+    """Figure of the elevation (m) at each wave gauge over time, one axis for each, on one scale."""
     series = run.series()
     if not has_samples(series, "eta"):
         return None
@@ -54,7 +54,7 @@ def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
 
 @in_style
 def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
-    """Level, flow, pressure and power of the chamber, on one time axis.
+    """Figure of level, flow, pressure and power of the chamber over time.
 
     With `linear` also the extremes that linear theory expects of the first three and the mean of the
     power, dashed, over the periods that the efficiency was averaged over (the last one, if none was).
@@ -88,7 +88,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
 
 @in_style
 def body(run: RunFile) -> Figure | None:
-    """Motions of the rigid body, the water's force on it and the power of its PTO, on one time axis."""
+    """Figure of the rigid body's motions, the water's force on it and the power of its PTO over time."""
     series = run.series()
     if not has_samples(series, "body_force"):
         return None
@@ -135,7 +135,7 @@ def _fill(ax: Axes, t: np.ndarray, power: np.ndarray, colour: str) -> None:
 
 @in_style
 def pressures(run: RunFile) -> Figure | None:
-    """Gauge pressure at each sensor."""
+    """Figure of the gauge pressure (Pa) at each sensor over time."""
     series = run.series()
     if not has_samples(series, "pressure"):
         return None
@@ -151,7 +151,7 @@ def pressures(run: RunFile) -> Figure | None:
 
 @in_style
 def energy(run: RunFile) -> Figure | None:
-    """Where the paddle's work went: stacked areas under it, and what is missing."""
+    """Figure of the energy budget (J; J/m in 2-D) over time: what became of the paddle's work."""
     series = run.series()
     if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None

@@ -47,21 +47,21 @@ in_style = matplotlib.rc_context(STYLE)
 
 
 WIDTH = 11.0
-"""Of every figure, inches."""
+"""Width of every figure, inches."""
 
 
 def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
-    """Whether there is enough of a series to draw a line."""
+    """Whether a series has two samples or more, to draw a line through."""
     return name in series and series[name].size > 0 and len(series["time"]) > 1
 
 
 def axis_name(ax: Axes, kind: str) -> str:
-    """Name of what an axis of a column shows, by its number from the top."""
+    """Title of an axis in a column: `kind`, and the axis's number from the top."""
     return f"{kind} {ax.get_subplotspec().rowspan.start + 1}"
 
 
 def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
-    """A column of axes over one time axis; each `height` inches high."""
+    """Figure with a column of `count` axes over one time axis, each `height` inches high."""
     figure = Figure(figsize=(WIDTH, 0.8 + height * count), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)
     axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
@@ -72,7 +72,7 @@ def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
 
 
 def share_limits(axes: Sequence[Axes]) -> None:
-    """Gives all axes the widest limits of any."""
+    """Gives all axes the same vertical limits, from the lowest to the highest of any."""
     low, high = zip(*(ax.get_ylim() for ax in axes), strict=True)
     for ax in axes:
         ax.set_ylim(min(low), max(high))
