@@ -170,3 +170,54 @@ def test_rooms_do_not_hide_public_names_called_the_same():
         importlib.import_module(f"jaxsph.{room}")
     modules = [name for name in jaxsph.__all__ if isinstance(getattr(jaxsph, name), types.ModuleType)]
     assert not modules
+
+
+LONG = {"case.assemble.assemble": "an argument and a line for each thing that a model is made of"}
+"""Functions of more than 60 lines, and why."""
+WIDE = {
+    "case.assemble.assemble": "keywords, one for each kind of part and each number",
+    "cli.optimise": "an argument for each option of the command",
+    "cli.slope": "an argument for each option of the command",
+    "schemes.incompressible.of": "an argument for each choice, all but two with a default",
+    "schemes.weakly_compressible.of": "an argument for each choice, all but two with a default",
+    "solids.walls.build": "an argument for each thing that walls can be made of",
+}
+"""Functions of more than eight arguments, and why."""
+TRACED = ("core", "model", "waves", "solids", "parts", "schemes", "probes")
+
+
+def _functions():
+    for file, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                yield f"{file}.{node.name}", node
+
+
+def test_functions_are_short():
+    long = {name for name, node in _functions() if node.end_lineno - node.lineno + 1 > 60}
+    assert long == set(LONG)
+
+
+def test_functions_take_few_arguments():
+    def count(node):
+        every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        return len([one for one in every if one.arg not in ("self", "cls")])
+
+    assert {name for name, node in _functions() if count(node) > 8} == set(WIDE)
+
+
+def test_parts_that_are_off_are_no_branches():
+    """No `is None` in what is traced: an empty tuple is "off". What makes a part from plain arguments, on the
+    host, may have them (`of`, `build` and those that a model is made with)."""
+    host = {"of", "build", "lattice", "of_dict", "__check_init__"}
+    branches = []
+    for name, node in _functions():
+        if name.split(".")[0] in TRACED and node.name not in host:
+            tests = [n for n in ast.walk(node) if isinstance(n, ast.Compare)]
+            none = [
+                t
+                for t in tests
+                if any(isinstance(c, ast.Constant) and c.value is None for c in t.comparators)
+            ]
+            branches += [name] * len(none)
+    assert branches == []

@@ -85,31 +85,14 @@ def assemble(
 
     m = float(scheme.rho0) * np.broadcast_to(dx**dim if volume is None else volume, n)
     g = np.zeros(dim) if g is None else np.asarray(g, float)
-    bounded = dt_most is None
-    if dt_most is None:
-        dt_most = scheme.stable_dt(float(np.linalg.norm(g)), dim)
-    if speed is None:
-        speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(dt_most))
     skin = skin * dx
-    if bounded:
+    stable = scheme.stable_dt(float(np.linalg.norm(g)), dim) if dt_most is None else dt_most
+    if speed is None:
+        speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(stable))
+    if dt_most is None:
         # a step may not carry a particle out of reach of its neighbour table
-        dt_most = min(dt_most, 0.4 * skin / speed)
-    # A table holds while no particle has moved half a skin. A sample is a whole number of blocks of an
-    # even number of steps, so that there are shorter blocks for a table that goes stale.
-    needed = sample_dt / dt_most
-    most = max(2.0, 0.5 * skin / (speed * dt_most))
-    blocks = int(np.ceil(needed / most))
-    block = 2 * int(np.ceil(needed / blocks / 2))
-    particles = Particles(
-        x=leaf(x),
-        x_carry=leaf(x - np.asarray(x, dtype)),
-        u=leaf(u),
-        rho=jnp.zeros(n, dtype),
-        m=leaf(m),
-        id=jnp.arange(n, dtype=jnp.int32),
-        p=jnp.zeros(n, dtype),
-    )
-    particles = scheme.with_pressure(particles, leaf(np.zeros(n) if p is None else p))
+        stable = min(stable, 0.4 * skin / speed)
+    blocks, block = _cadence(sample_dt, stable, speed, skin)
     model = Model(
         scheme=scheme,
         walls=walls,
@@ -131,7 +114,7 @@ def assemble(
     )
     _check_parts(model)
     state = State(
-        particles=particles,
+        particles=scheme.with_pressure(_particles(x, u, m, dtype), leaf(np.zeros(n) if p is None else p)),
         own=own_states(model, dtype),
         ledger={name: Tally.zero(dtype) for name in model.entries()},
         limits={name: Tally.zero(dtype) for name in scheme.limiters()},
@@ -139,6 +122,33 @@ def assemble(
         status=Status.sound(dim, dtype),
     )
     return model, state
+
+
+def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> Particles:
+    """Particles at x `[N, D]` (m) with velocities u (m/s) and masses m `[N]` (kg, kg/m in 2-D), without
+    pressure."""
+    zero = jnp.zeros(len(x), dtype)
+    return Particles(
+        x=jnp.asarray(x, dtype),
+        x_carry=jnp.asarray(x - np.asarray(x, dtype), dtype),
+        u=jnp.asarray(u, dtype),
+        rho=zero,
+        m=jnp.asarray(m, dtype),
+        id=jnp.arange(len(x), dtype=jnp.int32),
+        p=zero,
+    )
+
+
+def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
+    """Blocks of steps in a sample of `sample_dt` (s), and steps in a block.
+
+    A table holds while no particle has moved half a skin (m) at the `speed` (m/s) to expect. A block is an
+    even number of steps, so that there are shorter ones for a table that goes stale.
+    """
+    needed = sample_dt / dt_most
+    most = max(2.0, 0.5 * skin / (speed * dt_most))
+    blocks = int(np.ceil(needed / most))
+    return blocks, 2 * int(np.ceil(needed / blocks / 2))
 
 
 def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:

@@ -128,15 +128,10 @@ class Ghosts(eqx.Module):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
         fixed = _fixed_ghosts(box, regions, thin_wall, dx, layers)
         dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
-        ghosts = join([fixed, *dummies])
+        ghosts, owner = _in_order([fixed, *dummies])
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
-        # 0 for walls, 1 for the first solid of dummies, ...
-        owner = np.repeat(np.arange(1 + len(shapes)), [len(part.x) for part in (fixed, *dummies)])
-        # the paddle's first, then the walls' by column, the solids' last: gathers from near memory cost less
-        order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner))
-        ghosts = GhostSet(*(a[order] for a in ghosts))
         # The paddle is free-slip whatever the walls are (Zhu et al. 2020, section 2.4), and so are dummies.
-        tangential = np.where(owner[order, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
+        tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
         normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
         node_sees = _seen_by_nodes(ghosts, regions)
         full = _full(ghosts, node_sees, _brimful(box, regions, shapes, dx, layers), regions, smoothing)
@@ -252,6 +247,17 @@ class Ghosts(eqx.Module):
         Zhu et al. 2020, section 2.4. **Arguments**: velocities (m/s) at the nodes and of the wall.
         """
         return stack([m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)])
+
+
+def _in_order(parts: Sequence[GhostSet]) -> tuple[GhostSet, np.ndarray]:
+    """Ghosts of the walls (first) and of solids, and for each the place of its part.
+
+    The paddle's come first, then the walls' by column, the solids' last: gathers from near memory cost less.
+    """
+    ghosts = join(parts)
+    owner = np.repeat(np.arange(len(parts)), [len(part.x) for part in parts])
+    order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner))
+    return GhostSet(*(a[order] for a in ghosts)), owner[order]
 
 
 def _fixed_ghosts(

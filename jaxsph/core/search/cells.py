@@ -154,11 +154,8 @@ def _search(
     sees, kind = sees.reshape(-1), kind.reshape(-1)
     lane = jnp.arange(lanes, dtype=jnp.int32)
     of_target, of_source = (jnp.repeat(lane, k) if lanes > 1 else lane for k in (n_lane, m_lane))
-    per_lane = int(np.prod(grid.shape))
-    cells = lanes * per_lane
-    key = _key(_cells(sources, grid), grid) + of_source * per_lane
-    order = jnp.argsort(key).astype(jnp.int32)
-    start = jnp.cumsum(jnp.zeros(cells + 1, jnp.int32).at[key + 1].add(1), dtype=jnp.int32)
+    per_lane, last = int(np.prod(grid.shape)), grid.shape[-1]
+    order, start = _sort(_key(_cells(sources, grid), grid) + of_source * per_lane, lanes * per_lane)
     xs = tuple(sources[order, k] for k in range(targets.shape[1]))
     kinds = kind[order]
     x_i = tuple(targets[:, k] for k in range(targets.shape[1]))
@@ -166,25 +163,11 @@ def _search(
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
     home = _cells(targets, grid)
-    periodic = dict(grid.period)
-    last = grid.shape[-1]
-    bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
-    spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
-    if len(grid.shape) - 1 in periodic:
-        # a line that leaves one end of the last axis goes on at the other
-        over = jnp.where(bottom < 0, bottom + last, 0)
-        spans.append((over, jnp.where(bottom < 0, last - 1, jnp.where(top >= last, top - last, -1))))
 
     def line(offset, low, high, found):
         """Adds the neighbours in one line of cells to those found so far."""
-        inside = low <= high
-        row = jnp.zeros(n, jnp.int32)
-        for axis, step in enumerate(offset):
-            index = home[:, axis] + step
-            if axis in periodic:
-                index = index % grid.shape[axis]
-            inside &= (index >= 0) & (index < grid.shape[axis])
-            row = row * grid.shape[axis] + index
+        row, inside = _line(home, offset, grid)
+        inside &= low <= high
         row = jnp.where(inside, row, 0) + of_target * (per_lane // last)
         first = start[row * last + low]
         end = jnp.where(inside, start[row * last + high + 1], first)
@@ -193,8 +176,7 @@ def _search(
             rows, count = found
             k = jnp.minimum(first + c, m - 1)
             r = nearest_image(tuple(a - b[k] for a, b in zip(x_i, xs, strict=True)), grid.period)
-            r2 = sum(a**2 for a in r)
-            j = order[k]
+            r2, j = sum(a**2 for a in r), order[k]
             near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
             if same:
                 near &= j != me
@@ -208,13 +190,46 @@ def _search(
     rows, put = _slots(capacity + 1, n)
     found = (rows, jnp.zeros(n, jnp.int32))
     for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1):
-        for low, high in spans:
+        for low, high in _spans(home, grid):
             found = line(offset, low, high, found)
     rows, count = found
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
     indices = rows.reshape(capacity + 1, n)[:capacity] - (of_target * m_lane)[None, :]
     indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
+
+
+def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Array, " C"]]:
+    """Order of sources by the numbers of their cells, and the place in it where every cell begins."""
+    order = jnp.argsort(key).astype(jnp.int32)
+    return order, jnp.cumsum(jnp.zeros(cells + 1, jnp.int32).at[key + 1].add(1), dtype=jnp.int32)
+
+
+def _line(
+    home: Int[Array, "N D"], offset: tuple[int, ...], grid: Grid
+) -> tuple[Int[Array, " N"], Bool[Array, " N"]]:
+    """Number of the line of cells, along the last axis, that is `offset` lines from the one of every cell
+    `home`; and whether the grid has such a line."""
+    row, inside = jnp.zeros(home.shape[0], jnp.int32), jnp.ones(home.shape[0], bool)
+    for axis, step in enumerate(offset):
+        index = home[:, axis] + step
+        if axis in dict(grid.period):
+            index = index % grid.shape[axis]
+        inside &= (index >= 0) & (index < grid.shape[axis])
+        row = row * grid.shape[axis] + index
+    return row, inside
+
+
+def _spans(home: Int[Array, "N D"], grid: Grid) -> list[tuple[Int[Array, " N"], Int[Array, " N"]]]:
+    """First and last cell along the last axis within a search radius of every cell `home`; twice where that
+    axis is periodic, as what leaves one end goes on at the other."""
+    last = grid.shape[-1]
+    bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
+    spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
+    if len(grid.shape) - 1 in dict(grid.period):
+        over = jnp.where(bottom < 0, bottom + last, 0)
+        spans.append((over, jnp.where(bottom < 0, last - 1, jnp.where(top >= last, top - last, -1))))
+    return spans
 
 
 def _slots(capacity: int, n: int) -> tuple[Int[Array, "..."], Callable]:
