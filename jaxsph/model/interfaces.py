@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import abc
 import enum
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ import jax
 import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar
+from jaxsph.core.pairs import Smoothing
 from jaxsph.model.state import Particles, Search, State, Tables, Tally
 
 __all__ = [
@@ -33,6 +35,7 @@ __all__ = [
     "AbstractTangents",
     "AbstractWall",
     "Air",
+    "Dissipation",
     "Entry",
     "ExactTangents",
     "Exchange",
@@ -102,8 +105,70 @@ class AbstractForce(eqx.Module):
         """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
 
 
+class Dissipation(NamedTuple):
+    """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
+
+    viscous: Scalar
+    """Power taken by viscosity, W (W/m in 2-D)."""
+    diffusive: Scalar
+    """Power taken by the diffusion of density, W (W/m in 2-D)."""
+
+
 class AbstractScheme(eqx.Module):
     """A scheme: the discrete equations that advance the fluid in time."""
+
+    smoothing: eqx.AbstractVar[Smoothing]
+    """Kernel, smoothing length and periodic axes."""
+    rho0: eqx.AbstractVar[Scalar]
+    """Density of water at zero gauge pressure, kg/m3."""
+    too_fast: eqx.AbstractClassVar[tuple[str, str]]
+    """Message for a particle beyond `fastest`: the failure, and the keys of a case to change."""
+    steadier: eqx.AbstractClassVar[str]
+    """Message for values that are no longer finite: the keys of a case to change."""
+
+    @abc.abstractmethod
+    def pressure(self, p: Particles) -> Float[Array, " N"]:
+        """Gauge pressure of every particle, Pa."""
+
+    @abc.abstractmethod
+    def with_pressure(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
+        """Particles at the gauge pressure `pressure` (Pa), with the masses that their volumes then have."""
+
+    @abc.abstractmethod
+    def stable_dt(self, g: float, dim: int) -> float:
+        """Largest stable time step, s, in a gravity of g (m/s2) and `dim` dimensions."""
+
+    @abc.abstractmethod
+    def fastest(self, dt: Scalar | float) -> Scalar:
+        """Speed beyond which the scheme no longer holds with time steps of dt (s), m/s."""
+
+    @abc.abstractmethod
+    def description(self) -> str:
+        """Name and characteristic speed (m/s) of the scheme, as text for people."""
+
+    @abc.abstractmethod
+    def cost(self, dx: float, dim: int) -> float:
+        """Time of a step per particle of water or wall, s, on one core of a current CPU, to within a half.
+
+        **Arguments**: spacing `dx` (m) and number of dimensions.
+        """
+
+    def neighbours(self, dx: float, dim: int) -> float:
+        """Number of particles in the kernel's support, at a spacing of `dx` (m) in `dim` dimensions."""
+        reach = float(self.smoothing.radius) / dx
+        return math.pi * reach**2 * (1.0 if dim == 2 else 4.0 / 3.0 * reach)
+
+    @abc.abstractmethod
+    def compression(self, p: Particles) -> Scalar:
+        """Energy stored by compression of the water, J (J/m in 2-D)."""
+
+    @abc.abstractmethod
+    def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
+        """Power taken by the scheme's own dissipative terms, W (W/m in 2-D)."""
+
+    def volume(self, p: Particles) -> Float[Array, " N"]:
+        """Volume of every particle, m3 (m2 in 2-D)."""
+        return p.m / (self.rho0 + p.rho)
 
     @abc.abstractmethod
     def prepare(self, model: Model, state: State) -> tuple[State, Tables]:
@@ -112,6 +177,10 @@ class AbstractScheme(eqx.Module):
     @abc.abstractmethod
     def step(self, model: Model, state: State, tables: Tables) -> State:
         """State after one time step of `model.dt`."""
+
+    @abc.abstractmethod
+    def kernel_sum(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
+        """Sum of V W of every particle over water and walls, itself included: 1 where the kernel is full."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
@@ -288,6 +357,10 @@ class AbstractBody(AbstractMovingSolid):
         """
 
     @abc.abstractmethod
+    def carry(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Places (m), in the body's pose, of points x (m) of the body at rest."""
+
+    @abc.abstractmethod
     def normals(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Outward unit normals (-), in the body's pose, of the surface nearest to points x.
 
@@ -366,6 +439,14 @@ class AbstractChamber(eqx.Module):
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
         """Meaning of the energies that the chamber books, by their names in the ledger."""
+
+    @abc.abstractmethod
+    def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
+        """Volume of the water in the chamber, m3 (m2 in 2-D), for particles of the volumes V at x (m)."""
+
+    @abc.abstractmethod
+    def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
+        """Mean elevation of the chamber's surface over still water, m."""
 
     @abc.abstractmethod
     def candidates(self, x: Float[Array, "N D"], margin: float, capacity: int) -> tuple[Array, Array]:

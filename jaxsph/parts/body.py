@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
@@ -80,7 +81,7 @@ class RigidBody(AbstractBody):
 
     def __check_init__(self) -> None:
         """Refuses a pivot for which the equations of motion do not hold (ValueError)."""
-        if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, jax.core.Tracer):
+        if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, Tracer):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
                 raise ValueError("pivot: must be the centre of mass where pitch and another motion are free")
 
@@ -106,15 +107,21 @@ class RigidBody(AbstractBody):
         area, centre, second = shape.moments()
         pivot = centre if pivot is None else pivot
         arm2 = float(np.sum((np.asarray(centre) - np.asarray(pivot)) ** 2))
-        numbers = {"mass": density * area, "inertia": density * (second + area * arm2), "release": 0.0}
-        places = {"pivot": pivot, "centre": centre}
+
+        def leaf(value: Any) -> Array:
+            return jnp.asarray(value, dtype)
+
         return cls(
             shape=shape,
             rows=rows,
-            free=tuple(motion in free for motion in ("surge", "heave", "pitch")),
+            mass=leaf(density * area),
+            inertia=leaf(density * (second + area * arm2)),
+            pivot=leaf(pivot),
+            centre=leaf(centre),
+            free=("surge" in free, "heave" in free, "pitch" in free),
+            release=leaf(0.0),
             pto=FreeHinge() if pto is None else pto,
             name=name,
-            **{key: jnp.asarray(value, dtype) for key, value in (numbers | places).items()},
         )
 
     def start(self, dtype: Any) -> BodyMotion:
@@ -126,7 +133,7 @@ class RigidBody(AbstractBody):
         own = self.pto.entries(self.name)
         if all(self.free):
             return own
-        return own | {f"{self.name}_drive": Entry(f"work of what moves the {self.name}", Exchange.GIVEN)}
+        return {**own, f"{self.name}_drive": Entry(f"work of what moves the {self.name}", Exchange.GIVEN)}
 
     def harvest(self):
         """See `AbstractBody`."""

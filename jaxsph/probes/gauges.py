@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns
-from jaxsph.core.pairs import nearest_image, pair_sum, with_empty
+from jaxsph.core.pairs import nearest_image
 from jaxsph.model.interfaces import AbstractProbe, Reading
 from jaxsph.parts.paddle import column_depth
 
@@ -93,21 +93,8 @@ class ParticleGauge(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        scheme, p = model.scheme, state.particles
-        ghosts, V = scheme.place_ghosts(model, state, tables), scheme.volume(state.particles)
-        sources = {
-            "x": columns(jnp.concatenate([p.x, ghosts.x])),
-            "V": jnp.concatenate([V, ghosts.V]),
-        }
-        around = pair_sum(
-            lambda pair, _, j: j["V"] * pair.W,
-            scheme.smoothing,
-            {"x": columns(p.x)},
-            with_empty(sources),
-            tables.fluid,
-        )
-        own = scheme.smoothing.kernel.value(jnp.zeros_like(V), scheme.smoothing.h, p.x.shape[1])
-        surface = around + V * own <= 0.9
+        p = state.particles
+        surface = model.scheme.kernel_sum(model, state, tables) <= 0.9
         z = p.x[:, -1]
 
         def at(point):

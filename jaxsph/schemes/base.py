@@ -6,8 +6,6 @@ loss to rounding, the energy ledger, and flags of failures.
 
 from __future__ import annotations
 
-import abc
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -16,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stack
-from jaxsph.core.pairs import Pair, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
+from jaxsph.core.pairs import Pair, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.core.search.cells import cell_order, wrap
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
@@ -27,7 +25,6 @@ __all__ = [
     "AbstractParticleScheme",
     "BodyCoupling",
     "BodyGrip",
-    "Dissipation",
     "GhostFields",
     "Interval",
     "at_rest",
@@ -38,15 +35,6 @@ __all__ = [
     "move_walls",
     "wall_work",
 ]
-
-
-class Dissipation(NamedTuple):
-    """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
-
-    viscous: Scalar
-    """Power taken by viscosity, W (W/m in 2-D)."""
-    diffusive: Scalar
-    """Power taken by the diffusion of density, W (W/m in 2-D)."""
 
 
 class GhostFields(NamedTuple):
@@ -150,59 +138,6 @@ class BodyCoupling(NamedTuple):
 
 class AbstractParticleScheme(AbstractScheme):
     """Scheme that advances particles of water between walls of ghosts."""
-
-    smoothing: eqx.AbstractVar[Smoothing]
-    """Kernel, smoothing length and periodic axes."""
-    rho0: eqx.AbstractVar[Scalar]
-    """Density of water at zero gauge pressure, kg/m3."""
-    too_fast: eqx.AbstractClassVar[tuple[str, str]]
-    """Message for a particle beyond `fastest`: the failure, and the keys of a case to change."""
-    steadier: eqx.AbstractClassVar[str]
-    """Message for values that are no longer finite: the keys of a case to change."""
-
-    @abc.abstractmethod
-    def pressure(self, p: Particles) -> Float[Array, " N"]:
-        """Gauge pressure of every particle, Pa."""
-
-    @abc.abstractmethod
-    def with_pressure(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
-        """Particles at the gauge pressure `pressure` (Pa), with the masses that their volumes then have."""
-
-    @abc.abstractmethod
-    def stable_dt(self, g: float, dim: int) -> float:
-        """Largest stable time step, s, in a gravity of g (m/s2) and `dim` dimensions."""
-
-    @abc.abstractmethod
-    def fastest(self, dt: Scalar | float) -> Scalar:
-        """Speed beyond which the scheme no longer holds with time steps of dt (s), m/s."""
-
-    @abc.abstractmethod
-    def description(self) -> str:
-        """Name and characteristic speed (m/s) of the scheme, as text for people."""
-
-    @abc.abstractmethod
-    def cost(self, dx: float, dim: int) -> float:
-        """Time of a step per particle of water or wall, s, on one core of a current CPU, to within a half.
-
-        **Arguments**: spacing `dx` (m) and number of dimensions.
-        """
-
-    def neighbours(self, dx: float, dim: int) -> float:
-        """Number of particles in the kernel's support, at a spacing of `dx` (m) in `dim` dimensions."""
-        reach = float(self.smoothing.radius) / dx
-        return math.pi * reach**2 * (1.0 if dim == 2 else 4.0 / 3.0 * reach)
-
-    @abc.abstractmethod
-    def compression(self, p: Particles) -> Scalar:
-        """Energy stored by compression of the water, J (J/m in 2-D)."""
-
-    @abc.abstractmethod
-    def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power taken by the scheme's own dissipative terms, W (W/m in 2-D)."""
-
-    def volume(self, p: Particles) -> Float[Array, " N"]:
-        """Volume of every particle, m3 (m2 in 2-D)."""
-        return p.m / (self.rho0 + p.rho)
 
     # ---------------------------------------------------------------- tables
 
@@ -322,6 +257,16 @@ class AbstractParticleScheme(AbstractScheme):
             mirrored = tuple(a + through * n for a, n in zip(there, normal, strict=True))
             u_ghosts = u_ghosts.at[rows].set(stack(mirrored))
         return ghosts._replace(u=u_ghosts, u_shear=u_shear)
+
+    def kernel_sum(self, model, state, tables):
+        """See `AbstractScheme`."""
+        p, V = state.particles, self.volume(state.particles)
+        ghosts = self.place_ghosts(model, state, tables)
+        x = columns(jnp.concatenate([p.x, ghosts.x]))
+        sources = with_empty({"x": x, "V": jnp.concatenate([V, ghosts.V])})
+        targets = {"x": columns(p.x)}
+        around = pair_sum(lambda pair, _, j: j["V"] * pair.W, self.smoothing, targets, sources, tables.fluid)
+        return around + V * self.smoothing.kernel.value(jnp.zeros_like(V), self.smoothing.h, p.x.shape[1])
 
     # ---------------------------------------------------------------- bodies
 

@@ -17,7 +17,7 @@ from jaxsph.core.arrays import Array, Float, Int, Scalar, columns, stack
 from jaxsph.core.kernels import AbstractKernel, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.model import laws
-from jaxsph.model.interfaces import Entry, Kick, Model
+from jaxsph.model.interfaces import Dissipation, Entry, Kick, Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Failure, Particles, State, Status, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
@@ -25,7 +25,6 @@ from jaxsph.parts.body import advance_body
 from jaxsph.schemes.base import (
     AbstractParticleScheme,
     BodyCoupling,
-    Dissipation,
     GhostFields,
     Interval,
     body_work,

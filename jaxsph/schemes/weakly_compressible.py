@@ -25,11 +25,11 @@ from jaxsph.core.pairs import (
 )
 from jaxsph.model import laws
 from jaxsph.model.background import Background
-from jaxsph.model.interfaces import Model
+from jaxsph.model.interfaces import Dissipation, Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
-from jaxsph.schemes.base import Dissipation, GhostFields, at_rest
+from jaxsph.schemes.base import GhostFields, at_rest
 from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, Rates, SymplecticEuler
 
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Float, Int
+from jaxsph.core.arrays import Array, Bool, Float, Int
 from jaxsph.core.pairs import Period, nearest_image
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid, Table
 
