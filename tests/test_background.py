@@ -8,6 +8,8 @@ from conftest import enable_x64
 
 import jaxsph as js
 from experiments.verification import thin_wall
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.parts import make_background
 from jaxsph.core.arrays import columns
 from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing, pair_sum, with_empty
@@ -67,8 +69,8 @@ def test_sum_and_force_cancel_where_the_kernel_is_full():
 def test_only_thin_walls_have_one():
     owc = js.load_case("owc")
     thick = owc.replace({"device.wall_thickness": 0.08})
-    assert js.build(owc)[0].scheme.background
-    assert not js.build(thick)[0].scheme.background
+    assert make_background(owc, Geometry.of(owc), jnp.asarray)
+    assert not make_background(thick, Geometry.of(thick), jnp.asarray)
 
 
 @pytest.mark.slow

@@ -62,6 +62,7 @@ def test_exact_slope_is_that_of_differences(exact, parameter):
     assert here.slopes["grain"].shape == here.series["time"].shape == (20,)
 
 
+@pytest.mark.slow
 def test_a_slope_that_speaks_of_no_change_is_refused(exact):
     with pytest.raises(js.DerivativeError, match=r"lost to the paths of single particles: at t = 0.10 s"):
         exact({}, "pto.K_dm", js.Exact(least=1e6))

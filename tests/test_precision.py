@@ -20,7 +20,7 @@ TANK = {
 }
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def test_a_tank_keeps_its_precision_where_the_default_is_float64(precision):
     with enable_x64():
         case = coarse("wave_tank", TANK | {"precision": precision})

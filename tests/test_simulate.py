@@ -440,7 +440,7 @@ AS_HERE = os.environ | {"PYTHONPATH": str(Path(js.__file__).parents[1])}
 )
 def test_interrupt_is_heard_between_chunks_or_at_once(chunks_done, times, words):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    child = subprocess.Popen([sys.executable, "-c", LOOP], env=AS_HERE, **pipes)
+    child = subprocess.Popen([sys.executable, "-c", LOOP], env=AS_HERE, preexec_fn=_heed_interrupts, **pipes)
     for _ in range(chunks_done + 1):
         child.stdout.readline()
     for _ in range(times):
@@ -450,12 +450,18 @@ def test_interrupt_is_heard_between_chunks_or_at_once(chunks_done, times, words)
     assert child.returncode == 130 and words in out + err and "Traceback" not in err
 
 
+def _heed_interrupts():
+    """A shell's job in the background inherits that Ctrl-C is ignored: these tests must not."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @pytest.mark.parametrize("seconds", [1.0, 3.0, pytest.param(6.0, marks=pytest.mark.slow)])
 def test_interrupted_command_says_so_whatever_it_was_doing(tmp_path, seconds):
     """Importing, building or compiling: never a crash, always the message."""
     (tmp_path / "owc.toml").write_text(OWC.to_toml())
     command = [sys.executable, "-m", "jaxsph", "run", "owc.toml", "--no-plot", "--out", "out.h5"]
-    child = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=AS_HERE)
+    how = {"cwd": tmp_path, "stderr": subprocess.PIPE, "text": True, "env": AS_HERE}
+    child = subprocess.Popen(command, preexec_fn=_heed_interrupts, **how)
     time.sleep(seconds)
     child.send_signal(signal.SIGINT)
     time.sleep(1.0)
