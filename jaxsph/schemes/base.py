@@ -369,7 +369,7 @@ def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
 
 
 def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
-    """Ledger with one step's energies `amounts` (J, J/m in 2-D) added by name."""
+    """Tallies with one step's `amounts` added by name: energies (J, J/m in 2-D), or numbers of particles."""
     return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
 
 

@@ -276,7 +276,7 @@ class ISPH(AbstractParticleScheme):
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
         new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, projected.p))
-        limits = {name: tally.add(projected.limited[name]) for name, tally in state.limits.items()}
+        limits = book(state.limits, projected.limited)
         status = _checked_solution(state, projected)
         state = State(new, own, ledger, limits, state.step + 1, status)
         return self.check(model, state, tables, p.x, at.particles.x)

@@ -37,6 +37,8 @@ class Rates(NamedTuple):
     """Gradient of the density, kg/m4."""
     position_divergence: Float[Array, " N"]
     """Divergence of position (Zhu et al. 2020, Eq. 15)."""
+    limited: dict[str, Scalar]
+    """Number of particles at which each of the scheme's limiters acted."""
 
 
 class AbstractRateScheme(AbstractParticleScheme):
@@ -118,7 +120,8 @@ class SymplecticEuler(AbstractIntegrator):
         x_old, p = p.x, drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
         own = {**interval.after, **bodies, **airs}
         ledger = book(state.ledger, taken | damped | work | exchanged)
-        state = State(p, own, ledger, state.limits, state.step + 1, state.status)
+        limits = book(state.limits, rates.limited)
+        state = State(p, own, ledger, limits, state.step + 1, state.status)
         return scheme.check(model, state, tables, x_old, p.x)
 
 
@@ -162,7 +165,8 @@ class PredictorCorrector(AbstractIntegrator):
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
         own = {**interval.after, **bodies, **airs}
         ledger = book(start.ledger, taken | damped | work | exchanged)
-        return State(drift(new, dx), own, ledger, start.limits, start.step, start.status)
+        limits = book(start.limits, rates.limited)
+        return State(drift(new, dx), own, ledger, limits, start.step, start.status)
 
 
 def _with_bodies(

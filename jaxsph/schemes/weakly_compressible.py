@@ -21,6 +21,7 @@ from jaxsph.core.pairs import (
     symmetric_inverse,
     symmetric_product,
     trace_upper,
+    uncorrected,
     with_empty,
 )
 from jaxsph.model import laws
@@ -188,7 +189,8 @@ class DeltaSPH(AbstractRateScheme):
             force = (force[0] + along, *force[1:-1], force[-1] + up)
         acceleration = [f / rho + g for f, g in zip(force, model.g, strict=True)]
         grad_rho = symmetric_product(symmetric_inverse(M), b)
-        return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim))
+        limited = {"gradient": jnp.sum(uncorrected(M)).astype(rho.dtype)}
+        return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim), limited)
 
     def continuity(
         self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
@@ -212,8 +214,8 @@ class DeltaSPH(AbstractRateScheme):
         return {}
 
     def limiters(self):
-        """See `AbstractScheme`: none acts at every step."""
-        return {}
+        """See `AbstractScheme`."""
+        return {"gradient": "density gradients without correction, where water is too thin to have one"}
 
     # ---------------------------------------------------------------- one step
 
