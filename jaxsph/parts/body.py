@@ -20,7 +20,7 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
 from jaxsph.model.state import Tally
 from jaxsph.parts.pto import AbstractRotationalPTO, FreeHinge
-from jaxsph.solids.contact import TOUCH, spring
+from jaxsph.solids.contact import TOUCH, push_off
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["BodyMotion", "RigidBody", "advance_body", "spread", "turn"]
@@ -227,9 +227,7 @@ class RigidBody(AbstractBody):
 
     def push(self, own, x, dx, c0):
         """See `AbstractSolid`."""
-        away, back = jax.vjp(lambda x: self.distance(own, x), x)
-        (normal,) = back(jnp.ones_like(away))
-        return spring(away, dx, c0)[:, None] * normal
+        return push_off(lambda x: self.distance(own, x), x, dx, c0)
 
     def contains(self, own, x, dx):
         """See `AbstractSolid`."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractWall, Entry, Exchange
 from jaxsph.parts.body import spread, turn
-from jaxsph.solids.contact import TOUCH, spring
+from jaxsph.solids.contact import TOUCH, push_off
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["AbstractPath", "DrivenSolid", "Motion"]
@@ -108,9 +108,7 @@ class DrivenSolid(AbstractWall):
 
     def push(self, own, x, dx, c0):
         """See `AbstractSolid`."""
-        away, back = jax.vjp(lambda x: self.distance(own, x), x)
-        (normal,) = back(jnp.ones_like(away))
-        return spring(away, dx, c0)[:, None] * normal
+        return push_off(lambda x: self.distance(own, x), x, dx, c0)
 
     def contains(self, own, x, dx):
         """See `AbstractSolid`."""

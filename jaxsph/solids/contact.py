@@ -12,7 +12,15 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractBody, Model
 from jaxsph.model.state import Particles
 
-__all__ = ["TOUCH", "corner_push", "spring", "spring_acceleration", "stop_at_solids", "touch_force"]
+__all__ = [
+    "TOUCH",
+    "corner_push",
+    "push_off",
+    "spring",
+    "spring_acceleration",
+    "stop_at_solids",
+    "touch_force",
+]
 
 TOUCH = 0.4
 """Distance from a solid's surface, in spacings, below which its contact spring acts."""
@@ -28,6 +36,16 @@ def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
     """
     reach = TOUCH * dx
     return (0.1 * c0 / reach) ** 2 * jnp.maximum(reach - gap, 0.0)
+
+
+def push_off(distance: Callable, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
+    """Acceleration (m/s2) of the spring off a surface at points x (m), along the gradient of `distance`.
+
+    `distance` gives the distances `[N]` (m) of points from the surface.
+    """
+    away, back = jax.vjp(distance, x)
+    (normal,) = back(jnp.ones_like(away))
+    return spring(away, dx, c0)[:, None] * normal
 
 
 def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[jax.Array, jax.Array]:
