@@ -12,10 +12,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial import cKDTree
 
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
-from jaxsph.core.search.cells import Cells, grid_over, search
+from jaxsph.core.search.cells import Cells, grid_over
 from jaxsph.model.interfaces import (
     AbstractBody,
     AbstractChamber,
@@ -29,6 +30,7 @@ from jaxsph.model.interfaces import (
 from jaxsph.model.state import Particles, Search, State, Status, Tally
 from jaxsph.parts.rim import Rim
 from jaxsph.schemes.base import AbstractParticleScheme
+from jaxsph.solids.divisions import region_bits
 from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
@@ -216,12 +218,12 @@ def _search(
     grid = grid_over(low, high, radius, walls.period)
     found = dict(settings or {})
     if "capacity" not in found:
-        fluid, nodes = _fullest(walls, jnp.asarray(x, walls.x.dtype), grid)
+        fluid, nodes = _fullest(walls, x, grid)
         found["capacity"] = needed_capacity(fluid)
         found["node_capacity"] = needed_capacity(nodes)
         found["chamber_capacity"] = 1
         for chamber in chambers:
-            _, count = chamber.candidates(jnp.asarray(x, walls.x.dtype), skin, 1)
+            count = _candidate_count(chamber, jnp.asarray(x, walls.x.dtype), skin)
             found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
         found["rebuild_every"] = block
     return Search(
@@ -235,22 +237,38 @@ def _search(
     )
 
 
-_count = jax.jit(search, static_argnums=(2, 3, 6))
-"""The search, compiled once for all builds of one shape."""
+_candidate_count = jax.jit(lambda chamber, x, margin: chamber.candidates(x, margin, 1)[1])
+"""Number of particles that may feel a chamber's air, compiled whole."""
 
 
-def _fullest(walls: Ghosts, x: jax.Array, grid: Grid) -> tuple[int, int]:
+def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid) -> tuple[int, int]:
     """Largest number of neighbours of any particle and of any node in the initial state."""
-    region = walls.regions.index(x)
-    kind = walls.regions.kind(region)
-    fluid = _count(
-        x,
-        jnp.concatenate([x, walls.x]),
-        grid,
-        1,
-        walls.regions.sees(region),
-        jnp.concatenate([kind, walls.kind]),
-        True,
-    )
-    nodes = _count(walls.node, x, grid, 1, walls.node_sees, kind, False)
-    return int(fluid.most), int(nodes.most)
+    kind, sees = (np.asarray(a) for a in region_bits(walls.regions, jnp.asarray(x, walls.x.dtype)))
+    sources = np.concatenate([x, np.asarray(walls.x, float)])
+    kinds = np.concatenate([kind, np.asarray(walls.kind)])
+    around = _neighbour_count(x, sees, sources, kinds, grid) - 1  # a particle is not its own neighbour
+    node, node_sees = np.asarray(walls.node, float), np.asarray(walls.node_sees)
+    at_nodes = _neighbour_count(node, node_sees, x, kind, grid)
+    return int(around.max(initial=0)), int(at_nodes.max(initial=0))
+
+
+def _neighbour_count(
+    targets: np.ndarray, sees: np.ndarray, sources: np.ndarray, kinds: np.ndarray, grid: Grid
+) -> np.ndarray:
+    """Number of sources within the grid's radius of every target whose kind it sees, by a tree on the host:
+    a search on the device would be compiled for every build."""
+    lengths, count = dict(grid.period), np.zeros(len(targets), int)
+    box = [lengths.get(axis, 0.0) for axis in range(targets.shape[1])]
+
+    def wrapped(places: np.ndarray) -> np.ndarray:
+        shifted = places - np.asarray(grid.origin)
+        for axis, length in grid.period:
+            shifted[:, axis] %= length
+        return shifted
+
+    for mask in np.unique(sees):
+        of, seen = sees == mask, (kinds & mask) != 0
+        if of.any() and seen.any():
+            tree = cKDTree(wrapped(sources[seen]), boxsize=box)
+            count[of] = tree.query_ball_point(wrapped(targets[of]), grid.radius, return_length=True)
+    return count

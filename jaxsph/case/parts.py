@@ -92,7 +92,7 @@ def make_paddle(
     absorption = ActiveAbsorption.at_gauge(regular, distance, drift_rate=rate)
     absorption = jax.tree.map(leaf, absorption)
     x, V = (leaf(a) for a in water)
-    still = column_depth((x[:, 0], x[:, -1]), V, leaf(distance), leaf(width))
+    still = jax.jit(column_depth)((x[:, 0], x[:, -1]), V, leaf(distance), leaf(width))
     motion = AbsorbingMotion(regular, absorption, leaf(distance), leaf(width), still)
     return Paddle(motion=motion, rows=walls.paddle)
 

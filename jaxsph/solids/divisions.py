@@ -11,6 +11,7 @@ import abc
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -214,6 +215,13 @@ class Regions(eqx.Module):
         else:
             used = self.division.node_mask()[SETS.index(name)][part]
         return int(used @ (1 << np.arange(self.count)))
+
+
+@jax.jit
+def region_bits(regions: Regions, x: Float[Array, "N D"]) -> tuple[Int[Array, " N"], Int[Array, " N"]]:
+    """Kind bit of particles at x (m), and the bits of what they see; compiled whole, for use on the host."""
+    region = regions.index(x)
+    return regions.kind(region), regions.sees(region)
 
 
 class AbstractThinWall(eqx.Module):

@@ -30,6 +30,7 @@ from jaxsph.solids.divisions import (
     AbstractThinWall,
     RegionalGhosts,
     Regions,
+    region_bits,
 )
 from jaxsph.solids.filling import (
     AbstractFilling,
@@ -280,8 +281,8 @@ def _fixed_ghosts(
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
     """Bits of the particles that every node uses: those of its ghost set, or those its own region sees."""
-    own = regions.index(jnp.asarray(ghosts.node, jnp.float32))
-    plain = np.asarray(regions.sees(own)) & ((1 << regions.count) - 1)
+    _, sees = region_bits(regions, jnp.asarray(ghosts.node, jnp.float32))
+    plain = np.asarray(sees) & ((1 << regions.count) - 1)
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
 
@@ -310,7 +311,8 @@ def _full(
 ) -> np.ndarray:
     """Kernel's sum V W at every node over the water `brim` that the node sees."""
     x, volume = brim
-    full, kind = np.zeros(len(ghosts.x)), np.asarray(regions.kind(regions.index(jnp.asarray(x, jnp.float32))))
+    full = np.zeros(len(ghosts.x))
+    kind = np.asarray(region_bits(regions, jnp.asarray(x, jnp.float32))[0])
     for mask in np.unique(node_sees):
         of, seen = node_sees == mask, (kind & mask) != 0
         h, reach = float(smoothing.h), smoothing.kernel.reach
