@@ -289,11 +289,12 @@ def test_a_tank_at_rest_is_the_default_s():
 
 @pytest.mark.slow
 def test_a_wave_in_the_owc_is_the_default_s():
-    """The first wave through the coarse OWC, to 1e-4 of the wave.
+    """A wave through the coarse OWC: to 1e-4 of the wave for 0.4 s, and then as far as round-off lets.
 
-    Pressures at a point and the flow of an instant are those of single particles, which part exponentially
-    from what the order of summation leaves: 1e-4 holds until 0.4 s, and then 3e-2. A change of all positions
-    by 1e-7 m does more (2.5e-2).
+    Single particles part exponentially from what the order of summation leaves. The later bounds are what a
+    random shift of all positions by 1e-7 m does to the default's own readings (four seeds, the largest):
+    elevation 1.0e-4, chamber level 2.7e-4, P_a 4.0e-4, flow 1.2e-2, point pressures 6.0e-2. Measured here:
+    6.9e-5, 2.0e-4, 2.1e-4, 6.1e-3, 2.6e-2.
     """
     found = []
     for name in ("cells", "jax_md"):
@@ -301,9 +302,14 @@ def test_a_wave_in_the_owc_is_the_default_s():
         solution = run(case, t1=case.waves.T, progress=False)
         found.append({k: np.asarray(v) for k, v in solution.series.items()})
     head, area = 1000.0 * 9.81 * case.waves.H, case.device.chamber_length * case.waves.H
-    for name, size in {"eta": case.waves.H, "chamber_level": case.waves.H, "P_a": head}.items():
-        np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-4 * size, err_msg=name)
-    for name, size in {"pressure": head, "flow": np.pi * area / case.waves.T}.items():
+    flow = np.pi * area / case.waves.T
+    for name, size, later in (
+        ("eta", case.waves.H, 1.0e-4),
+        ("chamber_level", case.waves.H, 2.7e-4),
+        ("P_a", head, 4.0e-4),
+        ("flow", flow, 1.2e-2),
+        ("pressure", head, 6.0e-2),
+    ):
         theirs, ours = found[1][name] / size, found[0][name] / size
         np.testing.assert_allclose(theirs[:40], ours[:40], rtol=0, atol=1e-4, err_msg=name)
-        np.testing.assert_allclose(theirs, ours, rtol=0, atol=3e-2, err_msg=name)
+        np.testing.assert_allclose(theirs, ours, rtol=0, atol=later, err_msg=name)
