@@ -19,11 +19,11 @@ from jax.core import Tracer
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
 from jaxsph.model.state import Tally
+from jaxsph.parts.pose import PosedSolid, turn
 from jaxsph.parts.pto import AbstractRotationalPTO, FreeHinge
-from jaxsph.solids.contact import TOUCH, push_off
 from jaxsph.solids.shapes import AbstractShape
 
-__all__ = ["BodyMotion", "RigidBody", "advance_body", "spread", "turn"]
+__all__ = ["BodyMotion", "RigidBody", "advance_body"]
 
 
 class BodyMotion(eqx.Module):
@@ -52,7 +52,7 @@ class BodyMotion(eqx.Module):
         )
 
 
-class RigidBody(AbstractBody):
+class RigidBody(PosedSolid, AbstractBody):
     """Rigid body whose free motions follow the forces on it; its other motions keep their velocities."""
 
     shape: AbstractShape
@@ -152,16 +152,6 @@ class RigidBody(AbstractBody):
         """See `AbstractBody`."""
         return jnp.stack([self.mass, self.mass, self.inertia])
 
-    def carry(self, own: BodyMotion, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Present positions (m) of points that stand at x (m) on the body at rest."""
-        return turn(x - spread(x, self.pivot), own.pose[2]) + self._at(x, own)
-
-    def place(self, own, x, nodes):
-        """See `AbstractMovingSolid`: a body's ghosts are their own nodes."""
-        del nodes
-        there = self.carry(own, x)
-        return there, there
-
     def halfway(self, old, new, dt):
         """See `AbstractMovingSolid`: the motion half a step on, at the velocity of the step's beginning."""
         del new
@@ -173,7 +163,7 @@ class RigidBody(AbstractBody):
 
     def directions(self, own, x):
         """See `AbstractBody`."""
-        r, zero, one = x - self._at(x, own), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
+        r, zero, one = self.lever(own, x), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
         return jnp.stack(
             [
                 zero.at[:, 0].set(one),
@@ -181,11 +171,6 @@ class RigidBody(AbstractBody):
                 zero.at[:, 0].set(r[:, -1]).at[:, -1].set(-r[:, 0]),
             ]
         )
-
-    def centripetal(self, own, x):
-        """See `AbstractBody`."""
-        r = (x - self._at(x, own)) * jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(1.0)
-        return -(own.velocity[2] ** 2) * r
 
     def external(self, own, g):
         """See `AbstractBody`: weight, friction, spring and stops."""
@@ -219,38 +204,6 @@ class RigidBody(AbstractBody):
         arm = turn((self.centre - self.pivot)[None], own.pose[2])[0] - (self.centre - self.pivot)
         potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (own.pose[:2] + arm))
         return kinetic, potential + self.pto.stored(own.pose[2])
-
-    def distance(self, own, x):
-        """See `AbstractBody`."""
-        at_rest = turn(x - self._at(x, own), -own.pose[2]) + spread(x, self.pivot)
-        return self.shape.distance(at_rest)
-
-    def push(self, own, x, dx, c0):
-        """See `AbstractSolid`."""
-        return push_off(lambda x: self.distance(own, x), x, dx, c0)
-
-    def contains(self, own, x, dx):
-        """See `AbstractSolid`."""
-        return self.distance(own, x) < -0.5 * dx
-
-    def touches(self, own, x, dx):
-        """See `AbstractMovingSolid`."""
-        return self.distance(own, x) < TOUCH * dx
-
-    def _at(self, x: Float[Array, "N D"], own: BodyMotion) -> Float[Array, " D"]:
-        """Present position of the pivot, m."""
-        return spread(x, self.pivot + own.pose[:2])
-
-
-def spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
-    """Vector (x, z) of the plane of motion, with as many components as positions x have."""
-    return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
-
-
-def turn(r: Float[Array, "N D"], angle: Scalar) -> Float[Array, "N D"]:
-    """Vectors r turned in the x-z plane by `angle` (rad), positive from z towards x."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return r.at[:, 0].set(c * r[:, 0] + s * r[:, -1]).at[:, -1].set(c * r[:, -1] - s * r[:, 0])
 
 
 def advance_body(own: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:

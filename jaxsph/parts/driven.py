@@ -11,8 +11,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractWall, Entry, Exchange
-from jaxsph.parts.body import spread, turn
-from jaxsph.solids.contact import TOUCH, push_off
+from jaxsph.parts.pose import PosedSolid, spread
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["AbstractPath", "DrivenSolid", "Motion"]
@@ -38,7 +37,7 @@ class AbstractPath(eqx.Module):
         """Surge (m), heave (m) and pitch (rad) at the time t (s), zero at t = 0."""
 
 
-class DrivenSolid(AbstractWall):
+class DrivenSolid(PosedSolid, AbstractWall):
     """Solid of any shape that follows a given path and does work on the water."""
 
     shape: AbstractShape
@@ -78,46 +77,18 @@ class DrivenSolid(AbstractWall):
         """See `AbstractWall`."""
         return Motion(own.pose, after.velocity)
 
-    def place(self, own, x, nodes):
-        """See `AbstractMovingSolid`: a driven solid's ghosts are their own nodes."""
-        del nodes
-        there = turn(x - spread(x, self.pivot), own.pose[2]) + self._pivot(own, x)
-        return there, there
-
     def velocity(self, own, x):
         """See `AbstractMovingSolid`."""
-        r = x - self._pivot(own, x)
+        r = self.lever(own, x)
         turning = jnp.zeros_like(x).at[:, 0].set(r[:, -1]).at[:, -1].set(-r[:, 0])
         return spread(x, own.velocity[:2]) + own.velocity[2] * turning
 
     def acceleration(self, old, new, x, dt):
         """See `AbstractWall`."""
         before, after = (self.velocity(Motion(old.pose, m.velocity), x) for m in (old, new))
-        r = (x - self._pivot(old, x)) * spread(x, jnp.ones_like(self.pivot))
-        return (after - before) / dt - old.velocity[2] ** 2 * r
+        return (after - before) / dt + self.centripetal(old, x)
 
     def cover(self, own, x, dx):
         """See `AbstractWall`: ghosts of other solids bound the water as they are."""
         del own, dx
         return jnp.ones_like(x[:, 0])
-
-    def distance(self, own: Motion, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of points x (m) from the solid's surface, m; negative inside."""
-        at_rest = turn(x - self._pivot(own, x), -own.pose[2]) + spread(x, self.pivot)
-        return self.shape.distance(at_rest)
-
-    def push(self, own, x, dx, c0):
-        """See `AbstractSolid`."""
-        return push_off(lambda x: self.distance(own, x), x, dx, c0)
-
-    def contains(self, own, x, dx):
-        """See `AbstractSolid`."""
-        return self.distance(own, x) < -0.5 * dx
-
-    def touches(self, own, x, dx):
-        """See `AbstractMovingSolid`."""
-        return self.distance(own, x) < TOUCH * dx
-
-    def _pivot(self, own: Motion, x: Float[Array, "N D"]) -> Float[Array, " D"]:
-        """Present position of the pivot, m."""
-        return spread(x, self.pivot + own.pose[:2])

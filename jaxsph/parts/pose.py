@@ -1,0 +1,77 @@
+"""Solids that turn and move as a whole in the x-z plane: what rigid bodies and driven solids share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.model.interfaces import AbstractMovingSolid
+from jaxsph.solids.contact import TOUCH, push_off
+from jaxsph.solids.shapes import AbstractShape
+
+__all__ = ["PosedSolid", "spread", "turn"]
+
+
+class PosedSolid(AbstractMovingSolid):
+    """Moving solid of any shape, whose state has a `pose`: surge (m), heave (m), pitch (rad) of its pivot.
+
+    The state has a `velocity` as well: m/s, m/s, rad/s.
+    """
+
+    shape: eqx.AbstractVar[AbstractShape]
+    """Shape in the place at rest."""
+    pivot: eqx.AbstractVar[Float[Array, "2"]]
+    """Point (x, z) about which the solid turns, at rest, m."""
+
+    def carry(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Present positions (m) of points that stand at x (m) on the solid at rest."""
+        return turn(x - spread(x, self.pivot), own.pose[2]) + self._place_of_pivot(own, x)
+
+    def place(self, own, x, nodes):
+        """See `AbstractMovingSolid`: the ghosts are their own nodes."""
+        del nodes
+        there = self.carry(own, x)
+        return there, there
+
+    def lever(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Positions of points x (m) relative to the pivot's present one, m."""
+        return x - self._place_of_pivot(own, x)
+
+    def centripetal(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Centripetal acceleration of the solid at points x (m), m/s2: the part due to constant rotation."""
+        return -(own.velocity[2] ** 2) * self.lever(own, x) * spread(x, jnp.ones_like(self.pivot))
+
+    def distance(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Distance of points x (m) from the solid's surface, m; negative inside."""
+        at_rest = turn(self.lever(own, x), -own.pose[2]) + spread(x, self.pivot)
+        return self.shape.distance(at_rest)
+
+    def push(self, own, x, dx, c0):
+        """See `AbstractSolid`."""
+        return push_off(lambda x: self.distance(own, x), x, dx, c0)
+
+    def contains(self, own, x, dx):
+        """See `AbstractSolid`."""
+        return self.distance(own, x) < -0.5 * dx
+
+    def touches(self, own, x, dx):
+        """See `AbstractMovingSolid`."""
+        return self.distance(own, x) < TOUCH * dx
+
+    def _place_of_pivot(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " D"]:
+        """Present position of the pivot, m."""
+        return spread(x, self.pivot + own.pose[:2])
+
+
+def spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
+    """Vector (x, z) of the plane of motion, with as many components as positions x have."""
+    return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
+
+
+def turn(r: Float[Array, "N D"], angle: Scalar) -> Float[Array, "N D"]:
+    """Vectors r turned in the x-z plane by `angle` (rad), positive from z towards x."""
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    return r.at[:, 0].set(c * r[:, 0] + s * r[:, -1]).at[:, -1].set(c * r[:, -1] - s * r[:, 0])
