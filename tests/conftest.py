@@ -28,6 +28,7 @@ COARSE = {
         "dx": 0.04,
         "tank.length": 2.4,
         "device.wall_thickness": 0.04,
+        "scheme.kind": "weakly_compressible",
         "probes": {"gauges": [0.8, 1.0, 1.2, 1.5], "pressure": [[2.38, 0.3]]},
     },
     "wave_tank": {"dx": 0.05, "device": None},

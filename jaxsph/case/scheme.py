@@ -6,7 +6,6 @@ import numpy as np
 
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import projection_speed, sound_speed
-from jaxsph.core.kernels import Gaussian, WendlandC2
 from jaxsph.model.background import Background
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import AbstractViscosity, ArtificialViscosity, PhysicalViscosity
@@ -83,8 +82,10 @@ def _weakly_compressible(case: Sections, background: tuple[Background, ...]) -> 
         rho0=case.fluid.rho0,
         delta=section.delta,
         viscosity=_viscosity(case),
-        kernel={"gaussian": Gaussian, "wendland": WendlandC2}[section.kernel](),
+        kernel=section.smoothing_kernel(case.dim),
         h_over_dx=section.h_over_dx,
+        hyperviscosity=section.hyperviscosity,
+        separation=section.separation,
         integrator=_integrator(case),
         dtype=np.dtype(case.precision),
         background=background,
@@ -101,7 +102,10 @@ def _incompressible(case: Sections) -> ISPH:
         dim=case.dim,
         rho0=case.fluid.rho0,
         viscosity=_viscosity(case),
-        h_over_dx=section.h_over_dx,
+        kernel=section.smoothing_kernel(case.dim),
+        h_over_dx=section.smoothing_length(case.dim),
+        hyperviscosity=section.hyperviscosity,
+        separation=section.separation,
         solver=solvers[section.solver],
         surface=surfaces[section.surface],
         relaxation=section.relaxation,

@@ -11,7 +11,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
-from jaxsph.schemes.incompressible import H_OVER_DX, RELAXATION
+from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
+from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
+from jaxsph.schemes.incompressible import KERNEL, RELAXATION
 
 # Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
 Length = Annotated[float, Field(ge=1e-5, le=1e5)]
@@ -51,7 +53,13 @@ class WeaklyCompressible(_Section):
     kernel: Literal["gaussian", "wendland"] = "gaussian"
     """Smoothing kernel: the Gaussian, cut off, or Wendland's C2."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
-    """Smoothing length of the Gaussian over dx; the support is three times as wide with either kernel."""
+    """Smoothing length of the Gaussian over dx; Wendland's is 1.5 times as long."""
+    cut: float = Field(3.5, ge=2.5, le=4)
+    """Radius of the Gaussian's support over its smoothing length; 3 in Zhu et al. 2020."""
+    hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
+    """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
+    separation: float = Field(SEPARATION, ge=0, le=10)
+    """Rate at which particles nearer than 0.6 dx are moved apart, over sqrt(g/h)."""
     delta: float = Field(0.1, ge=0, le=1)
     """Coefficient delta of the density diffusion (Eq. 8)."""
     alpha: float | None = Field(None, ge=0, le=1)
@@ -68,20 +76,30 @@ class WeaklyCompressible(_Section):
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support over dx, in `dim` dimensions."""
-        return 3.0 * self.h_over_dx
+        return self.smoothing_kernel(dim).reach * self.smoothing_length(dim)
 
     def smoothing_length(self, dim: int) -> float:
-        """Smoothing length of the kernel over dx: of Wendland's it is half the support."""
-        return self.h_over_dx * (1.0 if self.kernel == "gaussian" else 1.5)
+        """Smoothing length of the kernel over dx."""
+        return self.h_over_dx * self.smoothing_kernel(dim).width
+
+    def smoothing_kernel(self, dim: int) -> AbstractKernel:
+        """Smoothing kernel."""
+        return Gaussian(self.cut) if self.kernel == "gaussian" else WendlandC2()
 
 
 class Incompressible(_Section):
     """Incompressible SPH by projection (Yeylaghi et al. 2016): `kind = "incompressible"`."""
 
     kind: Literal["incompressible"] = "incompressible"
-    h_over_dx: float | None = Field(None, ge=1.2, le=2.5)
-    """Smoothing length of Wendland's kernel, which reaches 2 h, over dx; by default 2 in two and 1.5 in three
-    dimensions."""
+    kernel: Literal["gaussian", "wendland"] | None = None
+    """Smoothing kernel: by default the Gaussian in two dimensions, and Wendland's C2 in three."""
+    h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
+    """Smoothing length of the kernel over dx; by default 1.2 of the Gaussian, which reaches 3.5 h, and 2 in
+    two and 1.5 in three dimensions of Wendland's, which reaches 2 h."""
+    hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
+    """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
+    separation: float = Field(SEPARATION, ge=0, le=10)
+    """Rate at which particles nearer than 0.6 dx are moved apart, over sqrt(g/h)."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
     """Courant number, the time step's share of h over the largest speed to expect."""
     speed: Speed | None = None
@@ -103,11 +121,17 @@ class Incompressible(_Section):
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support over dx, in `dim` dimensions."""
-        return 2.0 * self.smoothing_length(dim)
+        return self.smoothing_kernel(dim).reach * self.smoothing_length(dim)
 
     def smoothing_length(self, dim: int) -> float:
         """Smoothing length of the kernel over dx."""
-        return H_OVER_DX[dim] if self.h_over_dx is None else self.h_over_dx
+        usual = {Gaussian: 1.2, WendlandC2: {2: 2.0, 3: 1.5}[dim]}[type(self.smoothing_kernel(dim))]
+        return usual if self.h_over_dx is None else self.h_over_dx
+
+    def smoothing_kernel(self, dim: int) -> AbstractKernel:
+        """Smoothing kernel."""
+        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), None: KERNEL[dim][0]}
+        return named[self.kernel]
 
 
 SCHEMES = {"weakly_compressible": WeaklyCompressible, "incompressible": Incompressible}

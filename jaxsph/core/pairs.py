@@ -245,6 +245,20 @@ def uncorrected(M: tuple[jax.Array, ...]) -> jax.Array:
     return ~(_determinant(M)[0] > LEAST_DETERMINANT)
 
 
+FLAT = 0.25
+"""Determinant of a correction matrix in two dimensions at a flat surface, where half a plane is filled."""
+
+
+def correctable(M: tuple[jax.Array, ...]) -> jax.Array:
+    """Share (0 to 1) to which a gradient can be trusted after its correction by the inverse of M.
+
+    It is 1 in the water and down to a flat surface, and falls to 0 where M is not inverted: in spray and in
+    sheets of a layer or two.
+    """
+    s = jnp.clip((_determinant(M)[0] - LEAST_DETERMINANT) / (FLAT - LEAST_DETERMINANT), 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s)
+
+
 def _determinant(M: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
     """Determinant and cofactors of symmetric matrices."""
     if len(M) == 3:

@@ -3,7 +3,8 @@ particles; the formulas are of the sums over j that the pair loop makes of it. E
 Zhu et al. 2020.
 
 Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3 per m of width in 2-D; a
-negative sign marks a wall's source, which takes no part in the density diffusion), grad_rho (kg/m4).
+negative sign marks a wall's source, which takes no part in the density diffusion), grad_rho (kg/m4), grad_u
+(1/s, one gradient a component).
 """
 
 from __future__ import annotations
@@ -52,6 +53,27 @@ def density_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     """Density gradient sum (rho_j - rho_i) grad W V_j, kg/m4, to be renormalised by L (Eq. 9)."""
     w = (j["rho"] - i["rho"]) * water_volume(j) * pair.F
     return tuple(w * r for r in pair.r)
+
+
+def velocity_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[tuple[jax.Array, ...], ...]:
+    """Gradient of every velocity component, sum (u_j - u_i) grad W V_j over the water, 1/s.
+
+    To be renormalised by L, as the density's gradient (Eq. 9).
+    """
+    w = water_volume(j) * pair.F
+    change = tuple((b - a) * w for a, b in zip(i["u"], j["u"], strict=True))
+    return tuple(tuple(c * r for r in pair.r) for c in change)
+
+
+def velocity_jump(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
+    """Difference of velocity u_j - u_i beyond what both gradients explain, m/s; antisymmetric.
+
+    It is u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i): zero in linear and quadratic fields.
+    """
+    return tuple(
+        b - a + 0.5 * dot(tuple(p + q for p, q in zip(at_i, at_j, strict=True)), pair.r)
+        for a, b, at_i, at_j in zip(i["u"], j["u"], i["grad_u"], j["grad_u"], strict=True)
+    )
 
 
 def surface_vector(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:

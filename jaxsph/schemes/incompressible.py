@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar, columns, stack
-from jaxsph.core.kernels import AbstractKernel, WendlandC2
+from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.model import laws
 from jaxsph.model.interfaces import Dissipation, Entry, Kick, Model
+from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Failure, Particles, State, Status, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
@@ -37,12 +38,13 @@ from jaxsph.schemes.base import (
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
 
-H_OVER_DX = {2: 2.0, 3: 1.5}
-"""Smoothing length over the spacing, by number of dimensions.
+KERNEL = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
+"""Kernel and its smoothing length over the spacing, by number of dimensions.
 
-In two dimensions a square lattice under pressure is quiet with 2, and its rows slide with 1.3 to 1.85 and
-with 2.2: still water moves at 0.2 % of sqrt(g d) with the first, at 2 to 6 % with the others. In three
-dimensions the ratio is the paper's (section 2).
+In two dimensions the Gaussian: what is left of a kernel's transform at the wavelength of the spacing is what
+a lattice resists its deformation with, and of the Gaussian's 1e-6 is left. Wendland's kernel, of h = 2 dx,
+which is quiet at rest, takes four times as much from a wave. In three dimensions, where the Gaussian would
+have three times as many neighbours, kernel and ratio are the paper's (section 2).
 """
 
 
@@ -52,6 +54,14 @@ RELAXATION = 1.5
 Projection alone leaves disordered water expanding: without relaxation the level of a tank rises by 6 % in
 6 s. With half of this rate waves lose twice as much and the energy of still water grows; with twice this rate
 still water is restless.
+"""
+
+
+LEFT_OVER = 0.5
+"""Share of the divergence left over from the step before that a projection takes out.
+
+The rest is for the next: taken out whole, what is left of one step's disorder is a pressure in the next, and
+pressures on a wall scatter by 0.4 rho g H in Buchner's dam break.
 """
 
 
@@ -139,6 +149,8 @@ class ISPH(AbstractParticleScheme):
     """Rate at which crowding of the particles is undone, over sqrt(g/h)."""
     least: Scalar
     """Least gauge pressure of water with a free surface, Pa; with 0 it bears no tension."""
+    regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
+    """Regularisation of the particles, one or none."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
     """Shifting of the particles beside their drift, one or none."""
 
@@ -158,6 +170,8 @@ class ISPH(AbstractParticleScheme):
         relaxation: float = RELAXATION,
         least: float = 0.0,
         period: Period = (),
+        hyperviscosity: float = HYPERVISCOSITY,
+        separation: float = SEPARATION,
         shifting: Shifting | None = None,
         dtype: Any = jnp.float32,
         **options: Any,
@@ -165,14 +179,16 @@ class ISPH(AbstractParticleScheme):
         """Builds the incompressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
-        default water's; `kernel`, by default Wendland's, of smoothing length `h_over_dx` dx, by default
-        `H_OVER_DX`; `least`, the least pressure (Pa); `period`: `Box.period`; `options`: further fields by
-        name. There is an argument for each choice.
+        default water's; `kernel` and its smoothing length `h_over_dx` dx, by default those of `KERNEL`;
+        `least`, the least pressure (Pa); `period`: `Box.period`; `hyperviscosity`, `separation`: strengths of
+        the regularisation, which there is none of with two zeros; `options`: further fields by name. There is
+        an argument for each choice.
         """
-        kernel = WendlandC2() if kernel is None else kernel
+        usual, usual_h = KERNEL[dim]
+        kernel = usual if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
         surface = EmptyNeighbours() if surface is None else surface
-        h_over_dx = H_OVER_DX[dim] if h_over_dx is None else h_over_dx
+        h_over_dx = usual_h if h_over_dx is None else h_over_dx
 
         def leaf(a):
             return jnp.asarray(a, dtype)
@@ -189,6 +205,10 @@ class ISPH(AbstractParticleScheme):
             surface=jax.tree.map(leaf, surface),
             relaxation=leaf(relaxation),
             least=leaf(least),
+            regularisation=tuple(
+                Regularisation(leaf(hyperviscosity), leaf(separation))
+                for _ in range(bool(hyperviscosity or separation))
+            ),
             shifting=() if shifting is None else (jax.tree.map(leaf, shifting),),
             **jax.tree.map(leaf, options),
         )
@@ -230,6 +250,7 @@ class ISPH(AbstractParticleScheme):
         return {
             "contact": Entry("energy lost by water that meets a solid"),
             "projection": Entry("energy lost in the projection"),
+            **{name: entry for one in self.regularisation for name, entry in one.entries().items()},
         }
 
     def limiters(self):
@@ -254,11 +275,12 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, u)
         u_star = u + dt * (model.g + model.acceleration(p.x))
         u_ghosts = ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
+        u_old = columns(jnp.concatenate([p.u, ghosts.u]))
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
         # positions half a step ahead water swings without a loss to second order.
         at = self._halfway(model, state, interval, u_star)
         ghosts = self.place_ghosts(model, at, tables)
-        sources = self._sources(at.particles, ghosts, u_star, u_ghosts)
+        sources = self._sources(at.particles, ghosts, u_star, u_ghosts) | {"u_old": u_old}
         projected = self._project(model, at, tables, ghosts, sources, interval)
         pressure = jnp.concatenate([projected.p, projected.p_ghosts])
         sources = sources | {"p": pressure}
@@ -273,6 +295,9 @@ class ISPH(AbstractParticleScheme):
         changes = Changes(u_new, pressed, touched, damped)
         own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
+        for one in self.regularisation:
+            done = one.apply(self, model, p, u_new, sources, tables, dt)
+            u_new, dx, ledger = done.u, dx + done.moved, book(ledger, done.lost)
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
         new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, projected.p))
@@ -440,14 +465,20 @@ class ISPH(AbstractParticleScheme):
     def _poisson(
         self, model: Model, p: Particles, ghosts: GhostFields, sources: dict, tables: Tables
     ) -> Poisson:
-        """Weights, diagonal and source of the pressure Poisson equation (Eq. 9-12)."""
+        """Weights, diagonal and source of the pressure Poisson equation (Eq. 9-12).
+
+        Of the divergence that the velocities had at the beginning of the step a share is taken (`LEFT_OVER`).
+        """
         h, walls = self.smoothing.h, model.walls
         guard = (0.1 * h) ** 2
         targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
 
         def law(pair: Pair, i, j):
             w = laws.laplacian_weight(pair, j, guard)
-            return (laws.divergence(pair, i, j), laws.volume(j) * pair.W, w), w
+            divergence = laws.divergence(pair, i, j) - (1.0 - LEFT_OVER) * laws.divergence(
+                pair, i | {"u": i["u_old"]}, j | {"u": j["u_old"]}
+            )
+            return (divergence, laws.volume(j) * pair.W, w), w
 
         (shrinking, fill, diagonal), weights = pair_weights(
             law, self.smoothing, targets, with_empty(sources), tables.fluid

@@ -11,12 +11,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot
+from jaxsph.core.arrays import Array, Float, Scalar, columns, dot
 from jaxsph.core.kernels import AbstractKernel, Gaussian
 from jaxsph.core.pairs import (
     Pair,
     Period,
     Smoothing,
+    correctable,
     pair_sum,
     symmetric_inverse,
     symmetric_product,
@@ -27,6 +28,14 @@ from jaxsph.core.pairs import (
 from jaxsph.model import laws
 from jaxsph.model.background import Background
 from jaxsph.model.interfaces import Dissipation, Model
+from jaxsph.model.regularisation import (
+    HYPERVISCOSITY,
+    SEPARATION,
+    Regularisation,
+    Terms,
+    lattice_sum,
+    with_walls,
+)
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
@@ -56,6 +65,8 @@ class DeltaSPH(AbstractRateScheme):
     """Time integrator."""
     background: tuple[Background, ...] = ()
     """Pressures of still water that are taken out of the pair sums beside thin walls."""
+    regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
+    """Regularisation of the particles, one or none."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
     """Shifting of the particles beside their drift, one or none."""
 
@@ -72,6 +83,8 @@ class DeltaSPH(AbstractRateScheme):
         h_over_dx: float = 1.2,
         integrator: AbstractIntegrator | None = None,
         period: Period = (),
+        hyperviscosity: float = HYPERVISCOSITY,
+        separation: float = SEPARATION,
         shifting: Shifting | None = None,
         dtype: Any = jnp.float32,
         **options: Any,
@@ -79,9 +92,10 @@ class DeltaSPH(AbstractRateScheme):
         """Builds the weakly compressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), ten times the largest speed or
-        more; `viscosity`, by default water's; `kernel`, by default the Gaussian: the support is
-        3 `h_over_dx` dx whichever it is; `period`: `Box.period`; `options`: further fields by name. There is
-        an argument for each choice.
+        more; `viscosity`, by default water's; `kernel`, by default the Gaussian; `h_over_dx`: smoothing
+        length of the Gaussian over dx, and of another kernel of that width (`AbstractKernel.width`);
+        `period`: `Box.period`; `hyperviscosity`, `separation`: strengths of the regularisation, which there
+        is none of with two zeros; `options`: further fields by name. There is an argument for each choice.
         """
         kernel = Gaussian() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -90,12 +104,16 @@ class DeltaSPH(AbstractRateScheme):
             return jnp.asarray(a, dtype)
 
         return cls(
-            smoothing=Smoothing(kernel, leaf(h_over_dx * dx * (3.0 / kernel.reach)), period),
+            smoothing=Smoothing(kernel, leaf(h_over_dx * dx * kernel.width), period),
             c0=leaf(c0),
             rho0=leaf(rho0),
             delta=leaf(delta),
             viscosity=jax.tree.map(leaf, viscosity),
             integrator=SymplecticEuler() if integrator is None else integrator,
+            regularisation=tuple(
+                Regularisation(leaf(hyperviscosity), leaf(separation))
+                for _ in range(bool(hyperviscosity or separation))
+            ),
             shifting=() if shifting is None else (jax.tree.map(leaf, shifting),),
             **jax.tree.map(leaf, options),
         )
@@ -114,8 +132,8 @@ class DeltaSPH(AbstractRateScheme):
 
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""
-        # the h of Eq. 10 is the Gaussian's, a third of the support, whatever the kernel's own h
-        share = self.integrator.cfl * float(self.smoothing.radius) / 3.0 / float(self.smoothing.h)
+        # the h of Eq. 10 is the Gaussian's, whatever the kernel's own h
+        share = self.integrator.cfl / self.smoothing.kernel.width
         nu = float(self.viscosity.kinematic(self.smoothing.h, self.c0, dim))
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
 
@@ -166,9 +184,10 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- the two passes
 
     def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
-        """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and the density's gradient, kg/m4 (Eq. 9).
+        """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and gradients of density, kg/m4 (Eq. 9).
 
-        The gradient is renormalised, exact for linear fields.
+        Those of velocity, 1/s, are for the regularisation. Gradients are renormalised, exact for linear
+        fields.
         """
         dim = p.x.shape[1]
         guard = laws.GUARD * self.smoothing.h**2
@@ -178,40 +197,65 @@ class DeltaSPH(AbstractRateScheme):
             force = laws.pressure_force(pair, i, j)
             shear = self.viscosity.shear(pair, i, j, guard)
             total = tuple(a + viscous * b for a, b in zip(force, shear, strict=True))
-            return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j)
+            gradients = tuple(laws.velocity_gradient(pair, i, j) for _ in self.regularisation)
+            return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j), gradients
 
         n = p.x.shape[0]
         targets = jax.tree.map(lambda a: a[:n], sources)
-        force, M, b = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+        force, M, b, G = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
         rho = self.rho0 + p.rho
         for background in self.background:
             along, up = background.force(p.x, self.smoothing.h)
             force = (force[0] + along, *force[1:-1], force[-1] + up)
         acceleration = [f / rho + g for f, g in zip(force, model.g, strict=True)]
-        grad_rho = symmetric_product(symmetric_inverse(M), b)
+        L = symmetric_inverse(M)
+        grad_rho = symmetric_product(L, b)
+        grad_u = tuple(tuple(symmetric_product(L, row) for row in gradient) for gradient in G)
         limited = {"gradient": jnp.sum(uncorrected(M)).astype(rho.dtype)}
-        return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim), limited)
+        return Rates(tuple(acceleration), grad_rho, grad_u, correctable(M), trace_upper(M, dim), limited)
 
     def continuity(
-        self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
-    ) -> Float[Array, " N"]:
-        """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9)."""
-        n = p.x.shape[0]
+        self,
+        model: Model,
+        p: Particles,
+        sources: dict,
+        rates: Rates,
+        tables: Tables,
+    ) -> tuple[Float[Array, " N"], tuple[Terms, ...]]:
+        """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9), and the regularisation's sums.
+
+        These are of the velocities p.u (m/s) that `rates` was made of.
+        """
+        n, dim = p.x.shape
         guard = laws.GUARD * self.smoothing.h**2
         diffusion = self.delta * self.smoothing.h * self.c0
-        sources = self._with_gradient(sources, grad_rho)
+        grad_rho = tuple(with_walls(g, sources) for g in rates.grad_rho)
+        sources = sources | {"grad_rho": grad_rho, "noisy": self._noisy(p, sources, rates)}
         targets = jax.tree.map(lambda a: a[:n], sources)
-        rho0 = self.rho0
+        rho0, unit = self.rho0, lattice_sum(self.smoothing, model.dx, dim)
 
         def law(pair: Pair, i, j):
             rate = (rho0 + i["rho"]) * laws.divergence(pair, i, j)
-            return rate + diffusion * laws.density_diffusion(pair, i, j, guard)
+            rate = rate + diffusion * laws.density_diffusion(pair, i, j, guard)
+            terms = (
+                one.law(unit, model.dx, pair, i | at_i, j | at_j)
+                for one, at_i, at_j in zip(self.regularisation, i["noisy"], j["noisy"], strict=True)
+            )
+            return rate, tuple(terms)
 
         return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
 
+    def _noisy(self, p: Particles, sources: dict, rates: Rates) -> tuple[dict, ...]:
+        """Velocities (m/s) and their gradients (1/s), as sources of each regularisation."""
+        own = {"u": columns(p.u), "trust": rates.trust}
+        return tuple(
+            jax.tree.map(lambda a: with_walls(a, sources), own | {"grad_u": grad_u})
+            for grad_u in rates.grad_u
+        )
+
     def entries(self):
-        """See `AbstractScheme`: none."""
-        return {}
+        """See `AbstractScheme`."""
+        return {name: entry for one in self.regularisation for name, entry in one.entries().items()}
 
     def limiters(self):
         """See `AbstractScheme`."""
@@ -232,7 +276,7 @@ class DeltaSPH(AbstractRateScheme):
         """
         p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
-        sources = self._with_gradient(sources, grad_rho)
+        sources = sources | {"grad_rho": tuple(with_walls(g, sources) for g in grad_rho)}
         guard = laws.GUARD * self.smoothing.h**2
 
         def law(pair: Pair, i, j):
@@ -262,12 +306,6 @@ class DeltaSPH(AbstractRateScheme):
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         return self.sources(ghosts, p, p.u, ghosts.u_shear)
-
-    def _with_gradient(self, sources: dict, grad_rho: Components) -> dict:
-        """Sources with the gradient of the density (kg/m4), zero for ghosts."""
-        count = sources["V"].shape[0] - grad_rho[0].shape[0]
-        padded = tuple(jnp.concatenate([g, jnp.zeros(count, g.dtype)]) for g in grad_rho)
-        return sources | {"grad_rho": padded}
 
 
 SURFACE = 1.89 / 2.0
