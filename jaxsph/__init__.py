@@ -33,6 +33,7 @@ _ROOMS = {
     "probes.devices": ("ChamberProbe",),
     "probes.energy": ("EnergyProbe",),
     "probes.gauges": ("WaveGauge",),
+    "probes.noise": ("NoiseProbe",),
     "probes.sensors": ("PressureProbe",),
     "run.host": ("march", "restore", "resume", "run"),
     "run.simulate": ("simulate",),

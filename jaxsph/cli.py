@@ -41,6 +41,7 @@ RESULTS = {
     "energy_projection": ("  lost in the projection", "J/m"),
     "energy_residual": ("  not accounted for", "J/m"),
     "energy_residual_share": ("  not accounted for, share", ""),
+    "noise": ("noise of the particles, of their speed", ""),
     "periods": ("periods averaged", ""),
     "P_inc": ("incident power", "W/m"),
     "P_owc": ("absorbed power", "W/m"),

@@ -25,7 +25,7 @@ from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.model.state import Failure
 from jaxsph.output.run_file import RunFile
 from jaxsph.run import chunks, host, recorder, simulate
-from jaxsph.run.results import flume_gauges, run_results
+from jaxsph.run.results import flume_gauges, run_results, settled_periods
 from jaxsph.waves import theory
 
 CHUNK = 0.05
@@ -244,10 +244,13 @@ def test_run_gives_series_and_results(whole):
     # CHUNK / sample_dt = 5 samples each
     np.testing.assert_allclose(solution.t, 0.01 * np.arange(20), atol=1e-12)
     assert solution["eta"].shape == (20, 4) and solution["pressure"].shape == (20, 1)
-    assert {"P_a", "flow", "power_pto", "chamber_level"} <= set(solution.series)
+    assert {"P_a", "flow", "power_pto", "chamber_level", "noise", "rms_speed"} <= set(solution.series)
     assert np.all(np.isfinite(np.concatenate([a.ravel() for a in solution.series.values()])))
     file = RunFile.open(path)
     assert file.results() == pytest.approx(solution.results) and file.snapshot_count == 4
+    # no period has settled: of the last tenth, two samples
+    noise, speed = (np.sqrt(np.mean(np.square(solution[name][-2:]))) for name in ("noise", "rms_speed"))
+    assert solution.results["noise"] == pytest.approx(noise / speed, rel=1e-6) and 0.0 < noise < speed
     with pytest.raises(KeyError, match="no reading 'chamber'; there are .*chamber_level"):
         solution["chamber"]
 
@@ -371,6 +374,19 @@ def test_reflection_is_of_the_gauges_that_see_free_waves():
     # k is a float32; the gauges' condition is below ten
     assert results["reflection"] == pytest.approx(0.3, abs=1e-4) and not notices
     assert results["incident_height"] == pytest.approx(0.04, rel=1e-4)
+
+
+def test_noise_is_of_settled_periods_or_of_the_last_tenth():
+    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    t, series, still = solution.t, solution.series, js.load_case("hydrostatic")
+    settled = t >= t[-1] - settled_periods(case, t[-1]) * case.waves.T - 1e-6
+    series |= {"noise": np.where(settled, 0.3, 7.0), "rms_speed": np.full(len(t), 2.0)}
+    assert run_results(case, solution, 1.0, 1)[0]["noise"] == pytest.approx(0.15)
+    series["noise"] = np.where(np.arange(len(t)) < len(t) - len(t) // 10, 7.0, 0.4)
+    assert run_results(still, solution, 1.0, 1)[0]["noise"] == pytest.approx(0.2)
+    series["rms_speed"] = np.zeros(len(t))  # water that never moves has no noise to speak of
+    results, notices = run_results(still, solution, 1.0, 1)
+    assert "noise" not in results and not notices
 
 
 def test_reflection_has_the_gravity_of_the_case():

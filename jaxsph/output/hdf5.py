@@ -21,9 +21,10 @@ import numpy as np
 
 from jaxsph.errors import FileError
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of the layout. Files of a newer one are refused; of those of an older one series and snapshots are
-read, and checkpoints refused: 1 did not say what the run's rules made of its case."""
+read, and checkpoints refused: 1 did not say what the run's rules made of its case, 2 had no readings of the
+noise."""
 
 
 Coordinates = dict[str, tuple[str, np.ndarray, str, str]]

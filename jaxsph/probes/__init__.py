@@ -1,1 +1,1 @@
-"""Probes of a run: gauges, sensors, devices, energies."""
+"""Probes of a run: gauges, sensors, devices, energies, noise."""

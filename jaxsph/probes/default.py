@@ -10,18 +10,19 @@ from jaxsph.parts.paddle import Paddle
 from jaxsph.parts.rim import Rim
 from jaxsph.probes.devices import BodyProbe, ChamberProbe, PaddleProbe, RimProbe
 from jaxsph.probes.energy import EnergyProbe
+from jaxsph.probes.noise import NoiseProbe
 
 __all__ = ["default_probes"]
 
 
 def default_probes(model: Model, state: State, sample_dt: float) -> tuple[AbstractProbe, ...]:
-    """Probes of a model's energies, paddles, chambers and bodies, with energies counted from `state`.
+    """Probes of a model's energies, noise, paddles, chambers and bodies; energies count from `state`.
 
     `sample_dt`: time between samples, s. What follows "chamber" or "body" in a part's name ends the names of
     its readings.
     """
     every = jnp.asarray(sample_dt, model.dt.dtype)
-    found: list[AbstractProbe] = [EnergyProbe.over(model, state, every)]
+    found: list[AbstractProbe] = [EnergyProbe.over(model, state, every), NoiseProbe()]
     found += [PaddleProbe(wall.name) for wall in model.moving if isinstance(wall, Paddle)]
     for k, chamber in enumerate(model.chambers):
         found.append(ChamberProbe(every, k, chamber.name.removeprefix("chamber")))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jaxsph import analysis
 from jaxsph.case.case import Case
@@ -26,7 +27,10 @@ def run_results(
 
     **Arguments**: wall time (s) and the steps that it took.
     """
-    made: list[tuple[str, Callable[[Case, Solution], Scalars]]] = [("energy balance", _energy)]
+    made: list[tuple[str, Callable[[Case, Solution], Scalars]]] = [
+        ("energy balance", _energy),
+        ("noise", _noise),
+    ]
     if case.waves is not None:
         made += [("absorbed power", _power), ("reflection", _reflection)]
     results = {
@@ -62,13 +66,28 @@ def _transient(case: Case) -> float:
 def _energy(case: Case, solution: Solution) -> Scalars:
     """Energy balance, over whole periods where there are waves: the paddle gives and takes back far more
     than the waves keep."""
-    over = slice(None)
-    if case.waves is not None:
-        periods = settled_periods(case, float(solution.t[-1]))
-        if periods >= 1:
-            over = analysis.whole_periods(solution.t, case.waves.T, periods)
+    over = _settled(case, solution, slice(None))
     budget = analysis.energy_budget({name: values[over] for name, values in solution.series.items()})
     return {f"energy_{name}": value for name, value in budget.items()}
+
+
+def _noise(case: Case, solution: Solution) -> Scalars:
+    """Noise of the particles over their speed, both RMS over settled whole periods where there are waves, or
+    over the last tenth of the record; none for water that does not move."""
+    if "noise" not in solution.series:
+        return {}
+    over = _settled(case, solution, slice(-max(len(solution.t) // 10, 1), None))
+    # in double precision: the squares of small speeds are nothing in single
+    noise, speed = (np.linalg.norm(np.float64(solution[name][over])) for name in ("noise", "rms_speed"))
+    return {"noise": float(noise / speed)} if speed > 0.0 else {}
+
+
+def _settled(case: Case, solution: Solution, otherwise: slice) -> slice | NDArray[np.bool_]:
+    """Samples of the settled whole periods; without waves, or before they have settled, those `otherwise`."""
+    if case.waves is None:
+        return otherwise
+    periods = settled_periods(case, float(solution.t[-1]))
+    return analysis.whole_periods(solution.t, case.waves.T, periods) if periods >= 1 else otherwise
 
 
 def _power(case: Case, solution: Solution) -> Scalars:
