@@ -8,10 +8,11 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+import jaxsph as js
 from experiments import __main__ as runner
 from experiments import common
 from experiments.common import COMMITTED, OWN, Report
-from experiments.studies import damping_study, owc_methods
+from experiments.studies import convergence, damping_study, owc_methods
 from experiments.verification import thin_wall
 
 
@@ -156,3 +157,77 @@ def test_events_of_the_cycle_are_found_in_its_mean():
     found = owc_methods.events({"time": t, "chamber_level": level, "power_pto": power}, 4)
     for when, published in found.values():
         assert when == pytest.approx(published, abs=0.01)  # the samples do not divide the period
+
+
+QUIET = [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("order", [0.8, 1.0, 1.7])
+def test_richardson_finds_the_limit_of_its_own_law(order):
+    dx = [0.02, 0.01, 0.005]
+    found = convergence.richardson(dx, [0.7 - 3.0 * h**order for h in dx], QUIET)
+    assert found.value == pytest.approx(0.7, rel=1e-12) and found.order == pytest.approx(order)
+    # the error is 1.25 times what is left
+    assert found.error == pytest.approx(1.25 * 3.0 * 0.005**order)
+
+
+@pytest.mark.parametrize(
+    ("dx", "values", "errors", "why"),
+    [
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.58], QUIET, "not monotone"),
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.6], QUIET, "not monotone"),
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.61], [0.0, 0.01, 0.01], "scatters"),
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.68], QUIET, "no limit in sight"),
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.75], QUIET, "no limit in sight"),
+        ([0.02, 0.01, 0.008], [0.5, 0.6, 0.62], QUIET, "one ratio"),
+        ([0.02, 0.01], [0.5, 0.6], [0.0, 0.0], "one ratio"),
+    ],
+)
+def test_richardson_gives_the_spread_where_there_is_no_limit(dx, values, errors, why):
+    found = convergence.richardson(dx, values, errors)
+    assert found.value is None and why in found.why
+    assert found.error == pytest.approx(max(values) - min(values))
+
+
+def test_richardson_trusts_no_order_above_two():
+    found = convergence.richardson([0.02, 0.01, 0.005], [0.5, 0.66, 0.67], [0.0, 0.001, 0.002])
+    assert found.order == pytest.approx(4.0) and "taken as 2" in found.why
+    assert found.value == pytest.approx(0.67 + 0.01 / 3.0)
+    # what is left, and what the scatter of the two finest makes of it
+    own = np.hypot(4.0 / 3.0 * 0.002, 0.001 / 3.0)
+    assert found.error == pytest.approx(np.hypot(1.25 * 0.01 / 3.0, own))
+
+
+def test_convergence_is_of_one_device_by_two_schemes():
+    for kind in convergence.SCHEMES:
+        cases = [convergence.study_case(kind, dx) for dx in convergence.SPACINGS]
+        assert all(case.scheme.kind == kind for case in cases)
+        assert len({js.linear_owc(case).water.geometry for case in cases}) == 1
+
+
+def test_convergence_reports_the_runs_that_are_there(results, monkeypatch, tmp_path):
+    """Of runs whose xi is 0.6 - 5 dx and of none elsewhere: nothing is run that was not asked for."""
+
+    def found(dx):
+        values = {"xi": 0.6 - 5.0 * dx, "P_a": 130.0, "flow": 0.02}
+        energies = {"energy_paddle": 2.0, "energy_pto": 1.0, "energy_residual": 0.02, "energy_sponge": 0.0}
+        return convergence.Found(values, dict.fromkeys(values, 1e-4), energies | {"t_end": 14.0}, 10.0)
+
+    runs = {"incompressible": {dx: found(dx) for dx in convergence.SPACINGS}, "weakly_compressible": {}}
+    monkeypatch.setattr(convergence, "_runs", lambda kind, asked, t1: runs[kind])
+    convergence.main()
+    kept = json.loads((results / "convergence.json").read_text())
+    rows = {row["check"]: row for row in kept["rows"]}
+    assert rows["incompressible: xi at no spacing (order 1)"]["here"] == pytest.approx(0.6)
+    assert rows["incompressible: pressure amplitude at no spacing"]["here"] == "not monotone"
+    assert rows["incompressible: change of xi from 20 to 10 mm"]["passes"] is False
+    assert rows["incompressible, 5 mm: pto / paddle"]["here"] == 50.0
+    assert not any("sponge" in check or check.startswith("weakly") for check in rows)
+    assert rows["linear theory, zeta = 0: xi"]["here"] == pytest.approx(0.779, abs=1e-3)
+    assert kept["seconds"] == 420.0
+    assert len((results / "convergence.csv").read_text().splitlines()) == 4
+
+
+def test_convergence_passes_over_runs_that_are_not_there(monkeypatch, tmp_path):
+    monkeypatch.setattr(common, "RUNS", tmp_path)
+    assert convergence._runs("incompressible", ((0.01,), ("weakly_compressible",)), 14.0) == {}

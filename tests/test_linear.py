@@ -242,6 +242,64 @@ def test_height_and_damping_act_together(water):
     assert a.xi == pytest.approx(b.xi, rel=1e-12) and abs(a.q) == pytest.approx(4.0 * abs(b.q), rel=1e-12)
 
 
+# --- the lip
+
+losses = st.floats(0.0, 50.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(geometries, st.floats(1e-3, 0.5), st.floats(0.0, 1e4), losses)
+def test_energy_goes_into_the_turbine_the_lip_or_back(numbers, H, K_dm, zeta):
+    found = linear_response(_solved(*_draw(numbers)), H, K_dm, lip_loss=zeta)
+    share = found.P_lip / found.P_inc
+    # The far field does not know of the powers, and shares are of one incident power: roundings as above.
+    assert found.xi + share + abs(found.R) ** 2 == pytest.approx(1.0, abs=1e-10)
+    assert found.xi >= 0.0 and share >= 0.0 and found.xi + share <= found.eta_max + 1e-10
+
+
+def test_no_loss_at_the_lip_changes_no_bit(water):
+    H, K_dm = np.array([[0.02], [0.08]]), np.array([0.0, 300.0, 1e6])
+    plain, none = linear_response(water, H, K_dm), linear_response(water, H, K_dm, lip_loss=0.0)
+    assert np.array_equal(plain.xi, none.xi) and np.array_equal(plain.q, none.q)
+    assert np.all(none.P_lip == 0.0) and np.all(none.lip_loss == 0.0)
+    # the law of the turbine alone, as it has always been: r |1 + Z r| = 8/(3 pi) K_dm^2 |q_S| A
+    r = 1.0 / none.Lambda
+    drive = 8.0 / (3.0 * np.pi) * K_dm**2 * abs(water.q_S) * 0.5 * H
+    np.testing.assert_allclose(r * np.abs(1.0 + water.Z() * r), drive, rtol=1e-12)
+    assert linear_owc(OWC, lip_loss=0.0).xi == linear_owc(OWC).xi
+
+
+def test_the_lip_takes_what_its_quadratic_law_would(water):
+    rho0, b, zeta, K_dm = 1000.0, 0.13, 1.5, 534.66
+    found = linear_response(water, 0.04, K_dm, rho0, zeta)
+    v = abs(found.q) / b * np.cos(np.linspace(0.0, 2 * np.pi, 1000, endpoint=False))
+    # a mean over equidistant phases of |cos|^3, whose Fourier series falls as n^-4
+    assert np.mean(0.5 * rho0 * zeta * np.abs(v) ** 3) * b == pytest.approx(found.P_lip, rel=1e-8)
+    assert np.mean(K_dm**2 * np.abs(v * b) ** 3) == pytest.approx(found.P_owc, rel=1e-8)
+    # the water feels both pressures, the air its own
+    drop = 8.0 / (3.0 * np.pi) * 0.5 * rho0 * zeta / b**2 * abs(found.q) * found.q
+    assert found.q == pytest.approx(water.q_S * 0.02 - water.Z() * (found.P_a + drop), rel=1e-12)
+
+
+def test_more_loss_at_the_lip_is_less_of_everything(water):
+    zeta = np.concatenate([[0.0], np.geomspace(0.01, 1000.0, 60)])
+    found = linear_response(water, 0.04, 534.66, lip_loss=zeta)
+    # The case is damped beyond its best: a lip that adds to it can only cost.
+    assert np.all(np.diff(found.xi) < 0.0) and np.all(np.diff(np.abs(found.q)) < 0.0)
+    assert np.all(np.diff(np.abs(found.P_a)) < 0.0)
+    open_chamber = linear_response(water, 0.04, 0.0, lip_loss=1.0)
+    assert open_chamber.xi == 0.0 and open_chamber.P_lip > 0.0 and np.isinf(open_chamber.Lambda)
+
+
+@settings(max_examples=25, deadline=None)
+@given(geometries, st.floats(1e-3, 0.5), st.floats(1.0, 1e4), losses, losses)
+def test_efficiency_never_rises_with_the_loss(numbers, H, K_dm, one, other):
+    water = _solved(*_draw(numbers))
+    less, more = (linear_response(water, H, K_dm, lip_loss=zeta).xi for zeta in sorted((one, other)))
+    # P_owc goes as |q|^3 at a given K_dm, and |q| falls with any resistance.
+    assert more <= less * (1.0 + 1e-12)
+
+
 # --- the case
 
 
@@ -317,3 +375,5 @@ def test_values_out_of_range(water):
         linear_response(water, 0.04, -1.0)
     with pytest.raises(ValueError, match="H"):
         linear_response(water, 0.0, 1.0)
+    with pytest.raises(ValueError, match="lip_loss"):
+        linear_response(water, 0.04, 1.0, lip_loss=-1.0)

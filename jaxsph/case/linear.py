@@ -25,9 +25,10 @@ def incident_power(case: Case) -> float:
     return float(theory.incident_power(case.waves.H, case.waves.T, depth, case.fluid.rho0, case.g))
 
 
-def linear_owc(case: Case) -> LinearOWC:
+def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
     """Linear theory of a case's device in its waves, with the lengths that the lattice gives the case.
 
+    `lip_loss` is the coefficient zeta (-) of the head lost at the front wall's lip, see `linear_response`.
     The incident wave is the linear one, of amplitude waves.H / 2. The water's part is remembered: to sweep
     the damping or the height, call this for each changed case, or `linear_response` with arrays.
     **Raises** CaseError for a case without a device, waves or pto.K_dm, or with a platform.
@@ -41,7 +42,7 @@ def linear_owc(case: Case) -> LinearOWC:
     lengths = (tank.depth, tank.chamber_length, tank.depth - tank.plate.tip, tank.plate.thickness)
     geometry = ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
     water = radiation_and_scattering(geometry, 2.0 * np.pi / case.waves.T, case.g)
-    return linear_response(water, case.waves.H, case.pto.K_dm, case.fluid.rho0)
+    return linear_response(water, case.waves.H, case.pto.K_dm, case.fluid.rho0, lip_loss)
 
 
 def linear_check(case: Case) -> list[tuple[str, str]]:

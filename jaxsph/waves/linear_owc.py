@@ -17,6 +17,12 @@ wave exp(-ikx) psi_0(z), of unit coefficient and (1/h) int psi_0^2 dz = 1. Here 
 amplitude of the elevation instead: the wave's coefficient is then -i g / (omega psi_0(0)), and the identity
 Im q_R = |q_S|^2 / (4 omega c_g), c_g being the group velocity.
 
+Potential flow goes round the lip of the front wall without a loss; a real flow separates there. What that
+costs may be put in as a loss of head, Delta p = zeta rho |v| v / 2 with the column's mean velocity v = q / b.
+The mean velocity in the gap under the lip is q / gap: referred to that, the same loss has the coefficient
+zeta (gap / b)^2. It acts on the whole column as more pressure of the air would: a quadratic resistance
+rho zeta / (2 b^2) in series with the turbine's K_dm^2. Nothing here knows zeta; it is an assumption.
+
 Sources: D. V. Evans and R. Porter, Hydrodynamic characteristics of an oscillating water column device,
 Applied Ocean Research 17 (1995) 155-164, for the thin wall; the thick one is matched in the same way under
 the wall, with the weaker singularity of a right-angled edge. How the horizontal velocity u(z) in the gap
@@ -145,6 +151,7 @@ class RadiationAndScattering:
 class LinearOWC:
     """Linear response of a chamber to regular waves, with a turbine of the quadratic law P_a = K_dm^2 |q| q.
 
+    The energy that comes in is the turbine's, the lip's or goes back: 1 = xi + P_lip / P_inc + |R|^2.
     Amplitudes a are complex, standing for Re(a exp(-i omega t)); see `RadiationAndScattering` for the
     phase. Where `linear_response` was given arrays of H and K_dm, the results have their common shape.
     """
@@ -168,9 +175,14 @@ class LinearOWC:
     P_inc: NDArray
     """Mean incident power, W/m."""
     R: NDArray
-    """Reflection coefficient of the device, complex, at the back wall (-): xi = 1 - |R|^2."""
+    """Reflection coefficient of the device, complex, at the back wall (-)."""
     K_dm_best: NDArray
-    """Damping coefficient of the largest efficiency, `eta_max`, in waves of height H, kg^0.5 m^-2.5."""
+    """Damping coefficient of the largest efficiency, `eta_max`, in waves of height H where the lip costs
+    nothing, kg^0.5 m^-2.5."""
+    lip_loss: NDArray
+    """Loss coefficient zeta of the lip, of the column's mean velocity (-)."""
+    P_lip: NDArray
+    """Mean power lost at the lip, W/m."""
 
     @property
     def omega(self) -> float:
@@ -199,12 +211,12 @@ class LinearOWC:
 
     @property
     def eta_max(self) -> float:
-        """Largest efficiency that any damping reaches at this period (-)."""
+        """Largest efficiency that any damping reaches at this period where the lip costs nothing (-)."""
         return self.water.eta_max
 
     @property
     def xi(self) -> NDArray:
-        """Hydrodynamic efficiency xi (-), 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
+        """Hydrodynamic efficiency xi (-); without a lip loss 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
         return self.P_owc / self.P_inc
 
     @property
@@ -214,7 +226,11 @@ class LinearOWC:
 
 
 def linear_response(
-    water: RadiationAndScattering, H: ArrayLike, K_dm: ArrayLike, rho0: float = 1000.0
+    water: RadiationAndScattering,
+    H: ArrayLike,
+    K_dm: ArrayLike,
+    rho0: float = 1000.0,
+    lip_loss: ArrayLike = 0.0,
 ) -> LinearOWC:
     """Linear response of a chamber to regular waves of height H (m), with a quadratic turbine.
 
@@ -223,17 +239,23 @@ def linear_response(
     q = q_S A Lambda / (Lambda + Z), A = H / 2. There is one solution: |q| falls as the damping grows.
     K_dm may be 0 (an open chamber) or as large as a closed one's.
 
-    **Arguments**: `H` (m, > 0) and `K_dm` (kg^0.5 m^-2.5, >= 0) broadcast; `rho0` density, kg/m3.
+    `lip_loss` is the coefficient zeta of a head loss Delta p = zeta rho0 |v| v / 2 at the lip of the front
+    wall, v = q / b being the column's mean velocity (see the head of this file). Both laws are quadratic
+    in q: K_dm^2 + rho0 zeta / (2 b^2) takes the place of K_dm^2, and each has its share of the drop.
+
+    **Arguments**: `H` (m, > 0), `K_dm` (kg^0.5 m^-2.5, >= 0) and `lip_loss` (-, >= 0) broadcast; `rho0`
+    density, kg/m3.
     **Raises** ValueError for values out of range.
     """
-    H, K_dm = np.broadcast_arrays(np.asarray(H, float), np.asarray(K_dm, float))
-    if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and rho0 > 0.0):
-        raise ValueError("H and rho0 must be positive, and K_dm must not be negative")
+    H, K_dm, lip_loss = np.broadcast_arrays(*(np.asarray(a, float) for a in (H, K_dm, lip_loss)))
+    if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
+        raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
     Z = water.Z(rho0)
     q_open = water.q_S * 0.5 * H
-    quadratic = 8.0 / (3.0 * np.pi) * K_dm**2
-    resistance = _resistance(quadratic * np.abs(q_open), Z)
-    q = q_open / (1.0 + Z * resistance)
+    series = K_dm**2 + 0.5 * rho0 * lip_loss / water.geometry.length**2
+    total = _resistance(8.0 / (3.0 * np.pi) * series * np.abs(q_open), Z)
+    resistance = total * np.divide(K_dm**2, series, out=np.zeros_like(series), where=series > 0.0)
+    q = q_open / (1.0 + Z * total)
     P_a = resistance * q
     # Lambda = |Z| is best; there |q| = |q_S| A / |1 + Z/|Z||.
     best_q = np.abs(q_open) / abs(1.0 + Z / abs(Z))
@@ -251,9 +273,11 @@ def linear_response(
         level=(1j * q / (water.omega * water.geometry.length))[()],  # d(level)/dt = q / b
         P_owc=(0.5 * resistance * np.abs(q) ** 2)[()],
         P_inc=(0.125 * weight * H**2)[()],
-        # The air's pressure radiates a wave of amplitude P_a q_S / (2 rho g c_g), by Haskind's relation.
-        R=(water.R + P_a * water.q_S / (weight * H))[()],
+        # Pressure p on the column radiates a wave of amplitude p q_S / (2 rho g c_g), by Haskind's relation.
+        R=(water.R + total * q * water.q_S / (weight * H))[()],
         K_dm_best=K_dm_best[()],
+        lip_loss=lip_loss[()],
+        P_lip=(0.5 * (total - resistance) * np.abs(q) ** 2)[()],
     )
 
 

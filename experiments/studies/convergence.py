@@ -1,0 +1,314 @@
+"""The built-in OWC over three spacings and both schemes, with Richardson's estimate, beside linear theory.
+
+A tank of 3 m and a wall of 0.02 m whatever the spacing, so that all runs and the theory are of one device.
+Linear theory is given with a head lost at the front wall's lip, zeta = 0, 1 and 2 velocity heads of the
+column's mean velocity. That range is an assumption and nothing is fitted: a sharp-edged entry costs 0.5 to
+1 and an exit 1 velocity head in steady pipe flow, as handbooks of hydraulics have it, and a flow that turns
+round and comes back meets its own eddies. The theory's efficiency is a range for it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments import common
+from experiments.common import Report, solved
+from jaxsph import analysis
+from jaxsph.output.run_file import RunFile
+
+SPACINGS = (0.02, 0.01, 0.005)
+SCHEMES: dict[str, dict[str, Any]] = {"incompressible": {}, "weakly_compressible": {"scheme.alpha": 0.01}}
+"""What each scheme is run with: at the tip the weakly compressible one needs some artificial viscosity."""
+ZETA = (0.0, 1.0, 2.0)
+"""Loss coefficients of the lip in linear theory (-): no loss, one velocity head, two."""
+QUANTITIES = {"xi": ("xi", ""), "P_a": ("pressure amplitude", "Pa"), "flow": ("flow amplitude", "m2/s")}
+"""What is followed over the spacing: its label and unit."""
+BARS = ((0.02, 0.01, 0.05), (0.01, 0.005, 0.025))
+"""Coarse and fine spacing (m), and the largest change of xi between them, of the finer one's."""
+SCHEMES_APART = (0.01, 0.03)
+"""Spacing (m) at which the schemes are compared, and their largest difference in xi, of their mean."""
+ORDERS = (0.5, 2.0)
+"""Orders between which a sequence is extrapolated: below there is no limit in sight, above is not SPH's."""
+SAFETY = 1.25
+"""Factor on what is left to the limit: Roache's for three spacings."""
+
+
+class Found(NamedTuple):
+    """What one run found."""
+
+    values: dict[str, float]
+    """Each of `QUANTITIES`."""
+    errors: dict[str, float]
+    """Standard error of each from its scatter between periods."""
+    results: dict[str, float]
+    """Results of the run, as in its file."""
+    seconds: float
+    """Wall time of a second of the flow (s), at the rate of the run's last process."""
+
+
+class Limit(NamedTuple):
+    """Limit of a sequence over the spacing, or why there is none."""
+
+    value: float | None
+    """Value at no spacing; None where the sequence gives none."""
+    error: float
+    """Its error; without a value the spread of the sequence, largest less smallest."""
+    order: float | None
+    """Order seen in the sequence; None where it is not monotone or only scatters."""
+    why: str
+    """How the value came about, or why there is none."""
+
+
+def main(
+    dx: Annotated[list[float] | None, typer.Option(help="m, again for more; 0.02, 0.01, 0.005")] = None,
+    schemes: Annotated[list[str] | None, typer.Option(help="again for more; both")] = None,
+    t1: float = 14.0,
+) -> None:
+    """Runs or goes on with the spacings and schemes asked for, and reports them with those already there."""
+    asked = tuple(SPACINGS if not dx else dx), tuple(schemes or SCHEMES)
+    unknown = set(asked[1]) - set(SCHEMES)
+    if unknown:
+        raise typer.BadParameter(f"schemes = {', '.join(sorted(unknown))}: must be of {', '.join(SCHEMES)}")
+    runs = {kind: _runs(kind, asked, t1) for kind in SCHEMES}
+    theory = [js.linear_owc(study_case("incompressible", SPACINGS[-1]), zeta) for zeta in ZETA]
+    with Report("convergence", "The OWC over the spacing in both schemes, beside linear theory") as report:
+        every = [run for found in runs.values() for run in found.values()]
+        # whichever process it was that did it
+        report.seconds = sum(run.seconds * run.results["t_end"] for run in every)
+        for kind, found in runs.items():
+            for spacing, run in found.items():
+                _rows(report, f"{_short(kind)}, {1e3 * spacing:g} mm", run)
+        for kind, found in runs.items():
+            _convergence(report, _short(kind), found)
+        _schemes_apart(report, runs)
+        for linear in theory:
+            _theory(report, linear)
+        columns = [_column(kind, h, run) for kind, found in runs.items() for h, run in found.items()]
+        if columns:
+            report.table({name: [column[name] for column in columns] for name in columns[0]})
+        report.picture(_picture(runs, theory))
+
+
+def study_case(kind: str, dx: float) -> js.Case:
+    """The built-in OWC in a tank of 3 m by the scheme `kind`, at the spacing dx (m).
+
+    Wall and gauges stay where they are as the spacing changes.
+    """
+    return js.load_case("owc").replace(
+        {
+            "name": "owc_convergence",
+            "tank.length": 3.0,
+            "probes.gauges": [0.8, 1.2, 1.5, 1.9],
+            "probes.pressure": None,
+            "device.wall_thickness": 0.02,
+            "t1": 14.0,
+            "output.snapshot_dt": 2.0,
+            "dx": dx,
+            "scheme.kind": kind,
+            **SCHEMES[kind],
+        }
+    )
+
+
+def _runs(kind: str, asked: tuple[tuple[float, ...], tuple[str, ...]], t1: float) -> dict[float, Found]:
+    """What was found by the scheme `kind` at each spacing (m), coarse to fine: those asked for, and of the
+    others those whose run is there."""
+    found = {}
+    for spacing in sorted({*SPACINGS, *asked[0]}, reverse=True):
+        case, name = study_case(kind, spacing), f"convergence_{kind}_{spacing:g}"
+        if spacing in asked[0] and kind in asked[1]:
+            found[spacing] = _read(case, solved(case, name, t1))
+        elif _ended(case, path := common.RUNS / f"{name}.h5", t1):
+            found[spacing] = _read(case, RunFile.open(path))
+    return found
+
+
+def _ended(case: js.Case, path: Path, t1: float) -> bool:
+    """Whether the file is there, of this case, and its run went on to t1 (s)."""
+    if not path.exists():
+        return False
+    file = RunFile.open(path)
+    return file.case_toml == case.to_toml() and file.results().get("t_end", 0.0) > t1 - case.output.sample_dt
+
+
+def _read(case: js.Case, file: RunFile) -> Found:
+    """What a run found over its settled periods.
+
+    **Raises** ValueError for a run without one: its t1 is too short.
+    """
+    series, results = file.series(), file.results()
+    periods = int(results.get("periods", 0))
+    if periods < 1:
+        raise ValueError(f"the run to {results['t_end']:g} s has no settled period: t1 must be longer")
+    values, errors = {"xi": results["xi"]}, {"xi": results["xi_scatter"] / np.sqrt(periods)}
+    for name in ("P_a", "flow"):
+        values[name], errors[name] = _amplitude(series, name, case.waves.T, periods)
+    # `wall_seconds` is of the last process alone, where a run was interrupted; its rate holds for all
+    steps = len(file.snapshot(-1)["x"]) * results["steps"]
+    seconds = steps / results["particle_steps_per_second"] / results["t_end"]
+    return Found(values, errors, results, seconds)
+
+
+def _amplitude(series: dict[str, np.ndarray], name: str, period: float, periods: int) -> tuple[float, float]:
+    """Amplitude of a reading at the waves' frequency over the last whole periods, and its standard error."""
+    t = series["time"]
+
+    def over(samples: np.ndarray | slice) -> float:
+        return float(2.0 * abs(np.mean(series[name][samples] * np.exp(-2j * np.pi * t[samples] / period))))
+
+    last = t[-1] - period * np.arange(periods + 1)
+    each = [over((t > end - period + 1e-9) & (t <= end + 1e-9)) for end in last[:-1]]
+    whole = analysis.whole_periods(t, period, periods)
+    return over(whole), float(np.std(each) / np.sqrt(periods))
+
+
+def richardson(dx: list[float], values: list[float], errors: list[float]) -> Limit:
+    """Limit of a quantity at no spacing, in its unit, from its values at three spacings (m), coarse to fine.
+
+    With e = (f1 - f2, f2 - f3) and the ratio r of the spacings, the order is p = log(e1 / e2) / log(r) and
+    the limit f3 - e2 / (r^p - 1). `errors` are standard errors of the values. A sequence that turns, that
+    moves less than it scatters, whose order is below 0.5 or whose spacings are in no one ratio gives its
+    spread and no value; an order above 2 is taken as 2, which leaves more to the limit.
+    """
+    f, h = np.asarray(values, float), np.asarray(dx, float)
+    spread = float(np.ptp(f))
+    ratios = h[:-1] / h[1:]
+    if len(f) != 3 or abs(ratios[0] / ratios[1] - 1.0) > 1e-6:
+        return Limit(None, spread, None, "not three spacings in one ratio")
+    e1, e2 = -np.diff(f)
+    scatter = np.hypot(errors[1:], errors[:-1])
+    if e1 * e2 <= 0.0:
+        return Limit(None, spread, None, "not monotone")
+    if abs(e1) < scatter[0] or abs(e2) < scatter[1]:
+        return Limit(None, spread, None, "moves less than it scatters")
+    order = float(np.log(e1 / e2) / np.log(ratios[0]))
+    if order < ORDERS[0]:
+        return Limit(None, spread, order, f"order {order:.2g}, no limit in sight")
+    rest = 1.0 / (ratios[0] ** min(order, ORDERS[1]) - 1.0)
+    own = np.hypot((1.0 + rest) * errors[2], rest * errors[1])
+    why = f"order {order:.2g}" + (f", taken as {ORDERS[1]:g}" if order > ORDERS[1] else "")
+    return Limit(float(f[2] - rest * e2), float(np.hypot(SAFETY * rest * e2, own)), order, why)
+
+
+def _rows(report: Report, where: str, run: Found) -> None:
+    """Rows of one run: what is followed, where the paddle's work went, what it cost."""
+    for name, (label, unit) in QUANTITIES.items():
+        report.row(f"{where}: {label}", run.values[name], unit)
+        report.row(f"{where}: {label}, standard error", run.errors[name], unit)
+    for name, share in _shares(run.results).items():
+        label = "not accounted for" if name == "residual" else name
+        report.row(f"{where}: {label} / paddle", 100.0 * share, "%")
+    for name, label, unit in (
+        ("incident_height", "incident height", "m"),
+        ("reflection", "reflection", ""),
+        ("noise", "noise", ""),
+    ):
+        if name in run.results:
+            report.row(f"{where}: {label}", run.results[name], unit)
+    report.row(f"{where}: wall time of a second", run.seconds, "s")
+
+
+def _shares(results: dict[str, float]) -> dict[str, float]:
+    """Shares of the paddle's work (-) by where it went; what no part of the case does is left out."""
+    names = [name.removeprefix("energy_") for name in results if name.startswith("energy_")]
+    names = [name for name in names if name not in ("paddle", "residual_share")]
+    place = {"pto": -2, "stored": -1, "residual": 1}
+    names.sort(key=lambda name: place.get(name, 0))
+    return {n: results[f"energy_{n}"] / results["energy_paddle"] for n in names if results[f"energy_{n}"]}
+
+
+def _convergence(report: Report, where: str, found: dict[float, Found]) -> None:
+    """Rows of a scheme's changes of xi from spacing to spacing, and the limits of all quantities."""
+    for coarse, fine, bar in BARS:
+        if coarse in found and fine in found:
+            change = found[fine].values["xi"] / found[coarse].values["xi"] - 1.0
+            report.row(
+                f"{where}: change of xi from {1e3 * coarse:g} to {1e3 * fine:g} mm",
+                100.0 * change,
+                "%",
+                bar=f"within {100 * bar:g} %",
+                passes=abs(change) < bar,
+            )
+    if not set(SPACINGS) <= set(found):
+        return
+    for name, (label, unit) in QUANTITIES.items():
+        limit = _limit(found, name)
+        if limit.value is None:
+            report.row(f"{where}: {label} at no spacing", limit.why)
+            report.row(f"{where}: {label}, spread over the spacings", limit.error, unit)
+        else:
+            report.row(f"{where}: {label} at no spacing ({limit.why})", limit.value, unit)
+            report.row(f"{where}: {label} at no spacing, error", limit.error, unit)
+
+
+def _limit(found: dict[float, Found], name: str) -> Limit:
+    """Limit of a quantity over the three spacings, in its unit."""
+    runs = [found[h] for h in SPACINGS]
+    return richardson(list(SPACINGS), [r.values[name] for r in runs], [r.errors[name] for r in runs])
+
+
+def _schemes_apart(report: Report, runs: dict[str, dict[float, Found]]) -> None:
+    spacing, bar = SCHEMES_APART
+    if not all(spacing in found for found in runs.values()):
+        return
+    xi = [found[spacing].values["xi"] for found in runs.values()]
+    apart = (xi[0] - xi[1]) / np.mean(xi)
+    report.row(
+        f"{' less '.join(map(_short, runs))}, {1e3 * spacing:g} mm: xi",
+        100.0 * apart,
+        "%",
+        theory=0.0,
+        bar=f"within {100 * bar:g} %",
+        passes=abs(apart) < bar,
+    )
+
+
+def _theory(report: Report, linear: js.LinearOWC) -> None:
+    """Rows of linear theory with one loss at the lip."""
+    where = f"linear theory, zeta = {linear.lip_loss:g}"
+    for name, (label, unit) in QUANTITIES.items():
+        report.row(f"{where}: {label}", _expected(linear, name), unit)
+    report.row(f"{where}: lost at the lip / incident", 100.0 * linear.P_lip / linear.P_inc, "%")
+
+
+def _expected(linear: js.LinearOWC, name: str) -> float:
+    return float({"xi": linear.xi, "P_a": abs(linear.P_a), "flow": abs(linear.q)}[name])
+
+
+def _short(kind: str) -> str:
+    return kind.replace("_", " ")
+
+
+def _column(kind: str, spacing: float, run: Found) -> dict[str, float]:
+    """A run's line in the table of all; the scheme is its place in `SCHEMES`."""
+    line = {"scheme": float(list(SCHEMES).index(kind)), "dx_m": spacing}
+    for name, (_, unit) in QUANTITIES.items():
+        named = f"{name}_{unit.replace('/', '_')}".rstrip("_")
+        line |= {named: run.values[name], f"{named}_error": run.errors[name]}
+    return line | {"seconds_per_second": run.seconds}
+
+
+def _picture(runs: dict[str, dict[float, Found]], theory: list[js.LinearOWC]) -> Figure:
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for axis, (name, (label, unit)) in zip(axes, QUANTITIES.items(), strict=True):
+        for i, (kind, found) in enumerate(runs.items()):
+            h = 1e3 * np.array(list(found))
+            values, errors = ([getattr(r, of)[name] for r in found.values()] for of in ("values", "errors"))
+            axis.errorbar(h, values, errors, fmt="o-", color=f"C{i}", label=_short(kind))
+            limit = _limit(found, name) if set(SPACINGS) <= set(found) else None
+            if limit is not None and limit.value is not None:
+                axis.errorbar(0.0, limit.value, limit.error, fmt="s", mfc="none", capsize=3, color=f"C{i}")
+        for linear, style in zip(theory, ("-", "--", ":"), strict=True):
+            label_ = f"linear theory, zeta = {linear.lip_loss:g}"
+            axis.axhline(_expected(linear, name), color="k", ls=style, lw=1, label=label_)
+        axis.set(xlabel="dx, mm", ylabel=f"{label}, {unit}".rstrip(", "), xlim=(-1, None), ylim=(0, None))
+    axes[0].legend(fontsize="small")
+    axes[1].set_title("SPH; squares: Richardson's estimates")
+    return figure
