@@ -1,0 +1,163 @@
+"""A half-immersed cylinder let go in heave: period (s) and damping ratio (-), against linear theory.
+
+Two-dimensional, with both schemes. The cylinder is held a quarter of its radius above the place where it
+floats until the water has settled, and let go. Theory is Cummins' equation with the cylinder's own added
+mass and damping on the tank's depth (`experiments/heaving_cylinder.py`): on deep water the damping ratio
+would be a tenth higher. It is linear: a quarter of a radius from its middle the cylinder cuts the surface in
+a section 3 % narrower, and the lift is 1 % less. The tank is so long that nothing comes back from its ends
+before the readings are done, even at the speed of the longest waves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, solved
+from experiments.heaving_cylinder import Cylinder, Release, strip_of_a_long_cylinder
+
+CYLINDER = Cylinder(radius=0.1, depth=0.5)
+LENGTH = 3.2
+"""Of the tank, the cylinder in its middle, m."""
+LIFT = 0.25 * CYLINDER.radius
+"""Height above equilibrium at the release, m."""
+HELD = 1.0
+"""So long the water settles around the cylinder, s."""
+AFTER = 1.5
+"""Time of the free motion, s."""
+BACK = (LENGTH - 2.0 * CYLINDER.radius) / float(np.sqrt(CYLINDER.g * CYLINDER.depth))
+"""Time to the tank's ends and back at the speed of the longest waves, s."""
+SCHEMES = ("incompressible", "weakly_compressible")
+
+
+def let_go(kind: str, dx: float) -> js.Case:
+    """The cylinder in its tank, by the scheme of this kind."""
+    return js.Case.from_dict(
+        {
+            "name": f"heave_{kind}",
+            "description": "a half-immersed cylinder let go in heave",
+            "dx": dx,
+            "t1": HELD + AFTER,
+            "scheme": {"kind": kind},
+            "tank": {"length": LENGTH, "depth": CYLINDER.depth},
+            "body": {
+                "disc": {"centre": [0.5 * LENGTH, CYLINDER.depth + LIFT], "radius": CYLINDER.radius},
+                "mass": CYLINDER.mass,
+                "free": ["heave"],
+                "release": HELD,
+            },
+            "output": {"sample_dt": 0.005, "snapshot_dt": 0.1},
+        }
+    )
+
+
+def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and heights (m) of the release and of the first `count` turns after it.
+
+    z is the height over where the cylinder floats. A turn is the vertex of a parabola through the readings
+    around it, over a quarter of the last swing's time, so that single readings which scatter do not move it.
+    """
+    times, heights = [float(t[0])], [float(z[0])]
+    start = 0
+    for n in range(count):
+        sign = -1.0 if n % 2 == 0 else 1.0
+        crossed = np.flatnonzero(sign * z[start:] > 0)
+        if not crossed.size:
+            raise ValueError(f"the record of {t[-1] - t[0]:.3g} s has {n} turns, {count} are needed")
+        first = start + int(crossed[0])
+        back = np.flatnonzero(sign * z[first:] < 0)
+        last = first + int(back[0]) if back.size else t.size
+        at = first + int(np.argmax(sign * z[first:last]))
+        near = np.abs(t - t[at]) <= 0.125 * (t[at] - times[-1])
+        bend, slope, height = np.polyfit(t[near] - t[at], z[near], 2)
+        times.append(float(t[at] - 0.5 * slope / bend))
+        heights.append(float(height - 0.25 * slope**2 / bend))
+        start = last
+    return np.array(times), np.array(heights)
+
+
+def period_and_damping(t: np.ndarray, z: np.ndarray) -> tuple[float, float]:
+    """Period (s), from the release to the next top, and damping ratio (-) over the first two swings.
+
+    A swing goes from one turn to the next. Its length, unlike a turn's own height, does not depend on where
+    the cylinder comes to rest; two swings on it has fallen by exp(-2 delta), and the ratio is
+    delta / sqrt(pi^2 + delta^2).
+    """
+    times, heights = extremes(t, z)
+    swings = np.abs(np.diff(heights))
+    delta = 0.5 * float(np.log(swings[0] / swings[2]))
+    return float(times[2] - times[0]), delta / float(np.hypot(np.pi, delta))
+
+
+def main(dx: float = 0.01) -> None:
+    """Runs both schemes beside theory."""
+    with Report(f"heave_{dx:g}", "Half-immersed cylinder let go in heave, both schemes, 2-D", dx) as report:
+        figure = Figure(figsize=(7, 4), layout="constrained")
+        ax = figure.subplots()
+        t, z = _theory(report)
+        expected = period_and_damping(t, z)
+        ax.plot(t, z / LIFT, "k--", lw=1, label="linear theory")
+        report.seconds = 0.0
+        for kind in SCHEMES:
+            file = solved(let_go(kind, dx), f"heave_{kind}_{dx:g}")
+            report.seconds += file.results()["wall_seconds"]
+            series = file.series()
+            free = series["time"] >= HELD - 1e-6
+            t, z = series["time"][free] - HELD, LIFT + series["heave"][free]
+            name = kind.replace("_", " ")
+            _compare(report, name, period_and_damping(t, z), expected)
+            ax.plot(t, z / LIFT, label=name)
+        ax.axvline(BACK, color="0.8", lw=1, zorder=0, label="waves are back from the ends")
+        ax.set(xlabel="t from the release, s", ylabel="height over that at the release")
+        ax.legend(fontsize="small")
+        report.picture(figure)
+
+
+def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and heights (m) of theory, after rows that say how good it is."""
+    release = Release(CYLINDER)
+    t, z = release.path(LIFT, AFTER)
+    times, _ = extremes(t, z)
+    omega = 2.0 * np.pi / float(times[2])
+    mine, strip = CYLINDER.coefficients(omega), strip_of_a_long_cylinder(CYLINDER, omega, 3.0)
+    for name, here, beside in zip(("added mass", "damping"), mine, strip, strict=True):
+        off = here / beside - 1.0
+        check = f"theory: {name} at {omega:.3g} rad/s off that of a 3-D boundary-element code"
+        report.row(check, 100 * off, "%", bar="2 %", passes=abs(off) < 0.02)
+    off = CYLINDER.damping_of_the_waves(omega) / mine[1] - 1.0
+    report.row(
+        "theory: damping off the energy of the waves", 100 * off, "%", bar="0.1 %", passes=abs(off) < 1e-3
+    )
+    off = release.added_mass_off_the_memory()
+    report.row("theory: added mass off the memory's", 100 * off, "%", bar="0.1 %", passes=off < 1e-3)
+    report.row(
+        "soonest return of a wave from the tank's ends",
+        BACK,
+        "s",
+        bar=f"after the third turn, {times[3]:.3f} s",
+        passes=BACK > times[3] + 0.125 * (times[3] - times[2]),
+    )
+    return t, z
+
+
+def _compare(report: Report, name: str, here: tuple[float, float], theory: tuple[float, float]) -> None:
+    """Rows of period and damping ratio."""
+    for what, unit, bar, found, expected in zip(
+        ("period", "damping ratio over the first two swings"),
+        ("s", ""),
+        (0.02, 0.1),
+        here,
+        theory,
+        strict=True,
+    ):
+        off = found / expected - 1.0
+        report.row(
+            f"{name}: {what}",
+            found,
+            unit,
+            theory=expected,
+            bar=f"within {100 * bar:g} %",
+            passes=abs(off) < bar,
+        )
+        report.row("the same: off theory", 100 * off, "%")
