@@ -23,8 +23,8 @@ from jaxsph import analysis
 from jaxsph.output.run_file import RunFile
 
 SPACINGS = (0.02, 0.01, 0.005)
-SCHEMES: dict[str, dict[str, Any]] = {"incompressible": {}, "weakly_compressible": {"scheme.alpha": 0.01}}
-"""What each scheme is run with: at the tip the weakly compressible one needs some artificial viscosity."""
+SCHEMES: dict[str, dict[str, Any]] = {"incompressible": {}, "weakly_compressible": {}}
+"""Changes to the case with each scheme, which has its defaults otherwise."""
 ZETA = (0.0, 1.0, 2.0)
 """Loss coefficients of the lip in linear theory (-): no loss, one velocity head, two."""
 QUANTITIES = {"xi": ("xi", ""), "P_a": ("pressure amplitude", "Pa"), "flow": ("flow amplitude", "m2/s")}
