@@ -83,9 +83,9 @@ class Regularisation(eqx.Module):
     fades out (`pairs.correctable`).
 
     **Separation** moves particles nearer than 0.6 spacings apart, as impacts bring them:
-    dr_i/dt = separation sqrt(g/h) dx sum_j (1 - r_ij/(0.6 dx)) r_ij/|r_ij|, and carries their velocities
-    along, u_i += (grad u_i + grad u_j)/2 . dr_ij. Particles farther apart do not feel it, neither in a wave
-    nor at a surface: it cannot lift one.
+    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|, and carries their
+    velocities along, u_i += (grad u_i + grad u_j)/2 . dr_ij. Particles farther apart do not feel it, neither
+    in a wave nor at a surface: it cannot lift one.
 
     Both exchange momentum between pairs and lose none; their energies are booked. Without gravity the rate is
     zero, and both are off.
@@ -107,13 +107,15 @@ class Regularisation(eqx.Module):
     def law(unit: Scalar, dx: Scalar, pair: Pair, i: Fields, j: Fields) -> Terms:
         """Terms of one pair; walls take no part.
 
-        **Arguments**: `unit`: `lattice_sum`; spacing `dx` (m); fields "V", "u", "grad_u" and "trust".
+        **Arguments**: `unit`: `lattice_sum`; spacing `dx` (m); fields "u", "grad_u", "trust", and "V", the
+        mass over rho0, with which pairs exchange momentum and lose none.
         """
         w = i["trust"] * j["trust"] * laws.water_volume(j) * pair.W**2 / unit
         jump = tuple(w * jump for jump in laws.velocity_jump(pair, i, j))
         # the guard is for the particle itself, which has no direction
         r = jnp.sqrt(pair.r2 + (1e-6 * dx) ** 2)
-        near = jnp.maximum(1.0 - r / (PAIR * dx), 0.0) * (j["V"] > 0.0) / r
+        size = laws.water_volume(j) / dx ** len(pair.r)
+        near = size * jnp.maximum(1.0 - r / (PAIR * dx), 0.0) / r
         apart = tuple(near * component for component in pair.r)
         both = zip(i["grad_u"], j["grad_u"], strict=True)
         mean = (tuple(0.5 * (a + b) for a, b in zip(*gradients, strict=True)) for gradients in both)
@@ -150,11 +152,12 @@ class Regularisation(eqx.Module):
     ) -> Regularised:
         """Velocities (m/s) and displacements (m) after a step of dt (s), by two sums over pairs.
 
-        For a scheme whose own sums give no gradient of the velocities u (m/s). `sources`: water and ghosts,
-        with their positions x and volumes V.
+        For a scheme whose own sums give no gradient of the velocities u (m/s). `sources`: positions x of
+        water and ghosts.
         """
         n, smoothing = u.shape[0], scheme.smoothing
-        water = {"x": sources["x"], "V": sources["V"], "u": columns(with_walls(u, sources))}
+        own = {"V": p.m / scheme.rho0, "u": columns(u)}
+        water = {"x": sources["x"]} | jax.tree.map(lambda a: with_walls(a, sources), own)
 
         def gradient(pair: Pair, i: Fields, j: Fields):
             return laws.moment_matrix(pair, i, j), laws.velocity_gradient(pair, i, j)
@@ -174,8 +177,8 @@ def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D
 
 
 def with_walls(field: Float[Array, "N ..."], sources: dict) -> Float[Array, "M ..."]:
-    """Field of the water with zeros for the walls behind it, as many as `sources` has."""
-    count = sources["V"].shape[0] - field.shape[0]
+    """Field of the water with zeros for the walls that `sources` has behind it."""
+    count = sources["x"][0].shape[0] - field.shape[0]
     return jnp.concatenate([field, jnp.zeros((count, *field.shape[1:]), field.dtype)])
 
 

@@ -246,8 +246,8 @@ class DeltaSPH(AbstractRateScheme):
         return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
 
     def _noisy(self, p: Particles, sources: dict, rates: Rates) -> tuple[dict, ...]:
-        """Velocities (m/s) and their gradients (1/s), as sources of each regularisation."""
-        own = {"u": columns(p.u), "trust": rates.trust}
+        """Masses over rho0, velocities (m/s) and their gradients (1/s), as sources of each regularisation."""
+        own = {"V": p.m / self.rho0, "u": columns(p.u), "trust": rates.trust}
         return tuple(
             jax.tree.map(lambda a: with_walls(a, sources), own | {"grad_u": grad_u})
             for grad_u in rates.grad_u
