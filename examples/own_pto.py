@@ -27,7 +27,7 @@ case = js.load_case("owc").replace(
     }
 )
 model, state = js.build(case)
-model = eqx.tree_at(lambda m: m.chambers[0].pto, model, LinearTurbine(jnp.float32(2.0e4)))
+model = eqx.tree_at(lambda m: m.chambers[0].pto, model, LinearTurbine(jnp.float32(1.0e4)))
 probes = js.make_probes(case, model, state)
 solution = js.march(model, state, 2.4, case.output.sample_dt, probes)
 P_a, flow = solution["P_a"], solution["flow"]

@@ -37,6 +37,8 @@ RESULTS = {
     "energy_sponge": ("  taken by the sponge", "J/m"),
     "energy_viscous": ("  viscous loss", "J/m"),
     "energy_diffusive": ("  loss by density diffusion", "J/m"),
+    "energy_hyperviscosity": ("  loss by hyperviscosity", "J/m"),
+    "energy_separation": ("  lost where pairs of particles part", "J/m"),
     "energy_contact": ("  lost by water that meets a solid", "J/m"),
     "energy_projection": ("  lost in the projection", "J/m"),
     "energy_residual": ("  not accounted for", "J/m"),

@@ -244,7 +244,7 @@ def test_grain_sees_what_neighbours_differ_by(a, b, seed):
             "device.draught: the loop does not depend smoothly on it .*fluid.nu.* method=js.Ensemble",
         ),
         ({}, {"parameter": "pto.k_dm"}, "did you mean 'pto.K_dm'"),
-        ({}, {"parameter": "scheme.kernel"}, "scheme.kernel = .* must be a number"),
+        ({}, {"parameter": "scheme.solver"}, "scheme.solver = .* must be a number"),
         ({}, {"parameter": "pto.P_a"}, "pto.P_a is not given in the case"),
         ({}, {"parameter": "pto.K_dm", "of": "eta"}, "of = 'eta': must be 'xi', 'P_owc' or 'energy_pto'"),
         ({"t1": 5.0}, {"parameter": "pto.K_dm"}, "of = 'xi' needs a whole wave period .* raise t1 = 5 s"),
@@ -265,7 +265,8 @@ def test_an_ensemble_without_a_slope_is_refused(arguments):
 
 def test_what_the_lattice_takes_its_shape_from_is_no_derivative_s():
     """Every number offered is one that a build takes over smoothly: arrays keep their shapes."""
-    case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.04, "scheme.alpha": 0.01})
+    weakly = {"scheme.kind": "weakly_compressible", "scheme.alpha": 0.01}
+    case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.04} | weakly)
     model, state = js.build(case)
     for name in ("pto.K_dm", "waves.H", "scheme.alpha"):
         assert name in SMOOTH

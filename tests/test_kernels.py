@@ -11,10 +11,10 @@ from conftest import enable_x64
 from jaxsph.core.kernels import Gaussian, WendlandC2, support
 
 H = 0.03
-# What the cut at 3h takes from the Gaussian: erfc-type tails of exp(-q^2).
+# What the cut at 3.5h takes from the Gaussian: erfc-type tails of exp(-q^2).
 LOST = {
-    (Gaussian, 2): math.exp(-9.0),
-    (Gaussian, 3): math.erfc(3.0) + 6.0 / math.sqrt(math.pi) * math.exp(-9.0),
+    (Gaussian, 2): math.exp(-12.25),
+    (Gaussian, 3): math.erfc(3.5) + 7.0 / math.sqrt(math.pi) * math.exp(-12.25),
     (WendlandC2, 2): 0.0,
     (WendlandC2, 3): 0.0,
 }
@@ -58,4 +58,6 @@ def test_wendland_vanishes_smoothly_at_its_support():
 
 
 def test_support():
-    assert support(Gaussian(), H) == pytest.approx(3 * H) and support(WendlandC2(), H) == pytest.approx(2 * H)
+    assert support(Gaussian(), H) == pytest.approx(3.5 * H) and support(WendlandC2(), H) == pytest.approx(
+        2 * H
+    )

@@ -18,7 +18,7 @@ from jaxsph.schemes.base import at_rest
 def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
     """Runs `steps` steps of the OWC with spacing dx, in turns with its bare pair sums."""
     use_threads(threads)
-    case = js.load_case("owc").replace({"dx": dx})
+    case = js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"})
     model, state = js.build(case)
     probes = js.make_probes(case, model, state)
     every = steps_per_sample(case, model)

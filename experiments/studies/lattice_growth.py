@@ -22,6 +22,7 @@ def main(dx: float = 0.02, t1: float = 1.8) -> None:
                     "tank.length": 2.0,
                     "probes.gauges": [0.5],
                     "probes.pressure": None,
+                    "scheme.kind": "weakly_compressible",
                     "scheme.h_over_dx": h,
                     "output.snapshot_dt": 0.1,
                 }
