@@ -37,7 +37,7 @@ class AbstractGrip(eqx.Module):
 
     @abc.abstractmethod
     def inertia(self, chamber: Chamber) -> Scalar | float:
-        """Inertia of the water that the air's force acts on alone, over that of the water that moves with it."""
+        """Inertia of the water in the reach of the air's force, over that of all water that moves with it."""
 
     @abc.abstractmethod
     def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
