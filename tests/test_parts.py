@@ -131,7 +131,7 @@ def test_parts_have_names_of_their_own(damped_vessel):
 def test_every_energy_of_the_ledger_is_described(damped_vessel):
     _, model, state = damped_vessel
     entries = model.entries()
-    assert set(entries) == set(state.ledger) == {"pto"}
+    assert set(entries) == set(state.ledger) == {"pto", "hyperviscosity", "separation"}
     assert entries["pto"].exchange is Exchange.HARVESTED
     interval = move_walls(model.scheme, model, state, model.dt)
     assert set(interval.after) == set(state.own) == {"chamber"}

@@ -142,9 +142,9 @@ class DeltaSPH(AbstractRateScheme):
         return f"weakly compressible, sound speed {float(self.c0):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractParticleScheme`: 25 ns a neighbour in two dimensions and 30 in three (still water, the
+        """See `AbstractParticleScheme`: 25 ns a neighbour in two dimensions and 24 in three (still water, the
         OWC and the column), where lists outgrow the caches, for each evaluation."""
-        pair = 25e-9 if dim == 2 else 30e-9
+        pair = 25e-9 if dim == 2 else 24e-9
         return pair * self.integrator.evaluations * self.neighbours(dx, dim)
 
     def fastest(self, dt):
