@@ -325,6 +325,7 @@ MEASURED = [
     ("hydrostatic", {"dx": 0.005}, 40_000 + 2_752, 5.64e-2),
     ("owc", {"scheme.kind": "weakly_compressible"}, 8_232 + 2_284, 1.52e-2),
     ("hydrostatic", {"dx": 0.05, "tank.width": 0.5}, 4_000 + 10_528, 1.39e-1),
+    ("hydrostatic", {"dx": 0.025, "tank.width": 0.5}, 32_000 + 31_488, 6.89e-1),
     (
         "hydrostatic",
         {"dx": 0.05, "tank.width": 0.5, "scheme.integrator": "predictor_corrector"},
