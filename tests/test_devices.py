@@ -130,6 +130,9 @@ class _Given(AbstractGrip):
     def force(self, chamber, x, V, sums, table):
         return self.forces
 
+    def inertia(self, chamber):
+        return 1.0
+
     def water_pressure(self, weight):
         return jnp.zeros_like(weight)
 

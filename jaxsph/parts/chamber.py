@@ -86,8 +86,7 @@ class BodyForceGrip(AbstractGrip):
         """See `AbstractGrip`: the projection moves the whole column, and about a chamber's length below it.
 
         A force per volume of chi' has the inertia of a slug of 5/6 of the fading zone's height, and of no
-        more: taken for the whole it makes the air softer than its law, by a sixth at dx = 0.04 m. The
-        estimate is stable up to twice the column's inertia.
+        more: taken for the whole it makes the air softer than its law, by a sixth at dx = 0.04 m.
         """
         column = chamber.still - chamber.fade_low + chamber.length
         return 5.0 / 6.0 * (chamber.fade_high - chamber.fade_low) / column
@@ -194,10 +193,20 @@ class Chamber(AbstractChamber):
         sums = {"smoothing": scheme.smoothing, "sources": with_empty(sources)}
         force = self.grip.force(self, columns(water.x[i]), V, sums, tables.fluid[:, i])
         q_free = -jnp.sum(dot(force, columns(u[i])))
-        compliance = dt * jnp.sum(dot(force, force) / m) * self.grip.inertia(self)
+        compliance = self._compliance(dt * jnp.sum(dot(force, force) / m), q_free, t)
         P_a = self.pto.pressure(q_free, compliance, t)
         change = stack([dt * P_a * f / m for f in force])
         return Kick(u.at[index].add(change, mode="drop"), P_a, index, force)
+
+    def _compliance(self, alone: Scalar, q_free: Scalar, t: Scalar) -> Scalar:
+        """Compliance -dq/dP_a of the water in a step (m2/s/Pa), from that of the water in the force's reach.
+
+        All water that moves with it counts where the air is soft. A nearly closed chamber, whose pressure
+        would more than stop the water in reach, has the compliance of that alone: too large, and stable.
+        """
+        gain2 = (self.pto.pressure(q_free, jnp.zeros_like(alone), t) * alone) ** 2 / (q_free**2 + 1e-20)
+        share = self.grip.inertia(self)
+        return alone * (share + (1.0 - share) * gain2 / (1.0 + gain2))
 
     def finish(self, own, kick, before, after, dt):
         """See `AbstractChamber`."""
