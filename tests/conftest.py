@@ -65,6 +65,12 @@ def advance(case, model, state, samples):
     )
 
 
+def shaken(state, dx, rng, share):
+    """The state with every particle moved by up to a share of the spacing, along each axis."""
+    move = share * dx * rng.uniform(-1.0, 1.0, state.particles.x.shape)
+    return eqx.tree_at(lambda s: s.particles.x, state, state.particles.x + jnp.float32(move))
+
+
 def with_velocity(state, u):
     """The state with other velocities, broadcast to its own."""
     old = state.particles.u

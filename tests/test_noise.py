@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import with_velocity
+from conftest import shaken, with_velocity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,13 +29,6 @@ def read(model, state):
 def tank(request):
     """(model, state) of a tank in two or three dimensions."""
     return request.getfixturevalue(request.param)[1:]
-
-
-def shaken(state, dx, rng, share):
-    """The state with every particle moved by up to a share of the spacing, along each axis."""
-    x = state.particles.x
-    move = share * dx * rng.uniform(-1.0, 1.0, x.shape)
-    return eqx.tree_at(lambda s: s.particles.x, state, x + jnp.asarray(move, x.dtype))
 
 
 def without(state, gone):

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import with_velocity
+from conftest import shaken, with_velocity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -32,12 +32,6 @@ def regularised(model, state):
 def tank(request):
     """(model, state) of a tank in two or three dimensions."""
     return request.getfixturevalue(request.param)[1:]
-
-
-def shaken(state, dx, rng, share):
-    """The state with every particle moved by up to a share of the spacing, along each axis."""
-    move = share * dx * rng.uniform(-1.0, 1.0, state.particles.x.shape)
-    return eqx.tree_at(lambda s: s.particles.x, state, state.particles.x + jnp.float32(move))
 
 
 @settings(max_examples=15, deadline=None)

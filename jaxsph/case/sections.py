@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_val
 
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
-from jaxsph.schemes.incompressible import KERNEL, RELAXATION
+from jaxsph.schemes.incompressible import KERNEL, RELAXATION, usual_length
 
 # Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
 Length = Annotated[float, Field(ge=1e-5, le=1e5)]
@@ -125,12 +125,11 @@ class Incompressible(_Section):
 
     def smoothing_length(self, dim: int) -> float:
         """Smoothing length of the kernel over dx."""
-        usual = {Gaussian: 1.2, WendlandC2: {2: 2.0, 3: 1.5}[dim]}[type(self.smoothing_kernel(dim))]
-        return usual if self.h_over_dx is None else self.h_over_dx
+        return usual_length(self.smoothing_kernel(dim), dim) if self.h_over_dx is None else self.h_over_dx
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), None: KERNEL[dim][0]}
+        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), None: KERNEL[dim]}
         return named[self.kernel]
 
 

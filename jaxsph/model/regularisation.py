@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -31,6 +32,7 @@ __all__ = [
     "Regularisation",
     "Regularised",
     "lattice_sum",
+    "regularisations",
     "with_walls",
 ]
 
@@ -169,6 +171,18 @@ class Regularisation(eqx.Module):
         law = functools.partial(self.law, lattice_sum(smoothing, model.dx, u.shape[1]), model.dx)
         terms = pair_sum(law, smoothing, _first(water, n), with_empty(water), tables.fluid)
         return self.advance(model, smoothing.h, p, u, terms, dt)
+
+
+def regularisations(
+    hyperviscosity: float, separation: float, leaf: Callable[[float], Scalar]
+) -> tuple[Regularisation, ...]:
+    """Regularisation of the given strengths as a scheme holds it: one, or none where both are zero.
+
+    `leaf` makes an array of a number, in the scheme's precision.
+    """
+    if not (hyperviscosity or separation):
+        return ()
+    return (Regularisation(leaf(hyperviscosity), leaf(separation)),)
 
 
 def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D"]) -> Scalar:

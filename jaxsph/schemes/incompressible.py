@@ -18,7 +18,7 @@ from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.model import laws
 from jaxsph.model.interfaces import Dissipation, Entry, Kick, Model
-from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation
+from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation, regularisations
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Failure, Particles, State, Status, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
@@ -38,14 +38,24 @@ from jaxsph.schemes.base import (
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
 
-KERNEL = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
-"""Kernel and its smoothing length over the spacing, by number of dimensions.
+KERNEL = {2: Gaussian(), 3: WendlandC2()}
+"""Kernel by number of dimensions.
 
 In two dimensions the Gaussian: what is left of a kernel's transform at the wavelength of the spacing is what
 a lattice resists its deformation with, and of the Gaussian's 1e-6 is left. Wendland's kernel, of h = 2 dx,
 which is quiet at rest, takes four times as much from a wave. In three dimensions, where the Gaussian would
-have three times as many neighbours, kernel and ratio are the paper's (section 2).
+have three times as many neighbours, the kernel is the paper's (section 2).
 """
+
+
+def usual_length(kernel: AbstractKernel, dim: int) -> float:
+    """Smoothing length over the spacing that a kernel has by default, in `dim` dimensions.
+
+    Wendland's: a square lattice is quiet at rest with 2, and 1.5 is the paper's (section 2).
+    """
+    if isinstance(kernel, WendlandC2):
+        return {2: 2.0, 3: 1.5}[dim]
+    return 1.2 * kernel.width
 
 
 RELAXATION = 1.5
@@ -179,16 +189,15 @@ class ISPH(AbstractParticleScheme):
         """Builds the incompressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
-        default water's; `kernel` and its smoothing length `h_over_dx` dx, by default those of `KERNEL`;
-        `least`, the least pressure (Pa); `period`: `Box.period`; `hyperviscosity`, `separation`: strengths of
-        the regularisation, which there is none of with two zeros; `options`: further fields by name. There is
-        an argument for each choice.
+        default water's; `kernel` and its smoothing length `h_over_dx` dx, by default those of `KERNEL` and
+        `usual_length`; `least`, the least pressure (Pa); `period`: `Box.period`; `hyperviscosity`,
+        `separation`: strengths of the regularisation, which there is none of with two zeros; `options`:
+        further fields by name. There is an argument for each choice.
         """
-        usual, usual_h = KERNEL[dim]
-        kernel = usual if kernel is None else kernel
+        kernel = KERNEL[dim] if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
         surface = EmptyNeighbours() if surface is None else surface
-        h_over_dx = usual_h if h_over_dx is None else h_over_dx
+        h_over_dx = usual_length(kernel, dim) if h_over_dx is None else h_over_dx
 
         def leaf(a):
             return jnp.asarray(a, dtype)
@@ -205,10 +214,7 @@ class ISPH(AbstractParticleScheme):
             surface=jax.tree.map(leaf, surface),
             relaxation=leaf(relaxation),
             least=leaf(least),
-            regularisation=tuple(
-                Regularisation(leaf(hyperviscosity), leaf(separation))
-                for _ in range(bool(hyperviscosity or separation))
-            ),
+            regularisation=regularisations(hyperviscosity, separation, leaf),
             shifting=() if shifting is None else (jax.tree.map(leaf, shifting),),
             **jax.tree.map(leaf, options),
         )
@@ -275,12 +281,14 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, u)
         u_star = u + dt * (model.g + model.acceleration(p.x))
         u_ghosts = ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
-        u_old = columns(jnp.concatenate([p.u, ghosts.u]))
+        # the divergence is linear: of what the velocities had before the step a share is left for the next
+        later = 1.0 - LEFT_OVER
+        u_left = u_ghosts - later * ghosts.u
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
         # positions half a step ahead water swings without a loss to second order.
         at = self._halfway(model, state, interval, u_star)
         ghosts = self.place_ghosts(model, at, tables)
-        sources = self._sources(at.particles, ghosts, u_star, u_ghosts) | {"u_old": u_old}
+        sources = self._sources(at.particles, ghosts, u_star - later * p.u, u_left)
         projected = self._project(model, at, tables, ghosts, sources, interval)
         pressure = jnp.concatenate([projected.p, projected.p_ghosts])
         sources = sources | {"p": pressure}
@@ -465,20 +473,14 @@ class ISPH(AbstractParticleScheme):
     def _poisson(
         self, model: Model, p: Particles, ghosts: GhostFields, sources: dict, tables: Tables
     ) -> Poisson:
-        """Weights, diagonal and source of the pressure Poisson equation (Eq. 9-12).
-
-        Of the divergence that the velocities had at the beginning of the step a share is taken (`LEFT_OVER`).
-        """
+        """Weights, diagonal and source of the pressure Poisson equation (Eq. 9-12)."""
         h, walls = self.smoothing.h, model.walls
         guard = (0.1 * h) ** 2
         targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
 
         def law(pair: Pair, i, j):
             w = laws.laplacian_weight(pair, j, guard)
-            divergence = laws.divergence(pair, i, j) - (1.0 - LEFT_OVER) * laws.divergence(
-                pair, i | {"u": i["u_old"]}, j | {"u": j["u_old"]}
-            )
-            return (divergence, laws.volume(j) * pair.W, w), w
+            return (laws.divergence(pair, i, j), laws.volume(j) * pair.W, w), w
 
         (shrinking, fill, diagonal), weights = pair_weights(
             law, self.smoothing, targets, with_empty(sources), tables.fluid

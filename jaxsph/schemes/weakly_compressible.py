@@ -34,6 +34,7 @@ from jaxsph.model.regularisation import (
     Regularisation,
     Terms,
     lattice_sum,
+    regularisations,
     with_walls,
 )
 from jaxsph.model.shifting import Shifting
@@ -110,10 +111,7 @@ class DeltaSPH(AbstractRateScheme):
             delta=leaf(delta),
             viscosity=jax.tree.map(leaf, viscosity),
             integrator=SymplecticEuler() if integrator is None else integrator,
-            regularisation=tuple(
-                Regularisation(leaf(hyperviscosity), leaf(separation))
-                for _ in range(bool(hyperviscosity or separation))
-            ),
+            regularisation=regularisations(hyperviscosity, separation, leaf),
             shifting=() if shifting is None else (jax.tree.map(leaf, shifting),),
             **jax.tree.map(leaf, options),
         )
