@@ -27,7 +27,7 @@ def steps(step: Callable[[S], S], state: S, n: int) -> S:
 
 def blocks(
     prepare: Callable[[S], tuple[S, T]],
-    measure: Callable[[S, T], tuple[S, Any]],
+    begin: Callable[[S, T], tuple[S, Any]],
     step: Callable[[S, T], S],
     state: S,
     n_blocks: int,
@@ -35,8 +35,9 @@ def blocks(
 ) -> tuple[S, Any]:
     """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
 
-    In each block `prepare` makes the tables, `measure` takes readings with them, then come the steps.
-    Readings belong to the start of their block, so that a run cut at any block continues exactly.
+    In each block `prepare` makes the tables, `begin` takes readings with them and does what is done once in a
+    block, then come the steps. Readings belong to the start of their block, so that a run cut at any block
+    continues exactly.
     Reverse mode stores tables and pair sums and runs the rest again: memory grows with the number of steps,
     by a state and its pair sums for each.
     """
@@ -44,7 +45,7 @@ def blocks(
     @rematerialise
     def block(s, _):
         s, tables = keep(prepare(s))
-        s, reading = measure(s, tables)
+        s, reading = begin(s, tables)
         return steps(lambda a: step(a, tables), s, steps_per_block), reading
 
     return jax.lax.scan(block, state, length=n_blocks)

@@ -179,6 +179,10 @@ class AbstractScheme(eqx.Module):
         """State after one time step of `model.dt`."""
 
     @abc.abstractmethod
+    def regularise(self, model: Model, state: State, tables: Tables) -> State:
+        """State after the scheme's regularisation of the particles over the steps between two searches."""
+
+    @abc.abstractmethod
     def kernel_sum(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
         """Sum of V W of every particle over water and walls, itself included: 1 where the kernel is full."""
 

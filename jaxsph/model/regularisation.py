@@ -28,7 +28,9 @@ from jaxsph.model.state import Particles, Tables
 
 __all__ = [
     "HYPERVISCOSITY",
+    "PAIR",
     "SEPARATION",
+    "WHOLE",
     "Regularisation",
     "Regularised",
     "lattice_sum",
@@ -50,11 +52,15 @@ PAIR = 0.6
 """Distance in spacings below which two particles are a pair: well below what waves bring about."""
 
 
+WHOLE = 0.5 * PAIR
+"""Displacement in spacings that takes two particles in one place to the distance of no pair."""
+
+
 class Regularised(NamedTuple):
-    """Changes that a regularisation makes in a step."""
+    """Changes that a regularisation makes between two searches."""
 
     u: Float[Array, "N D"]
-    """Velocities after the step, m/s."""
+    """Velocities after it, m/s."""
     moved: Float[Array, "N D"]
     """Displacements beside the drift, m."""
     lost: dict[str, Scalar]
@@ -123,54 +129,43 @@ class Regularisation(eqx.Module):
         mean = (tuple(0.5 * (a + b) for a, b in zip(*gradients, strict=True)) for gradients in both)
         return Terms(jump, apart, tuple(dot(gradient, apart) for gradient in mean))
 
-    def advance(
-        self, model: Model, h: Scalar, p: Particles, u: Float[Array, "N D"], terms: Terms, dt: Scalar
-    ) -> Regularised:
-        """Velocities (m/s) and displacements (m) after a step of dt (s) from the sums over pairs.
-
-        **Arguments**: smoothing length h (m); particles p with the velocities u (m/s).
-        """
-        # the guard is for the derivative where there is no gravity
-        rate = dt * (jnp.sum(model.g**2) + 1e-30) ** 0.25 / jnp.sqrt(h)
-        smoothed = self.hyperviscosity * rate * stack(terms.jump)
-        share = self.separation * rate * model.dx
-        moved, carried = share * stack(terms.apart), share * stack(terms.carried)
-        lifted = -jnp.sum(p.m * (moved @ model.g))
-        lost = {
-            "hyperviscosity": kinetic_loss(p, u, smoothed),
-            "separation": kinetic_loss(p, u + smoothed, carried) - lifted,
-        }
-        return Regularised(u + smoothed + carried, moved, lost)
-
     def apply(
-        self,
-        scheme: AbstractScheme,
-        model: Model,
-        p: Particles,
-        u: Float[Array, "N D"],
-        sources: dict,
-        tables: Tables,
-        dt: Scalar,
+        self, scheme: AbstractScheme, model: Model, p: Particles, tables: Tables, t: Scalar
     ) -> Regularised:
-        """Velocities (m/s) and displacements (m) after a step of dt (s), by two sums over pairs.
+        """Velocities (m/s) and displacements (m) after the time t (s), by two sums over pairs.
 
-        For a scheme whose own sums give no gradient of the velocities u (m/s). `sources`: positions x of
-        water and ghosts.
+        t is that between two searches: whatever it is, noise and pairs are at most undone.
         """
-        n, smoothing = u.shape[0], scheme.smoothing
-        own = {"V": p.m / scheme.rho0, "u": columns(u)}
-        water = {"x": sources["x"]} | jax.tree.map(lambda a: with_walls(a, sources), own)
+        smoothing, dim = scheme.smoothing, p.x.shape[1]
+        own = {"x": columns(p.x), "V": p.m / scheme.rho0, "u": columns(p.u)}
 
         def gradient(pair: Pair, i: Fields, j: Fields):
             return laws.moment_matrix(pair, i, j), laws.velocity_gradient(pair, i, j)
 
-        M, G = pair_sum(gradient, smoothing, _first(water, n), with_empty(water), tables.fluid)
+        M, G = self._sum(gradient, smoothing, model, own, tables)
         L = symmetric_inverse(M)
-        grad_u = tuple(tuple(with_walls(c, water) for c in symmetric_product(L, row)) for row in G)
-        water = water | {"grad_u": grad_u, "trust": with_walls(correctable(M), water)}
-        law = functools.partial(self.law, lattice_sum(smoothing, model.dx, u.shape[1]), model.dx)
-        terms = pair_sum(law, smoothing, _first(water, n), with_empty(water), tables.fluid)
-        return self.advance(model, smoothing.h, p, u, terms, dt)
+        grad_u = tuple(symmetric_product(L, row) for row in G)
+        own = own | {"grad_u": grad_u, "trust": correctable(M)}
+        law = functools.partial(self.law, lattice_sum(smoothing, model.dx, dim), model.dx)
+        terms = self._sum(law, smoothing, model, own, tables)
+        # the guard is for the derivative where there is no gravity
+        rate = (jnp.sum(model.g**2) + 1e-30) ** 0.25 / jnp.sqrt(smoothing.h)
+        smoothed = -jnp.expm1(-self.hyperviscosity * rate * t) * stack(terms.jump)
+        share = -WHOLE * jnp.expm1(-self.separation * rate * t / WHOLE) * model.dx
+        moved, carried = share * stack(terms.apart), share * stack(terms.carried)
+        lifted = -jnp.sum(p.m * (moved @ model.g))
+        lost = {
+            "hyperviscosity": kinetic_loss(p, p.u, smoothed),
+            "separation": kinetic_loss(p, p.u + smoothed, carried) - lifted,
+        }
+        return Regularised(p.u + smoothed + carried, moved, lost)
+
+    @staticmethod
+    def _sum(law, smoothing: Smoothing, model: Model, own: dict, tables: Tables):
+        """Sum of a pair law over the water, of the fields `own`; the tables' walls have no mass."""
+        every = own["V"].shape[0] + model.walls.x.shape[0]
+        water = jax.tree.map(lambda a: with_walls(a, every), own)
+        return pair_sum(law, smoothing, own, with_empty(water), tables.fluid)
 
 
 def regularisations(
@@ -190,15 +185,9 @@ def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D
     return -jnp.sum(p.m * jnp.sum((u + 0.5 * change) * change, axis=1))
 
 
-def with_walls(field: Float[Array, "N ..."], sources: dict) -> Float[Array, "M ..."]:
-    """Field of the water with zeros for the walls that `sources` has behind it."""
-    count = sources["x"][0].shape[0] - field.shape[0]
-    return jnp.concatenate([field, jnp.zeros((count, *field.shape[1:]), field.dtype)])
-
-
-def _first(sources: dict, n: int) -> dict:
-    """Fields of the first n sources: the water's."""
-    return jax.tree.map(lambda a: a[:n], sources)
+def with_walls(field: Float[Array, " N"], every: int) -> Float[Array, " M"]:
+    """Field of the water with zeros for the walls behind it, as one of `every` sources of pair sums."""
+    return jnp.concatenate([field, jnp.zeros(every - field.shape[0], field.dtype)])
 
 
 def lattice_sum(smoothing: Smoothing, dx: Scalar, dim: int) -> Scalar:

@@ -48,16 +48,17 @@ def simulate(
             readings |= probe.measure(model, s, tables)
         return readings
 
-    def measure(s, tables):
+    def begin(s, tables):
         due = (s.step - start) % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
         readings = jax.lax.cond(any_lane(due), read, lambda *_: blank, s, tables)
         own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
-        return eqx.tree_at(lambda a: (a.own, a.ledger, a.limits), s, (own, ledger, limits)), readings
+        s = eqx.tree_at(lambda a: (a.own, a.ledger, a.limits), s, (own, ledger, limits))
+        return model.scheme.regularise(model, s, tables), readings
 
     state, readings = blocks(
         functools.partial(model.scheme.prepare, model),
-        measure,
+        begin,
         model.step,
         state,
         n_steps // every,

@@ -18,6 +18,7 @@ from jaxsph.core.pairs import Pair, pair_sum, pair_weights, weighted_sum, with_e
 from jaxsph.core.search.cells import cell_order, wrap
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
+from jaxsph.model.regularisation import Regularisation
 from jaxsph.model.state import Failure, Particles, State, Tables, Tally
 from jaxsph.solids.filling import NodeFit
 
@@ -139,6 +140,9 @@ class BodyCoupling(NamedTuple):
 class AbstractParticleScheme(AbstractScheme):
     """Scheme that advances particles of water between walls of ghosts."""
 
+    regularisation: eqx.AbstractVar[tuple[Regularisation, ...]]
+    """Regularisation of the particles, one or none."""
+
     # ---------------------------------------------------------------- tables
 
     def prepare(self, model, state):
@@ -173,6 +177,16 @@ class AbstractParticleScheme(AbstractScheme):
         status = _checked_tables(state, s, found)
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
         return state, Tables(fluid.indices, at_nodes.indices, around, chambers, p.x)
+
+    def regularise(self, model, state, tables):
+        """See `AbstractScheme`."""
+        for one in self.regularisation:
+            p = state.particles
+            done = one.apply(self, model, p, tables, model.search.rebuild_every * model.dt)
+            p = drift(eqx.tree_at(lambda a: a.u, p, done.u), done.moved)
+            ledger = book(state.ledger, done.lost)
+            state = eqx.tree_at(lambda s: (s.particles, s.ledger), state, (p, ledger))
+        return state
 
     # ---------------------------------------------------------------- ghosts
 

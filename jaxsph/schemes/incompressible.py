@@ -303,9 +303,6 @@ class ISPH(AbstractParticleScheme):
         changes = Changes(u_new, pressed, touched, damped)
         own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
-        for one in self.regularisation:
-            done = one.apply(self, model, p, u_new, sources, tables, dt)
-            u_new, dx, ledger = done.u, dx + done.moved, book(ledger, done.lost)
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
         new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, projected.p))

@@ -6,11 +6,9 @@ import abc
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, stack
 from jaxsph.model.interfaces import Air, Model
-from jaxsph.model.regularisation import Regularisation, Regularised, Terms
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.parts.body import advance_body
@@ -37,10 +35,6 @@ class Rates(NamedTuple):
     """Acceleration, m/s2."""
     grad_rho: Components
     """Gradient of the density, kg/m4."""
-    grad_u: tuple[tuple[Components, ...], ...]
-    """Gradients of the velocity's components, 1/s, for each regularisation of the scheme."""
-    trust: Float[Array, " N"]
-    """Share (0 to 1) to which gradients can be trusted (`pairs.correctable`)."""
     position_divergence: Float[Array, " N"]
     """Divergence of position (Zhu et al. 2020, Eq. 15)."""
     limited: dict[str, Scalar]
@@ -52,8 +46,6 @@ class AbstractRateScheme(AbstractParticleScheme):
 
     c0: eqx.AbstractVar[Scalar]
     """Speed of sound, m/s."""
-    regularisation: eqx.AbstractVar[tuple[Regularisation, ...]]
-    """Regularisation of the particles, one or none."""
     shifting: eqx.AbstractVar[tuple[Shifting, ...]]
     """Shifting of the particles beside their drift, one or none."""
 
@@ -69,9 +61,9 @@ class AbstractRateScheme(AbstractParticleScheme):
 
     @abc.abstractmethod
     def continuity(
-        self, model: Model, p: Particles, sources: dict, rates: Rates, tables: Tables
-    ) -> tuple[Float[Array, " N"], tuple[Terms, ...]]:
-        """Second pass over the pairs: rate of change of density, kg/m3/s, and the regularisations' sums."""
+        self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
+    ) -> Float[Array, " N"]:
+        """Second pass over the pairs: rate of change of the density, kg/m3/s."""
 
 
 class AbstractIntegrator(eqx.Module):
@@ -115,7 +107,7 @@ class SymplecticEuler(AbstractIntegrator):
         after = _with_velocities(model, state.own, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts, u)
         sources = scheme.sources(ghosts, p, u, ghosts.u)
-        rate, terms = scheme.continuity(model, p, sources, rates, tables)
+        rate = scheme.continuity(p, sources, rates.grad_rho, tables)
         rho = p.rho + dt * rate
         work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
@@ -123,13 +115,12 @@ class SymplecticEuler(AbstractIntegrator):
             # as the water: with the velocity after the step
             pose = state.own[body.name].pose + dt * bodies[body.name].velocity
             bodies[body.name] = eqx.tree_at(lambda b: b.pose, bodies[body.name], pose)
-        u, moved, lost = _regularise(scheme, model, p, u, terms, dt)
-        dx = dt * u + moved
+        dx = dt * u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
         x_old, p = p.x, drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
         own = {**interval.after, **bodies, **airs}
-        ledger = book(state.ledger, taken | damped | work | exchanged | lost)
+        ledger = book(state.ledger, taken | damped | work | exchanged)
         limits = book(state.limits, rates.limited)
         state = State(p, own, ledger, limits, state.step + 1, state.status)
         return scheme.check(model, state, tables, x_old, p.x)
@@ -161,21 +152,20 @@ class PredictorCorrector(AbstractIntegrator):
         sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         sources = scheme.sources(ghosts, p, p.u, ghosts.u)
-        rate, terms = scheme.continuity(model, p, sources, rates, tables)
+        rate = scheme.continuity(p, sources, rates.grad_rho, tables)
         u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
         # positions and sources of the air's force are of one time, that of the rates
         u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
         u, damped = damp(model, p0, u, dt)
-        u, moved, lost = _regularise(scheme, model, p0, u, terms, dt)
         work = wall_work(scheme, model, at.own, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
-        dx = dt * p.u + moved
+        dx = dt * p.u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
         own = {**interval.after, **bodies, **airs}
-        ledger = book(start.ledger, taken | damped | work | exchanged | lost)
+        ledger = book(start.ledger, taken | damped | work | exchanged)
         limits = book(start.limits, rates.limited)
         return State(drift(new, dx), own, ledger, limits, start.step, start.status)
 
@@ -204,22 +194,6 @@ def _with_bodies(
         contact = touch_force(model, body, at.own[body.name], at.particles, dt * push, dt)
         bodies[body.name] = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
     return ghosts, bodies
-
-
-def _regularise(
-    scheme: AbstractRateScheme,
-    model: Model,
-    p: Particles,
-    u: Float[Array, "N D"],
-    terms: tuple[Terms, ...],
-    dt: Scalar,
-) -> Regularised:
-    """Velocities (m/s) after the regularisations of the scheme, displacements (m), and energies lost."""
-    moved, lost = jnp.zeros_like(u), {}
-    for one, sums in zip(scheme.regularisation, terms, strict=True):
-        done = one.advance(model, scheme.smoothing.h, p, u, sums, dt)
-        u, moved, lost = done.u, moved + done.moved, lost | done.lost
-    return Regularised(u, moved, lost)
 
 
 def _with_velocities(model: Model, own: dict, walls: dict, bodies: dict) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from jaxsph.core.pairs import (
     Pair,
     Period,
     Smoothing,
-    correctable,
     pair_sum,
     symmetric_inverse,
     symmetric_product,
@@ -32,8 +31,6 @@ from jaxsph.model.regularisation import (
     HYPERVISCOSITY,
     SEPARATION,
     Regularisation,
-    Terms,
-    lattice_sum,
     regularisations,
     with_walls,
 )
@@ -184,8 +181,7 @@ class DeltaSPH(AbstractRateScheme):
     def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
         """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and gradients of density, kg/m4 (Eq. 9).
 
-        Those of velocity, 1/s, are for the regularisation. Gradients are renormalised, exact for linear
-        fields.
+        Gradients are renormalised, exact for linear fields.
         """
         dim = p.x.shape[1]
         guard = laws.GUARD * self.smoothing.h**2
@@ -195,12 +191,11 @@ class DeltaSPH(AbstractRateScheme):
             force = laws.pressure_force(pair, i, j)
             shear = self.viscosity.shear(pair, i, j, guard)
             total = tuple(a + viscous * b for a, b in zip(force, shear, strict=True))
-            gradients = tuple(laws.velocity_gradient(pair, i, j) for _ in self.regularisation)
-            return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j), gradients
+            return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j)
 
         n = p.x.shape[0]
         targets = jax.tree.map(lambda a: a[:n], sources)
-        force, M, b, G = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+        force, M, b = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
         rho = self.rho0 + p.rho
         for background in self.background:
             along, up = background.force(p.x, self.smoothing.h)
@@ -208,48 +203,22 @@ class DeltaSPH(AbstractRateScheme):
         acceleration = [f / rho + g for f, g in zip(force, model.g, strict=True)]
         L = symmetric_inverse(M)
         grad_rho = symmetric_product(L, b)
-        grad_u = tuple(tuple(symmetric_product(L, row) for row in gradient) for gradient in G)
         limited = {"gradient": jnp.sum(uncorrected(M)).astype(rho.dtype)}
-        return Rates(tuple(acceleration), grad_rho, grad_u, correctable(M), trace_upper(M, dim), limited)
+        return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim), limited)
 
-    def continuity(
-        self,
-        model: Model,
-        p: Particles,
-        sources: dict,
-        rates: Rates,
-        tables: Tables,
-    ) -> tuple[Float[Array, " N"], tuple[Terms, ...]]:
-        """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9), and the regularisation's sums.
-
-        These are of the velocities p.u (m/s) that `rates` was made of.
-        """
-        n, dim = p.x.shape
+    def continuity(self, p, sources, grad_rho, tables):
+        """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9)."""
         guard = laws.GUARD * self.smoothing.h**2
         diffusion = self.delta * self.smoothing.h * self.c0
-        grad_rho = tuple(with_walls(g, sources) for g in rates.grad_rho)
-        sources = sources | {"grad_rho": grad_rho, "noisy": self._noisy(p, sources, rates)}
-        targets = jax.tree.map(lambda a: a[:n], sources)
-        rho0, unit = self.rho0, lattice_sum(self.smoothing, model.dx, dim)
+        sources = sources | {"grad_rho": tuple(with_walls(g, len(sources["rho"])) for g in grad_rho)}
+        targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
+        rho0 = self.rho0
 
         def law(pair: Pair, i, j):
             rate = (rho0 + i["rho"]) * laws.divergence(pair, i, j)
-            rate = rate + diffusion * laws.density_diffusion(pair, i, j, guard)
-            terms = (
-                one.law(unit, model.dx, pair, i | at_i, j | at_j)
-                for one, at_i, at_j in zip(self.regularisation, i["noisy"], j["noisy"], strict=True)
-            )
-            return rate, tuple(terms)
+            return rate + diffusion * laws.density_diffusion(pair, i, j, guard)
 
         return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
-
-    def _noisy(self, p: Particles, sources: dict, rates: Rates) -> tuple[dict, ...]:
-        """Masses over rho0, velocities (m/s) and their gradients (1/s), as sources of each regularisation."""
-        own = {"V": p.m / self.rho0, "u": columns(p.u), "trust": rates.trust}
-        return tuple(
-            jax.tree.map(lambda a: with_walls(a, sources), own | {"grad_u": grad_u})
-            for grad_u in rates.grad_u
-        )
 
     def entries(self):
         """See `AbstractScheme`."""
@@ -274,7 +243,7 @@ class DeltaSPH(AbstractRateScheme):
         """
         p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
-        sources = sources | {"grad_rho": tuple(with_walls(g, sources) for g in grad_rho)}
+        sources = sources | {"grad_rho": tuple(with_walls(g, len(sources["rho"])) for g in grad_rho)}
         guard = laws.GUARD * self.smoothing.h**2
 
         def law(pair: Pair, i, j):
