@@ -63,8 +63,7 @@ def search_speed(case: Sections) -> float:
 
 
 def reference_speed(case: Sections) -> float:
-    """Larger of the speed to expect and the speed of shallow-water waves, m/s: the scale of the sound speed
-    and of the incompressible time step."""
+    """Larger of the speed to expect and the speed of shallow-water waves, m/s: the sound speed's scale."""
     return max(speed_scale(case), float(np.sqrt(case.g * case.tank.depth)))
 
 
@@ -78,5 +77,8 @@ def projection_speed(case: Sections) -> float:
     """Largest speed that the incompressible scheme's time step allows for, m/s."""
     if case.scheme.speed is not None:
         return case.scheme.speed
-    # of a released column: the jet where its tip meets a wall
-    return (1.5 if case.tank.column is not None else 1.0) * reference_speed(case)
+    if case.tank.column is not None:
+        return 1.5 * speed_scale(case)  # the jet where the column's tip meets a wall
+    # The projection holds whatever the speed of the waves, and their water is slower. With half of this floor
+    # a standing wave's particles spread, and its potential energy rises by a half of the wave's.
+    return max(speed_scale(case), 0.5 * float(np.sqrt(case.g * case.tank.depth)))
