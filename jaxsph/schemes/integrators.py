@@ -106,8 +106,8 @@ class SymplecticEuler(AbstractIntegrator):
         # the continuity equation sees the solids with the velocities after the step
         after = _with_velocities(model, state.own, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts, u)
-        # in the middle of the drift, as the leapfrog has it: from where the step began the density of water in
-        # waves would creep by dt |grad u|^2
+        # in the middle of the drift, as the leapfrog has it: before it the density of water in waves would
+        # creep by dt |grad u|^2
         middle = eqx.tree_at(lambda a: a.x, p, p.x + 0.5 * dt * u)
         sources = scheme.sources(ghosts, middle, u, ghosts.u)
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.loop import steps
 
 Unknown = Any
@@ -105,6 +105,14 @@ class BiCGStab(AbstractSolver):
         return jax.tree.map(jnp.add, start, change), residual, converged
 
 
+CYCLE = 50
+"""Number of iterations of stabilised biconjugate gradients before they begin afresh.
+
+The OWC takes 4 to 30 of them. At dx = 0.005 m one step in 5,500 came no nearer than 1.1 times the tolerance
+in 200.
+"""
+
+
 def _product(a: Unknown, b: Unknown) -> Scalar:
     """Scalar product of two unknowns."""
     return sum(jnp.vdot(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
@@ -121,17 +129,45 @@ def _plus(a: Unknown, factor: Scalar, b: Unknown) -> Unknown:
 
 
 def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) -> tuple[Unknown, Scalar]:
-    """Solution of operator(x) = b from x = 0, and the norm of its residual, which is at most `least` unless
-    the iterations ran out or broke down (van der Vorst 1992)."""
+    """Solution of operator(x) = b from x = 0, and the norm of its residual.
+
+    The residual is at most `least` unless the iterations ran out. Where they broke down or came no nearer for
+    long (`CYCLE`), they begin afresh from the solution so far.
+    """
+
+    def goes_on(carry):
+        _, r, spent = carry
+        return (_product(r, r) > least**2) & (spent < iterations)
+
+    def cycle(carry):
+        x, r, spent = carry
+        change, r, count = _cycle(operator, r, least, min(CYCLE, iterations))
+        x = _plus(x, 1.0, change)
+        # in float32 the residual that is carried along drifts from that of the solution
+        afresh = _plus(b, -1.0, operator(x))
+        solved = _product(r, r) <= least**2
+        r = jax.tree.map(lambda a, b: jnp.where(solved, a, b), r, afresh)
+        return x, r, spent + jnp.maximum(count, 1)
+
+    start = (jax.tree.map(jnp.zeros_like, b), b, jnp.zeros((), jnp.int32))
+    x, r, _ = jax.lax.while_loop(goes_on, cycle, start)
+    return x, _norm(r)
+
+
+def _cycle(
+    operator: Operator, b: Unknown, least: Scalar, iterations: int
+) -> tuple[Unknown, Unknown, Int[Array, ""]]:
+    """Solution of operator(x) = b from x = 0 after a number of iterations or a breakdown, its residual, and
+    the number of iterations (van der Vorst 1992)."""
     zero, one = jax.tree.map(jnp.zeros_like, b), jnp.ones_like(least)
     least2 = least**2
 
     def goes_on(carry):
-        _, r, *_, count = carry
-        return (_product(r, r) > least2) & (count >= 0) & (count < iterations)
+        _, r, *_, count, broken = carry
+        return (_product(r, r) > least2) & ~broken & (count < iterations)
 
     def iterate(carry):
-        x, r, p, v, rho, alpha, omega, count = carry
+        x, r, p, v, rho, alpha, omega, count, _ = carry
         rho_new = _product(b, r)
         beta = rho_new / rho * alpha / omega
         p = _plus(r, beta, _plus(p, -omega, v))
@@ -147,11 +183,12 @@ def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) ->
             for both in ((half, _plus(half, omega, s)), (s, _plus(s, -omega, t)))
         )
         broken = (rho_new == 0.0) | (alpha == 0.0) | (omega == 0.0)
-        return x, r, p, v, rho_new, alpha, omega, jnp.where(broken, -1, count + 1)
+        return x, r, p, v, rho_new, alpha, omega, count + 1, broken
 
-    start = (zero, b, zero, zero, one, one, one, jnp.zeros((), jnp.int32))
-    x, r, *_ = jax.lax.while_loop(goes_on, iterate, start)
-    return x, _norm(r)
+    none = jnp.zeros((), jnp.int32)
+    start = (zero, b, zero, zero, one, one, one, none, jnp.zeros((), bool))
+    x, r, *_, count, _ = jax.lax.while_loop(goes_on, iterate, start)
+    return x, r, count
 
 
 class AbstractSurface(eqx.Module):
