@@ -23,7 +23,12 @@ COARSE = {
     "hydrostatic": {"dx": 0.1, "probes.gauges": [0.2, 0.8]},
     "hydrostatic_3d": {"dx": 0.125, "tank.width": 0.5, "probes.pressure": None},
     # The artificial viscosity keeps eight particles across a vessel orderly.
-    "vessel": {"dx": 0.04, "device.wall_thickness": 0.04, "scheme.alpha": 0.02},
+    "vessel": {
+        "dx": 0.04,
+        "device.wall_thickness": 0.04,
+        "scheme.kind": "weakly_compressible",
+        "scheme.alpha": 0.02,
+    },
     "owc": {
         "dx": 0.04,
         "tank.length": 2.4,

@@ -1,8 +1,11 @@
-"""Section 5.2: efficiency over damping and wave height, 35 runs, with linear theory beside them."""
+"""Section 5.2: efficiency over damping and wave height, 35 runs or fewer, with linear theory beside them."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
+import typer
 from matplotlib.figure import Figure
 
 import jaxsph as js
@@ -11,15 +14,20 @@ from experiments.owc_tank import CHAMBER, damping_coefficient, study_case, swept
 
 B_STAR = (30.51, 67.37, 86.09, 121.96, 162.81, 197.62, 263.20)
 H_STAR = (0.16, 0.31, 0.47, 0.63, 0.78)
-POINT = (H_STAR.index(0.16), B_STAR.index(121.96), 0.54, 0.30)
-"""The one published point: place, efficiency, absorbed power in W per metre of width."""
+POINT = (0.16, 121.96, 0.54, 0.30)
+"""The one published point: H*, B*, efficiency, absorbed power in W per metre of width."""
 
 
-def main(dx: float = 0.02) -> None:
+def main(
+    dx: float = 0.02,
+    damping: Annotated[list[float] | None, typer.Option(help="B*, again for more; seven")] = None,
+    height: Annotated[list[float] | None, typer.Option(help="H*, again for more; five")] = None,
+) -> None:
     """Runs or goes on with the study at the spacing dx."""
     case = study_case(dx, 12.0).replace({"device.wall_thickness": 0.01})
-    K_dm = [round(damping_coefficient(b), 2) for b in B_STAR]
-    H = [round(h * CHAMBER, 5) for h in H_STAR]
+    B_star, H_star = sorted(damping or B_STAR), sorted(height or H_STAR)
+    K_dm = [round(damping_coefficient(b), 2) for b in B_star]
+    H = [round(h * CHAMBER, 5) for h in H_star]
     study = swept(case, {"pto.K_dm": K_dm, "waves.H": H}, f"damping_study_{dx:g}")
     water = js.linear_owc(case).water
     linear = js.linear_response(water, np.array(H)[:, None], np.array(K_dm)[None, :])
@@ -32,13 +40,14 @@ def main(dx: float = 0.02) -> None:
     with Report(f"damping_study_{dx:g}", title, dx) as report:
         report.seconds = float(np.nansum(study["wall_seconds"]))
         report.row("runs that failed", len(study.failures), theory=0.0, bar="none", passes=not study.failures)
-        for i, h in enumerate(H_STAR):
+        for i, h in enumerate(H_star):
             report.row(f"H* = {h:g}: largest xi", np.nanmax(xi[i]), theory=np.max(theory[i]))
             report.row(f"H* = {h:g}: its damping B*", best[i] * scale(), theory=best_linear[i] * scale())
-        i, j, published, power = POINT
-        where = f"at H* = {H_STAR[i]:g}, B* = {B_STAR[j]:g}"
-        report.row(f"xi {where}", xi[i, j], theory=theory[i, j], paper=published)
-        report.row(f"P_owc {where}", power_owc[i, j], "W/m", theory=linear.P_owc[i, j], paper=power)
+        h, b, published, power = POINT
+        if h in H_star and b in B_star:
+            i, j, where = H_star.index(h), B_star.index(b), f"at H* = {h:g}, B* = {b:g}"
+            report.row(f"xi {where}", xi[i, j], theory=theory[i, j], paper=published)
+            report.row(f"P_owc {where}", power_owc[i, j], "W/m", theory=linear.P_owc[i, j], paper=power)
         largest = np.nanmax(xi, axis=1)
         falls = np.diff(largest) < 0
         report.row("smaller waves, higher efficiency", _yes(falls.all()), paper="yes", passes=falls.all())
@@ -63,8 +72,8 @@ def main(dx: float = 0.02) -> None:
         report.row("members x steps per second, two cores", 2.0 * speed)
         report.table(
             {
-                "H_star": np.repeat(H_STAR, len(B_STAR)),
-                "B_star": np.tile(B_STAR, len(H_STAR)),
+                "H_star": np.repeat(H_star, len(B_star)),
+                "B_star": np.tile(B_star, len(H_star)),
                 "xi": xi.ravel(),
                 "xi_scatter": scatter.ravel(),
                 "xi_linear": theory.ravel(),
@@ -72,7 +81,7 @@ def main(dx: float = 0.02) -> None:
                 "incident_height_m": incident.ravel(),
             }
         )
-        report.picture(_picture(xi, theory))
+        report.picture(_picture(H_star, B_star, xi, theory))
 
 
 def scale() -> float:
@@ -100,13 +109,13 @@ def _yes(answer: bool | np.bool_) -> str:
     return "yes" if answer else "no"
 
 
-def _picture(xi: np.ndarray, theory: np.ndarray) -> Figure:
+def _picture(H_star: list[float], B_star: list[float], xi: np.ndarray, theory: np.ndarray) -> Figure:
     figure = Figure(figsize=(10, 4), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     levels = np.linspace(0.0, 0.8, 17)
     for axis, values, title in zip(axes, (xi, theory), ("SPH", "linear theory"), strict=True):
-        drawn = axis.contourf(H_STAR, B_STAR, values.T, levels=levels, cmap="viridis")
-        axis.plot(*(a.ravel() for a in np.meshgrid(H_STAR, B_STAR)), "k.", ms=2)
+        drawn = axis.contourf(H_star, B_star, values.T, levels=levels, cmap="viridis")
+        axis.plot(*(a.ravel() for a in np.meshgrid(H_star, B_star)), "k.", ms=2)
         axis.set(title=title, xlabel="H* = H / b1")
     axes[0].set_ylabel("B*")
     figure.colorbar(drawn, ax=axes, label="efficiency xi")

@@ -1,8 +1,11 @@
-"""Section 5.1: efficiency over the waves' period for front walls of four thicknesses, 24 runs."""
+"""Section 5.1: efficiency over the waves' period for front walls of four thicknesses, 24 runs or fewer."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
+import typer
 
 from experiments.common import Report
 from experiments.owc_tank import over_periods, study_case
@@ -11,15 +14,20 @@ THICKNESS = (0.01, 0.02, 0.03, 0.04)
 PERIODS = (0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 
 
-def main(dx: float = 0.02) -> None:
+def main(
+    dx: float = 0.02,
+    thickness: Annotated[list[float] | None, typer.Option(help="m, again for more; four")] = None,
+    period: Annotated[list[float] | None, typer.Option(help="s, again for more; six")] = None,
+) -> None:
     """Runs or goes on with the study at the spacing dx."""
     title = "Efficiency over period and wall thickness (section 5.1), assumed draught of 0.16 m, no platform"
     with Report(f"wall_study_{dx:g}", title, dx) as report:
         case = study_case(dx, 13.0)
-        xi, error, theory = over_periods(report, case, "device.wall_thickness", "k_s", THICKNESS, PERIODS)
+        walls, periods = tuple(sorted(thickness or THICKNESS)), tuple(sorted(period or PERIODS))
+        xi, error, theory = over_periods(report, case, "device.wall_thickness", "k_s", walls, periods)
         mean, expected = (float(np.nanmean(a[-1] - a[0])) for a in (xi, theory))
         # of a mean of differences
-        own = float(np.sqrt(np.nansum(error[0] ** 2 + error[-1] ** 2)) / len(PERIODS))
+        own = float(np.sqrt(np.nansum(error[0] ** 2 + error[-1] ** 2)) / len(periods))
         # the paper: the efficiency falls as the wall grows thicker
         report.row(
             "mean change of xi from the thinnest to the thickest",

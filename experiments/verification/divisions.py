@@ -66,6 +66,7 @@ def case_of(division: str, dx: float) -> js.Case:
     """The vessels at rest, with this division of the water around the wall."""
     return js.load_case("vessel").replace(
         {
+            "scheme.kind": "weakly_compressible",
             "dx": dx,
             "tank.length": LENGTH,
             "tank.depth": DEPTH,

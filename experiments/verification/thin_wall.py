@@ -35,6 +35,7 @@ def at_rest(dx: float) -> js.Case:
     """Two vessels full of inviscid water at rest, with a plate of one spacing between them."""
     return js.load_case("vessel").replace(
         {
+            "scheme.kind": "weakly_compressible",
             "dx": dx,
             "tank.length": 0.64 + dx,
             "device.wall_thickness": dx,
