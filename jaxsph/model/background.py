@@ -22,7 +22,7 @@ class Background(eqx.Module):
     to second order, and the sum sees little pressure at the tip.
 
     Pairs stay antisymmetric, and the exchange with the compression energy stays exact: the budget gains
-    one term, sum V R(z), which is constant but for the unevenness of the particles.
+    one term, sum V R, which changes as particles pack (it is counted with the compression energy).
     """
 
     x: Scalar

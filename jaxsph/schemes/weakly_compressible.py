@@ -147,10 +147,14 @@ class DeltaSPH(AbstractRateScheme):
         return self.c0 / 3.0
 
     def compression(self, p):
-        """See `AbstractParticleScheme`: sum m c0^2 (ln(rho/rho0) + rho0/rho - 1)."""
+        """See `AbstractParticleScheme`: sum m c0^2 (ln(rho/rho0) + rho0/rho - 1), and sum V R for every
+        background R."""
         # Series of the exact expression, which in float32 would be a difference of numbers near 1.
         s = p.rho / self.rho0
-        return jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * self.c0**2
+        energy = jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * self.c0**2
+        for background in self.background:
+            energy = energy + jnp.sum(self.volume(p) * background.pressure(p.x))
+        return energy
 
     # ---------------------------------------------------------------- sources
 
