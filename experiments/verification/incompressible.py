@@ -70,7 +70,8 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: int = 30
 def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
     """Buchner's dam break over the plateau of its pressure, with dummy walls where it is incompressible."""
     scale = np.sqrt(dam_break.G / dam_break.BUCHNER)
-    changes = changes | ({"tank.walls": "dummy"} if changes else {})
+    # the residual is a share of all sources, and where the water falls they are far larger than on the wall
+    changes = changes | ({"tank.walls": "dummy", "scheme.tolerance": 3e-4} if changes else {})
     case = dam_break.impact_case(layers).replace(
         changes | {"t1": 1.4, "output.sample_dt": 0.004, "probes.gauges": []}
     )
