@@ -30,9 +30,10 @@ from jaxsph.solids.box import Box, FreeSlip, NoSlip
 from jaxsph.solids.filling import DummyParticles, MirrorNodes
 from jaxsph.solids.walls import Ghosts
 
-LONG_STEP_SKIN = 0.5
+LONG_STEP_SKIN = {2: 0.7, 3: 0.5}
 """Skin of the neighbour tables over dx for the incompressible scheme, in whose steps a particle goes as far
-as a fifth of a spacing."""
+as a fifth of a spacing, by number of dimensions. In two, with a search at every fourth step, the OWC takes a
+fifth less time than with 0.5 and one at every second; in three each slot is dearer."""
 
 
 def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
@@ -84,7 +85,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         dampers=make_sponges(case, geometry, leaf),
         speed=search_speed(case),
         dt_most=stable_time_step(case),
-        skin=LONG_STEP_SKIN if case.scheme.kind == "incompressible" else SKIN,
+        skin=LONG_STEP_SKIN[case.dim] if case.scheme.kind == "incompressible" else SKIN,
         depth=geometry.depth,
         settings=settings,
         search_by=_search_method(case),

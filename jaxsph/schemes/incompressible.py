@@ -239,9 +239,9 @@ class ISPH(AbstractParticleScheme):
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractParticleScheme`: 60 ns a neighbour in two dimensions and 50 in three, with the
-        iterations that still water, a flap in waves and the column's dam break take."""
-        return (60e-9 if dim == 2 else 50e-9) * self.neighbours(dx, dim)
+        """See `AbstractParticleScheme`: 50 ns a neighbour, with the iterations that still water, a flap in
+        waves and the column's dam break take."""
+        return 50e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):
         """See `AbstractParticleScheme`: a particle that crosses half a smoothing length in a step."""
