@@ -1,5 +1,6 @@
 """The still pressure that is taken out of the sums at a thin wall and put back as a force."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +16,7 @@ from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing, pair_sum, with_empty
 from jaxsph.model import laws
 from jaxsph.model.background import Background
+from jaxsph.model.viscosity import PhysicalViscosity
 
 DX, H = 0.01, 0.012
 
@@ -64,6 +66,38 @@ def test_sum_and_force_cancel_where_the_kernel_is_full():
         # the sum is the force of the pressure, -grad R; the body force is the same again
         left = np.asarray(summed) - np.stack([along, up])
         assert np.abs(left).max() < 0.03 * np.abs(np.asarray(up)).max()
+
+
+def test_what_the_sums_lose_is_in_the_budget(vessel):
+    """Without walls, the power of the pair sums and the force put back is that of compression and sum V R.
+
+    What is left is of the gradient's smoothing, h^2/4 lap R.
+    """
+    _, model, state = vessel
+    none = jnp.zeros_like(model.scheme.delta)
+    scheme = eqx.tree_at(lambda s: (s.delta, s.viscosity), model.scheme, (none, PhysicalViscosity(none)))
+    assert scheme.background
+    u = jnp.asarray(np.random.default_rng(1).normal(size=state.particles.x.shape), jnp.float32)
+
+    @jax.jit
+    def powers(state):
+        state, tables = scheme.prepare(model, state)
+        p = eqx.tree_at(lambda p: p.u, state.particles, u)
+        sources = scheme.sources(scheme.place_ghosts(model, state, tables), p, u, 0.0 * model.walls.x)
+        sources["V"] = jnp.maximum(sources["V"], 0.0)  # the walls' volumes are negative
+        rates = scheme.momentum(model, p, sources, tables)
+        rate = scheme.continuity(p, sources, rates.grad_rho, tables)
+        gained = zip(u.T, rates.acceleration, model.g, strict=True)
+        given = sum(jnp.sum(p.m * c * (a - g)) for c, a, g in gained)
+
+        def energy(scheme):
+            return lambda x, rho: scheme.compression(eqx.tree_at(lambda p: (p.x, p.rho), p, (x, rho)))
+
+        bare = eqx.tree_at(lambda s: s.background, scheme, ())
+        return given, *(jax.jvp(energy(s), (p.x, p.rho), (u, rate))[1] for s in (scheme, bare))
+
+    given, stored, compressed = (float(a) for a in powers(state))
+    assert given + stored == pytest.approx(0.0, abs=0.05 * abs(stored - compressed))
 
 
 def test_only_thin_walls_have_one():
