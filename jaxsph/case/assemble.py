@@ -39,6 +39,10 @@ searches it costs in every pair sum: a step of the OWC takes as long with 0.3
 (`python -m experiments run bench_step`)."""
 
 
+SEARCH = 1.0
+"""Cost of a search and a regularisation, in steps: half of one that projects, one and a half of one that does not."""
+
+
 def assemble(
     x: np.ndarray,
     u: np.ndarray,
@@ -145,12 +149,14 @@ def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tup
     """Blocks of steps in a sample of `sample_dt` (s), and steps in a block.
 
     A table holds while no particle has moved half a skin (m) at the `speed` (m/s) to expect. A block is an
-    even number of steps, so that there are shorter ones for a table that goes stale.
+    even number of steps, so that there are shorter ones for a table that goes stale: of the numbers of blocks
+    that may do, the cheapest with what this rounds up and what the searches cost.
     """
     needed = sample_dt / dt_most
     most = max(2.0, 0.5 * skin / (speed * dt_most))
-    blocks = int(np.ceil(needed / most))
-    return blocks, 2 * int(np.ceil(needed / blocks / 2))
+    least = int(np.ceil(needed / most))
+    found = ((blocks, 2 * int(np.ceil(needed / blocks / 2))) for blocks in range(least, 2 * least + 1))
+    return min(found, key=lambda pair: pair[0] * (pair[1] + SEARCH))
 
 
 def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
