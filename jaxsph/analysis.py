@@ -360,19 +360,32 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
 
 
 def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) -> float:
-    """Share of a wave's amplitude lost over one wavelength (-): 1 - exp(-gamma lambda).
+    """Share of a wave's amplitude lost over one wavelength (-), beside the wave reflected at the tank's end.
 
-    gamma (1/m) is the least-squares slope of ln(amplitude) over `x` (m). The share is negative where
-    the wave grows. **Raises** ValueError for under two positions or amplitudes that are not
-    positive.
+    `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m).
+    Fitted to them, by least squares: a wave that decays along x, whose wavenumber may be a few per cent off
+    that of the `wavelength` (m), and one that comes back. Without the second its nodes look like a decay or a
+    growth. The share is negative where the wave grows. **Raises** ValueError for under four positions, less
+    than half a wavelength, or no waves.
     """
-    x, amplitude = np.asarray(x, np.float64), np.asarray(amplitude, np.float64)
-    if x.ndim != 1 or x.size < 2 or x.shape != amplitude.shape or np.ptp(x) == 0.0:
-        raise ValueError("a decay needs amplitudes at two positions at least")
-    if not np.all(amplitude > 0.0):
-        raise ValueError("amplitudes must be positive")
-    slope = np.polyfit(x - np.mean(x), np.log(amplitude), 1)[0]
-    return float(-np.expm1(slope * wavelength))
+    x, found = np.asarray(x, np.float64), np.asarray(amplitude, np.complex128)
+    if x.ndim != 1 or x.size < 4 or x.shape != found.shape or np.ptp(x) < 0.5 * wavelength:
+        raise ValueError("a decay needs amplitudes at four positions at least, over half a wavelength")
+    size = float(np.max(np.abs(found)))
+    if not size > 0.0:
+        raise ValueError("a decay needs waves: all amplitudes are zero")
+    k, along = 2.0 * np.pi / wavelength, x - x[0]
+
+    def rest(parameters):
+        *parts, decay, shift = parameters
+        incident, reflected = complex(*parts[:2]), complex(*parts[2:])
+        there = incident * np.exp(-(1j * k * (1.0 + shift) + decay) * along)
+        off = there + reflected * np.exp(1j * k * along) - found / size
+        return np.concatenate([off.real, off.imag])
+
+    first = found[0] / size
+    decay = least_squares(rest, [first.real, first.imag, 0.0, 0.0, 0.0, 0.0]).x[4]
+    return float(-np.expm1(-decay * wavelength))
 
 
 def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:

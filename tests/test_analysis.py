@@ -220,11 +220,27 @@ def test_oscillation_period():
         analysis.oscillation_period(t, t)
 
 
-def test_decay_per_wavelength():
+@given(
+    decay=st.floats(-0.02, 0.1),
+    reflection=st.floats(0.0, 0.1),
+    phase=st.floats(0.0, 6.0),
+    shift=st.floats(-0.02, 0.02),
+)
+@settings(max_examples=25, deadline=None)
+def test_decay_per_wavelength_beside_a_reflected_wave(decay, reflection, phase, shift):
+    x, wavelength = np.linspace(1.0, 5.6, 12), 2.048
+    k, along = 2 * np.pi / wavelength, x - x[0]
+    incident = (
+        np.exp(1j * phase) * (1 - decay) ** (along / wavelength) * np.exp(-1j * k * (1 + shift) * along)
+    )
+    amplitude = 0.05 * (incident + reflection * np.exp(1j * k * along))
+    # what the search leaves is its own tolerance, 1e-8 of the cost
+    assert analysis.decay_per_wavelength(x, amplitude, wavelength) == pytest.approx(decay, abs=1e-5)
+
+
+def test_decay_per_wavelength_refuses_what_has_none():
     x = np.linspace(0.0, 6.0, 7)
-    # Rounding only.
-    assert analysis.decay_per_wavelength(x, 0.05 * 0.9**x, 1.0) == pytest.approx(0.1, rel=1e-9)
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="all amplitudes are zero"):
         analysis.decay_per_wavelength(x, 0.0 * x, 1.0)
-    with pytest.raises(ValueError, match="two positions"):
+    with pytest.raises(ValueError, match="four positions"):
         analysis.decay_per_wavelength([1.0], [1.0], 1.0)

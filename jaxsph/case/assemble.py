@@ -40,7 +40,7 @@ searches it costs in every pair sum: a step of the OWC takes as long with 0.3
 
 
 SEARCH = 1.0
-"""Cost of a search and a regularisation, in steps: half of one that projects, one and a half of one that does not."""
+"""Cost of a search and a regularisation, in steps: half of one that projects, one and a half of another."""
 
 
 def assemble(
