@@ -239,6 +239,7 @@ def _search(
         node_capacity=int(found["node_capacity"]),
         chamber_capacity=int(found["chamber_capacity"]),
         rebuild_every=int(found["rebuild_every"]),
+        regularise_every=block,
         skin=skin,
     )
 

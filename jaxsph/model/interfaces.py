@@ -180,7 +180,7 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def regularise(self, model: Model, state: State, tables: Tables) -> State:
-        """State after the scheme's regularisation of the particles over the steps between two searches."""
+        """State after the scheme's regularisation of the particles, at a search where one is due."""
 
     @abc.abstractmethod
     def kernel_sum(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:

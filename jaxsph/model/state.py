@@ -174,6 +174,11 @@ class Search(eqx.Module):
     """Largest number of particles that feel a chamber's air."""
     rebuild_every: int = eqx.field(static=True)
     """Number of steps between searches."""
+    regularise_every: int = eqx.field(static=True)
+    """Number of steps between two regularisations of the particles.
+
+    It stays as it is where tables go stale and are searched more often: a run does not depend on that.
+    """
     skin: float = eqx.field(static=True)
     """Margin of the search radius over the kernel's support, m."""
 

@@ -86,7 +86,8 @@ def better_settings(model: Model, status: Status, sample_every: int) -> dict[str
     # lost neighbours can cause every other failure: mend the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
         step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))
-        smaller = [n for n in range(1, now["rebuild_every"]) if sample_every % n == 0]
+        # divisors, so that particles are regularised when they were before
+        smaller = [n for n in range(1, now["rebuild_every"]) if now["rebuild_every"] % n == 0]
         enough = [n for n in smaller if n * step <= 0.5 * model.search.skin]
         return {"rebuild_every": max(enough, default=1)}
     return None
@@ -95,7 +96,7 @@ def better_settings(model: Model, status: Status, sample_every: int) -> dict[str
 def with_settings(model: Model, settings: dict[str, int]) -> Model:
     """The model with some of its `search_settings` changed."""
     search = model.search
-    values = {name: getattr(search, name) for name in ("grid", "method", "skin")}
+    values = {name: getattr(search, name) for name in ("grid", "method", "skin", "regularise_every")}
     values |= search_settings(model) | settings
     if settings.keys() & {"capacity", "node_capacity"}:
         values["method"] = search.method.grown()

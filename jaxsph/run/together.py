@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,7 +65,8 @@ def run_together(
     """
     lanes = [_lane(case, out) for case, out in zip(cases, outs, strict=True)]
     every = [search_settings(lane.model) for lane in lanes]
-    joint = {k: (min if k == "rebuild_every" else max)(s[k] for s in every) for k in every[0]}
+    joint = {k: max(s[k] for s in every) for k in every[0]}
+    joint["rebuild_every"] = math.gcd(*(s["rebuild_every"] for s in every))
     like = with_settings(lanes[0].model, joint)
     left = sum(lane.recorder.last - lane.step for lane in lanes)
     bar = tqdm(total=left, unit="step", disable=not progress, dynamic_ncols=True, leave=False)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stack
 from jaxsph.core.pairs import Pair, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.core.search.cells import cell_order, wrap
+from jaxsph.core.transforms import any_lane
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
 from jaxsph.model.regularisation import Regularisation
@@ -180,13 +181,23 @@ class AbstractParticleScheme(AbstractScheme):
 
     def regularise(self, model, state, tables):
         """See `AbstractScheme`."""
-        for one in self.regularisation:
-            p = state.particles
-            done = one.apply(self, model, p, tables, model.search.rebuild_every * model.dt)
-            p = drift(eqx.tree_at(lambda a: a.u, p, done.u), done.moved)
-            ledger = book(state.ledger, done.lost)
-            state = eqx.tree_at(lambda s: (s.particles, s.ledger), state, (p, ledger))
-        return state
+        every = model.search.rebuild_every
+        searches = max(model.search.regularise_every // every, 1)
+
+        def regularised(state):
+            for one in self.regularisation:
+                p = state.particles
+                done = one.apply(self, model, p, tables, searches * every * model.dt)
+                p = drift(eqx.tree_at(lambda a: a.u, p, done.u), done.moved)
+                ledger = book(state.ledger, done.lost)
+                state = eqx.tree_at(lambda s: (s.particles, s.ledger), state, (p, ledger))
+            return state
+
+        if searches == 1:
+            return regularised(state)
+        # lanes of a batch are at one step: the choice is theirs together
+        due = any_lane(state.step // every % searches == 0)
+        return jax.lax.cond(due, regularised, lambda state: state, state)
 
     # ---------------------------------------------------------------- ghosts
 
