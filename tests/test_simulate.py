@@ -196,12 +196,12 @@ def test_stale_table_is_flagged_and_mended(hydrostatic):
     failed, _ = advance(case, model, rising, samples=60)
     assert Failure.STALE_TABLE in Failure(int(failed.status.bits))
     assert int(failed.status.step) < 6 and np.all(np.isfinite(failed.status.where))
-    better = chunks.better_settings(model, failed.status, sample_every=6)
+    better = chunks.better_settings(model, failed.status)
     assert better == {"rebuild_every": 3}
     again, _ = advance(case, chunks.with_settings(model, better), rising, samples=2)
     assert int(again.status.bits) == 0
     broken = eqx.tree_at(lambda s: s.bits, failed.status, jnp.asarray(int(Failure.NON_FINITE)))
-    assert chunks.better_settings(model, broken, sample_every=6) is None
+    assert chunks.better_settings(model, broken) is None
 
 
 def test_settings_go_straight_to_what_was_needed(hydrostatic):
@@ -210,11 +210,11 @@ def test_settings_go_straight_to_what_was_needed(hydrostatic):
     most = {"capacity": 151, "node_capacity": 3, "chamber_capacity": 0}
     of = lambda s: (s.bits, s.most, s.speed2)  # noqa: E731
     lost = eqx.tree_at(of, state.status, (1, {k: np.asarray(v) for k, v in most.items()}, 0.0))
-    found = chunks.better_settings(model, lost, sample_every=6)
+    found = chunks.better_settings(model, lost)
     assert found.keys() == {"capacity"} and 151 < found["capacity"] < 1.5 * 151
     # half a skin is 0.01 m, a step 1/600 s: at 5 m/s one in every step, and a quarter faster still
     stale = eqx.tree_at(of, state.status, (int(Failure.STALE_TABLE), state.status.most, 25.0))
-    assert chunks.better_settings(model, stale, sample_every=6) == {"rebuild_every": 1}
+    assert chunks.better_settings(model, stale) == {"rebuild_every": 1}
 
 
 @pytest.mark.parametrize("field", ["u", "rho"])

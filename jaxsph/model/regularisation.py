@@ -57,7 +57,7 @@ WHOLE = 0.5 * PAIR
 
 
 class Regularised(NamedTuple):
-    """Changes that a regularisation makes between two searches."""
+    """Changes that a regularisation makes, for the time since the last."""
 
     u: Float[Array, "N D"]
     """Velocities after it, m/s."""
@@ -134,7 +134,7 @@ class Regularisation(eqx.Module):
     ) -> Regularised:
         """Velocities (m/s) and displacements (m) after the time t (s), by two sums over pairs.
 
-        t is that between two searches: whatever it is, noise and pairs are at most undone.
+        t is that between two regularisations: whatever it is, noise and pairs are at most undone.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         own = {"x": columns(p.x), "V": p.m / scheme.rho0, "u": columns(p.u)}

@@ -42,7 +42,6 @@ def advance_chunk(
     name: str,
     model: Model,
     advance: Callable[[Model], tuple[State, Any]],
-    sample_every: int,
     say: Callable[[str], None],
 ) -> tuple[Model, State, Any]:
     """Advances a run by one chunk, replayed with larger neighbour tables where those were too small.
@@ -51,19 +50,19 @@ def advance_chunk(
     **Returns** the model with the tables that the chunk took, and what `advance` gave. **Raises**
     SimulationError for a failure that no larger table mends.
     """
-    model, new, found = replay_chunk(model, advance, sample_every, say)
+    model, new, found = replay_chunk(model, advance, say)
     if int(new.status.bits):
         raise failure_error(name, model, new)
     return model, new, found
 
 
 def replay_chunk(
-    model: Model, advance: Callable[[Model], tuple[State, Any]], sample_every: int, say: Callable[[str], None]
+    model: Model, advance: Callable[[Model], tuple[State, Any]], say: Callable[[str], None]
 ) -> tuple[Model, State, Any]:
     """Advances one state or a batch as `advance_chunk`, and leaves other failures in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
-        changed = better_settings(model, new.status, sample_every)
+        changed = better_settings(model, new.status)
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
@@ -72,7 +71,7 @@ def replay_chunk(
     return model, new, found
 
 
-def better_settings(model: Model, status: Status, sample_every: int) -> dict[str, int] | None:
+def better_settings(model: Model, status: Status) -> dict[str, int] | None:
     """Settings of the neighbour tables with which a failed chunk may pass; None where none can help.
 
     They follow from what the chunk needed by its status, which may be that of a batch, with some spare: every

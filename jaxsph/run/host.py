@@ -143,7 +143,7 @@ def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Sol
             advance = functools.partial(
                 simulate_chunk, state=state, probes=recorder.probes, n_steps=n_steps, sample_every=every
             )
-            model, state, readings = advance_chunk(start.case.name, model, advance, every, bar.write)
+            model, state, readings = advance_chunk(start.case.name, model, advance, bar.write)
             series = recorder.record(model, state, readings)
             bar.update(n_steps)
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
@@ -191,7 +191,7 @@ def march(
     advance = functools.partial(
         simulate_chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every
     )
-    model, state, readings = advance_chunk(name, model, advance, sample_every, bar.write)
+    model, state, readings = advance_chunk(name, model, advance, bar.write)
     bar.close()
     series = {k: np.asarray(v) for k, v in readings.items()}
     series["time"] = sample_times(series["time"], sample_dt)

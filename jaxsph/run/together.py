@@ -90,7 +90,7 @@ def _advance(
     # a lane that waits, or failed, goes as a copy of one that runs: the shapes stay
     going = [lane if lane in active else active[0] for lane in lanes]
     advance = functools.partial(_simulate_lanes, going, n_steps)
-    like, states, readings = replay_chunk(like, advance, active[0].recorder.sample_every, say)
+    like, states, readings = replay_chunk(like, advance, say)
     for k, lane in enumerate(lanes):
         if lane not in active:
             continue

@@ -108,8 +108,8 @@ class BiCGStab(AbstractSolver):
 CYCLE = 50
 """Number of iterations of stabilised biconjugate gradients before they begin afresh.
 
-The OWC takes 4 to 30 of them. At dx = 0.005 m one step in 5,500 came no nearer than 1.1 times the tolerance
-in 200.
+The OWC takes 2 to 7 of them at dx = 0.02 m. At 0.005 m one step in 5,500 came no nearer than 1.1 times the
+tolerance in 200.
 """
 
 
@@ -144,9 +144,8 @@ def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) ->
         change, r, count = _cycle(operator, r, least, min(CYCLE, iterations))
         x = _plus(x, 1.0, change)
         # in float32 the residual that is carried along drifts from that of the solution
-        afresh = _plus(b, -1.0, operator(x))
         solved = _product(r, r) <= least**2
-        r = jax.tree.map(lambda a, b: jnp.where(solved, a, b), r, afresh)
+        r = jax.lax.cond(solved, lambda: r, lambda: _plus(b, -1.0, operator(x)))
         return x, r, spent + jnp.maximum(count, 1)
 
     start = (jax.tree.map(jnp.zeros_like, b), b, jnp.zeros((), jnp.int32))

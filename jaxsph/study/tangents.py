@@ -76,9 +76,7 @@ class _ThroughLoop(AbstractMethod):
                     n_steps=n_steps,
                     sample_every=sample_every,
                 )
-                model, state, (d_state, read, slope) = advance_chunk(
-                    case.name, model, advance, sample_every, bar.write
-                )
+                model, state, (d_state, read, slope) = advance_chunk(case.name, model, advance, bar.write)
                 readings.append({k: np.asarray(v) for k, v in read.items()})
                 slopes.append({k: np.asarray(v) for k, v in slope.items()})
                 t = float(model.time(state))
