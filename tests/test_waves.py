@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import fsolve
 
 from jaxsph.parts.sponge import Sponge
 from jaxsph.waves import theory
@@ -142,6 +143,40 @@ def test_stokes2_series():
     small = velocity(0.0, 0.5, t, 1e-4, 1.2, 0.5)[:, 0] * 1e3
     linear = data["u_surface_z0_linear_m_per_s"]
     np.testing.assert_allclose(small, linear, atol=1e-3 * np.max(linear))
+
+
+@pytest.mark.parametrize("H", [0.02, 0.05])
+def test_stokes3_wavenumber_is_that_of_the_full_equations(H):
+    T, d = 1.2, 0.5
+    linear = float(wavenumber(2.0 * np.pi / T, d))
+    exact = _steady_wavenumber(H, T, d) / linear - 1.0
+    # what third order leaves out is smaller by (kH/2)^2, 0.6 % at the larger height, of order one; float32
+    # gives the difference to 1e-6
+    allowed = 4.0 * (linear * H / 2.0) ** 2 * abs(exact) + 1e-6
+    assert float(theory.stokes3_wavenumber(H, T, d)) / linear - 1.0 == pytest.approx(exact, abs=allowed)
+
+
+def _steady_wavenumber(H, T, d, modes=10):
+    """Wavenumber of a steady wave without mass transport by a Fourier series (Rienecker and Fenton 1981)."""
+    omega, phase, j = 2.0 * np.pi / T, np.pi * np.arange(modes + 1) / modes, np.arange(1, modes + 1)
+
+    def residual(y):
+        eta, B, (k, mean, flow, head) = y[: modes + 1], y[modes + 1 : -4], y[-4:]
+        z, around = j * k * eta[:, None], j * phase[:, None]
+        rise, run = np.sinh(z) / np.cosh(j * k * d), np.cosh(z) / np.cosh(j * k * d)
+        stream = (B * rise * np.cos(around)).sum(axis=1) - mean * eta + flow
+        u = (j * k * B * run * np.cos(around)).sum(axis=1) - mean
+        w = (j * k * B * rise * np.sin(around)).sum(axis=1)
+        level = (0.5 * (eta[0] + eta[-1]) + eta[1:-1].sum()) / modes - d
+        rest = [level, eta[0] - eta[-1] - H, flow - omega / k * d]
+        return np.concatenate([stream, 0.5 * (u**2 + w**2) + G * eta - head, rest])
+
+    k = float(wavenumber(omega, d))
+    c = omega / k
+    first = [0.5 * H * G / omega, *np.zeros(modes - 1), k, c, c * d, 0.5 * c**2 + G * d]
+    y, _, found, _ = fsolve(residual, [*(d + 0.5 * H * np.cos(phase)), *first], full_output=True, xtol=1e-12)
+    assert found == 1
+    return y[-4]
 
 
 def test_stokes2_velocity_laws():

@@ -71,6 +71,26 @@ def wavelength(T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Arra
     return 2.0 * jnp.pi / wavenumber(2.0 * jnp.pi / real(T), d, g)
 
 
+def stokes3_wavenumber(
+    H: ArrayLike, T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY
+) -> Float[Array, "..."]:
+    """Wavenumber k of third-order Stokes waves in a closed tank, rad/m: longer waves the higher they are.
+
+    omega^2 = g k s (1 + (kH/2)^2 ((9 - 10 s^2 + 9 s^4) / 8 s^4 - 1 / (kd s))) with s = tanh kd. The first
+    term is that of waves without a mean velocity below the troughs (Whitham 1974, section 13.13); the last is
+    the return current of a tank with ends, which carries the waves' mass transport E/c back (Stokes' second
+    definition of the celerity). Height `H` (m), period `T` (s) and depth `d` (m) broadcast.
+    """
+    H, d, omega = real(H), real(d), 2.0 * jnp.pi / real(T)
+    k = wavenumber(omega, d, g)
+    # each pass adds two digits and more: the height's part is a few hundredths
+    for _ in range(6):
+        s, kd = jnp.tanh(k * d), k * d
+        part = (9.0 - 10.0 * s**2 + 9.0 * s**4) / (8.0 * s**4) - 1.0 / (kd * s)
+        k = wavenumber(omega / jnp.sqrt(1.0 + (0.5 * k * H) ** 2 * part), d, g)
+    return k
+
+
 def _x_over_sinh(x: Array) -> Array:
     """Ratio x / sinh x for x > 0 (-), in a form in which neither it nor its derivative overflows."""
     return 2.0 * x * jnp.exp(-x) / -jnp.expm1(-2.0 * x)
@@ -120,15 +140,18 @@ def stokes2_elevation(
     T: ArrayLike,
     d: ArrayLike,
     g: ArrayLike = GRAVITY,
+    k: ArrayLike | None = None,
 ) -> Float[Array, "..."]:
     """Elevation eta of a second-order Stokes wave travelling along +x, m.
 
-    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. Source: Dean and
-    Dalrymple (1991), section 11.2; the mean level is the still water level.
+    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. `k` (rad/m): wavenumber, by default that of
+    linear waves, which second order has too; many wavelengths on, the phase is that of
+    `stokes3_wavenumber`. Source: Dean and Dalrymple (1991), section 11.2; the mean level is the still water
+    level.
     """
     x, t, H, d = real(x), real(t), real(H), real(d)
     omega = 2.0 * jnp.pi / real(T)
-    k = wavenumber(omega, d, g)
+    k = wavenumber(omega, d, g) if k is None else real(k)
     theta = k * x - omega * t
     return 0.5 * H * jnp.cos(theta) + _stokes2_amplitude(H, k, d) * jnp.cos(2.0 * theta)
 
