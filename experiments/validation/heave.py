@@ -107,6 +107,8 @@ def main(dx: float = 0.01) -> None:
             t, z = series["time"][free] - HELD, LIFT + series["heave"][free]
             name = kind.replace("_", " ")
             _compare(report, name, period_and_damping(t, z), expected)
+            still = float(np.max(series["max_speed"][~free]))
+            report.row("the same: largest speed while the water settles", still, "m/s", theory=0.0)
             ax.plot(t, z / LIFT, label=name)
         ax.axvline(BACK, color="0.8", lw=1, zorder=0, label="waves are back from the ends")
         ax.set(xlabel="t from the release, s", ylabel="height over that at the release")

@@ -14,7 +14,7 @@ import numpy as np
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry, thin_wall
-from jaxsph.case.initial import initial_head, initial_velocity, outside_body, water
+from jaxsph.case.initial import around_solids, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
 from jaxsph.case.parts import make_background, make_bodies, make_chambers, make_paddle, make_sponges
 from jaxsph.case.scheme import make_scheme, stable_time_step
@@ -59,10 +59,9 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     walls = _walls(case, geometry, scheme)
     bodies = make_bodies(case, geometry, walls, leaf)
     x, volume = water(geometry, case.dx)
-    for body in bodies:
-        away = body.distance(body.start(dtype), jnp.asarray(x, dtype))
-        outside = outside_body(np.asarray(away) / case.dx)
-        x, volume = x[outside], volume[outside]
+    away = [np.asarray(body.distance(body.start(dtype), jnp.asarray(x, dtype))) for body in bodies]
+    level = geometry.depth if geometry.column == geometry.length else None
+    x, volume = around_solids(x, volume, away, walls, level, case.dx)
     if not len(x):
         raise CaseError("body: fills the whole tank, and leaves no water in it")
     g = np.zeros(case.dim)

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
+from jaxsph.solids.packing import packed
 from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
 from jaxsph.solids.walls import Ghosts
@@ -97,7 +98,28 @@ def still_water(
     level (m), around its plates, over its platform and around solids of these shapes."""
     regions = walls.regions
     x, volume = lattice(walls.low, (*walls.high[:-1], level), dx, regions.plates, regions.platforms)
-    for shape in shapes:
-        outside = outside_body(np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx)
-        x, volume = x[outside], volume[outside]
-    return x, volume
+    away = [np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) for shape in shapes]
+    return around_solids(x, volume, away, walls, level, dx)
+
+
+def around_solids(
+    x: np.ndarray,
+    volume: np.ndarray,
+    away: Sequence[np.ndarray],
+    walls: Ghosts,
+    level: float | None,
+    dx: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of still water around solids.
+
+    Particles are removed until their volume is that of the water outside the solids, and the others packed.
+
+    **Arguments**: places and volumes of water; `away`: distances `[N]` (m) from the surface of every solid;
+    `walls`: ghosts of the tank and of the solids; `level` (m): of water that fills the tank, or None where it
+    has other free sides, and is not packed.
+    """
+    if not len(away):
+        return x, volume
+    outside = np.all([outside_body(one / dx) for one in away], axis=0)
+    x, volume, nearest = x[outside], volume[outside], np.min(away, axis=0)[outside]
+    return (x, volume) if level is None else packed(x, volume, nearest, walls, level, dx)

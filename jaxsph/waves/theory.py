@@ -140,20 +140,25 @@ def stokes2_elevation(
     T: ArrayLike,
     d: ArrayLike,
     g: ArrayLike = GRAVITY,
-    k: ArrayLike | None = None,
 ) -> Float[Array, "..."]:
     """Elevation eta of a second-order Stokes wave travelling along +x, m.
 
-    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. `k` (rad/m): wavenumber, by default that of
-    linear waves, which second order has too; many wavelengths on, the phase is that of
-    `stokes3_wavenumber`. Source: Dean and Dalrymple (1991), section 11.2; the mean level is the still water
-    level.
+    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is that of linear waves, as
+    second order has it; many wavelengths on, see `stokes3_wavenumber` and `stokes2_profile`.
     """
-    x, t, H, d = real(x), real(t), real(H), real(d)
     omega = 2.0 * jnp.pi / real(T)
-    k = wavenumber(omega, d, g) if k is None else real(k)
-    theta = k * x - omega * t
-    return 0.5 * H * jnp.cos(theta) + _stokes2_amplitude(H, k, d) * jnp.cos(2.0 * theta)
+    k = wavenumber(omega, d, g)
+    return stokes2_profile(k * real(x) - omega * real(t), H, k, d)
+
+
+def stokes2_profile(phase: ArrayLike, H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
+    """Elevation eta of a second-order Stokes wave at a phase (rad; 0 at a crest), m.
+
+    Height `H` (m), wavenumber `k` (rad/m), depth `d` (m). Source: Dean and Dalrymple (1991), section 11.2;
+    the mean level is the still water level.
+    """
+    phase, H, k, d = real(phase), real(H), real(k), real(d)
+    return 0.5 * H * jnp.cos(phase) + _stokes2_amplitude(H, k, d) * jnp.cos(2.0 * phase)
 
 
 def stokes2_velocity(

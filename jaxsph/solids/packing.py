@@ -1,0 +1,111 @@
+"""Packing of the water around solids before a run: a lattice cut by their surfaces, relaxed until it fits."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jaxsph.solids.divisions import PLAIN
+from jaxsph.solids.walls import Ghosts
+
+REACH = 3.0
+"""Radius of the packing's Gaussian over dx; its smoothing length is dx."""
+
+NEAR = 6.0
+"""Distance from a solid in spacings within which particles move: two reaches."""
+
+RATE = 0.5
+"""Share of dx^2 grad C by which an iteration moves a particle; a lattice trembles from about 1 on."""
+
+LARGEST = 0.1
+"""Largest displacement of an iteration, in spacings."""
+
+SETTLED = 2.0e-3
+"""Displacement of an iteration in spacings, the largest of all, at which the packing is done."""
+
+ITERATIONS = 300
+"""Bound of the number of iterations; a disc and a tilted box take 20 to 60."""
+
+ROUNDS = 4
+"""Number of times that the particles settle, and share what their number is off: a tenth is left of it."""
+
+SLACK = 0.5
+"""Reach of the lists of pairs beyond the Gaussian's, in spacings."""
+
+
+def packed(
+    x: np.ndarray, volume: np.ndarray, away: np.ndarray, walls: Ghosts, level: float, dx: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions `[N, D]` (m) and volumes `[N]` (m^D) of still water, packed evenly around solids.
+
+    A lattice that a solid's surface cuts has gaps and crowds along it, which the pressures of a run's first
+    steps would shake out. Here every particle near a solid moves down the gradient of the concentration
+    C_i = sum_j V_j W_ij of water and ghosts (Colagrossi, Bouscasse, Antuono and Marrone 2012), until none
+    moves on; then all that moved share what their number is off the space that they have, so that C is 1.
+    The surface is a plane of symmetry: everything below has its mirror image above, and it stays where it is.
+
+    **Arguments**: positions `x` (m) and volumes (m^D) of the water on a lattice of spacing `dx` (m) up to a
+    `level` (m); `away` `[N]`: distance from the nearest solid, m; `walls`: ghosts of the tank, and of the
+    solids.
+    """
+    free = away < NEAR * dx
+    for axis, side in enumerate(walls.sides[:-1]):
+        if side in ("open", "periodic"):  # what is beyond such an end is not known here
+            margin = (REACH + SLACK) * dx
+            free &= (x[:, axis] > walls.low[axis] + margin) & (x[:, axis] < walls.high[axis] - margin)
+    if not free.any():
+        return x, volume
+    ghosts = np.asarray(walls.x, float)[np.asarray(walls.kind) == PLAIN]
+    origin = np.append(x[free].mean(axis=0)[:-1], level)
+    beside = ~free & (away < (NEAR + REACH + 2 * SLACK) * dx)
+    rest = (np.concatenate([x[beside], ghosts]) - origin) / dx
+    # of a layer across the surface the part below it, which its mirror image makes whole
+    below = np.clip(0.5 - rest[:, -1], 0.0, 1.0)
+    rest, below = rest[below > 0], below[below > 0]
+    before, share = (x[free] - origin) / dx, 1.0
+    places = before
+    for _ in range(ROUNDS):
+        places, crowding = _settled(places, rest, np.append(np.full(len(places), share), below))
+        share /= crowding
+    x, volume = np.array(x), np.array(volume)
+    volume[free] *= share
+    x[free] += dx * (places - before)
+    return x, volume
+
+
+def _settled(free: np.ndarray, rest: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, float]:
+    """Places of free particles among others at rest where C is even, in spacings from the surface; its mean.
+
+    `volume`: of the free particles and of the others, in cells of the lattice.
+    """
+    V = np.tile(volume, 2) / np.pi ** (0.5 * free.shape[1])
+    pairs, since = _pairs(free, _mirrored(free, rest)), 0.0
+    for _ in range(ITERATIONS):
+        if 2.0 * since > SLACK:
+            pairs, since = _pairs(free, _mirrored(free, rest)), 0.0
+        i, j = pairs
+        r = free[i] - _mirrored(free, rest)[j]
+        r2 = np.sum(r**2, axis=1)
+        W = V[j] * np.where(r2 < REACH**2, np.exp(-r2), 0.0)
+        slope = [np.bincount(i, -2.0 * W * along, len(free)) for along in r.T]
+        step = -RATE * np.stack(slope, axis=-1)
+        size = np.sqrt(np.sum(step**2, axis=1, keepdims=True))
+        if size.max() < SETTLED:
+            break
+        free = free + step * np.minimum(1.0, LARGEST / np.maximum(size, 1e-12))
+        since += min(LARGEST, float(size.max()))
+    return free, float(W.sum() / len(free))
+
+
+def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """All places below the surface and their mirror images above it."""
+    below = np.concatenate([free, rest])
+    above = np.array(below)
+    above[:, -1] *= -1.0
+    return np.concatenate([below, above])
+
+
+def _pairs(free: np.ndarray, every: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the free particles and of what is around each of them."""
+    found = KDTree(free).sparse_distance_matrix(KDTree(every), REACH + SLACK, output_type="ndarray")
+    return found["i"], found["j"]
