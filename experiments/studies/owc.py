@@ -25,8 +25,9 @@ def main(dx: float = 0.02) -> None:
 
 def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[str, np.ndarray]) -> None:
     T = case.waves.T
-    for name in ("paddle", "stored", "pto", "viscous", "diffusive", "residual"):
-        report.row(f"energy: {name}", results[f"energy_{name}"], "J/m")
+    energies = [name for name in results if name.startswith("energy_") and not name.endswith("_share")]
+    for name in energies:
+        report.row(f"energy: {name.removeprefix('energy_')}", results[name], "J/m")
     share = results["energy_residual"] / results["energy_paddle"]
     report.row(
         "not accounted for / paddle", 100 * share, "%", theory=0.0, bar="within 5 %", passes=abs(share) < 0.05
