@@ -211,6 +211,17 @@ def test_energy_areas_end_at_the_budget(tmp_path):
     assert "%" in energy(run).axes[0].get_title(loc="left")
 
 
+def test_every_loss_of_size_is_drawn(tmp_path):
+    """A power that no picture knows has its own line, and what is too small for one is in the rest."""
+    series = _make(tmp_path / "run.h5").series()
+    for name, share in (("hyperviscosity", 0.5), ("friction_of_the_bed", 0.2), ("separation", 1e-4)):
+        series[f"power_{name}"] = share * np.abs(series["power_pto"])
+    terms = {label: values[-1] for label, values, _ in _energy_terms(series)}
+    assert terms["lost by hyperviscosity"] == pytest.approx(0.5 * terms["taken by the PTO"])
+    assert terms["friction of the bed"] == pytest.approx(0.2 * terms["taken by the PTO"])
+    assert terms["the rest"] == pytest.approx(1e-4 * terms["taken by the PTO"])
+
+
 def test_energy_where_the_device_does_work_on_the_water(tmp_path, monkeypatch):
     run = _make(tmp_path / "run.h5")
     series = run.series()

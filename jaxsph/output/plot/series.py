@@ -14,6 +14,8 @@ from jaxsph import analysis
 from jaxsph.output.plot.style import (
     BLUE,
     GREEN,
+    GREY,
+    OLIVE,
     ORANGE,
     PURPLE,
     RED,
@@ -179,19 +181,40 @@ def energy(run: RunFile) -> Figure | None:
     return figure
 
 
+LOSSES = {
+    "sponge": ("taken by the sponge", PURPLE),
+    "hyperviscosity": ("lost by hyperviscosity", OLIVE),
+    "contact": ("met a solid", BLUE),
+    "projection": ("lost in the projection", RED),
+}
+"""Labels and colours of what takes energy from the water, by the names of their powers."""
+LEAST = 3.0e-3
+"""Share of the largest energy in a budget below which one has no area or line of its own."""
+
+
 def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, str]]:
     """(label, energy since the start, colour), the lasting ones first, the stored one on top."""
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
         ("taken by the PTO", _of_every_pto(series), GREEN),
-        ("taken by the sponge", _work(series, "power_sponge"), PURPLE),
         ("viscous loss", _integral(series, "loss_viscous"), ORANGE),
         ("density diffusion", _integral(series, "loss_diffusive"), RED),
-        ("met a solid", _work(series, "power_contact"), BLUE),
-        ("lost in the projection", _work(series, "power_projection"), RED),
     ]
-    shown = [term for term in terms if np.any(term[1])]
-    return [*shown, (STORED, stored - stored[0], SKY)]
+    for name in series:
+        taker = name.removeprefix("power_")
+        if taker != name and not taker.startswith(("paddle", "pto")):
+            label, colour = LOSSES.get(taker, (taker.replace("_", " "), GREY))
+            terms.append((label, _work(series, name), colour))
+    last = (STORED, stored - stored[0], SKY)
+    largest = max(float(np.max(np.abs(values))) for _, values, _ in (*terms, last))
+    is_large = [float(np.max(np.abs(values))) > LEAST * largest for _, values, _ in terms]
+    rest = np.zeros_like(stored)
+    for (_, values, _), large in zip(terms, is_large, strict=True):
+        rest = rest if large else rest + values
+    shown = [term for term, large in zip(terms, is_large, strict=True) if large]
+    if np.any(rest):
+        shown.append(("the rest", rest, GREY))
+    return [*shown, last]
 
 
 def _of_every_pto(series: dict[str, np.ndarray]) -> np.ndarray:
@@ -216,7 +239,8 @@ def _budget_title(series: dict[str, np.ndarray]) -> str:
         share, whole = budget["residual"] / paddle, "the paddle's work"
     else:
         share, whole = budget["residual_share"], "the largest kinetic energy"
-    return f"energy budget: {100 * share:+.2f} % of {whole} is not accounted for"
+    percent = round(100 * share, 2) + 0.0  # not -0.00
+    return f"energy budget: {percent:+.2f} % of {whole} is not accounted for"
 
 
 def _work(series: dict[str, np.ndarray], name: str) -> np.ndarray:

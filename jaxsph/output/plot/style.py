@@ -19,6 +19,10 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
 )  # fmt: skip
 
 
+OLIVE, GREY = "#999933", "0.6"
+"""Further colours for pictures with more lines; Tol's olive goes with those above."""
+
+
 WALL = "0.3"
 
 
