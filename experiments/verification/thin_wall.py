@@ -1,4 +1,8 @@
-"""Water at rest beside a wall of one spacing, with and without `model.background.Background`."""
+"""Water at rest beside a wall of one spacing, with and without `model.background.Background`.
+
+The incompressible scheme has no background: its water is not quite still beside such a wall, and is beside
+one as thick as the kernel reaches.
+"""
 
 from __future__ import annotations
 
@@ -30,18 +34,23 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
                     passes=speeds[index] < 0.01 if last else None,
                 )
 
+        for spacings in (1, 5):
+            *_, speed = _speeds(*js.build(at_rest(dx, "incompressible", spacings)), t1)
+            report.row(
+                f"incompressible, wall of {spacings} spacings, after all of it", speed, "m/s", theory=0.0
+            )
 
-def at_rest(dx: float) -> js.Case:
-    """Two vessels full of inviscid water at rest, with a plate of one spacing between them."""
+
+def at_rest(dx: float, kind: str = "weakly_compressible", spacings: int = 1) -> js.Case:
+    """Two vessels of inviscid water at rest by the scheme `kind`, with a plate of so many spacings."""
     return js.load_case("vessel").replace(
         {
-            "scheme.kind": "weakly_compressible",
+            "scheme.kind": kind,
             "dx": dx,
-            "tank.length": 0.64 + dx,
-            "device.wall_thickness": dx,
+            "tank.length": 0.64 + spacings * dx,
+            "device.wall_thickness": spacings * dx,
             "device.draught": 0.32,
             "pto": None,
-            "scheme.alpha": None,
             "fluid.nu": 0.0,
         }
     )
