@@ -6,6 +6,7 @@ numpy in, numpy out; nothing here is traced. Equation numbers are those of Zhu e
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -388,6 +389,12 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
     return float(-np.expm1(-decay * wavelength))
 
 
+def takers(series: Iterable[str]) -> list[str]:
+    """Names of what takes energy from the water besides power take-offs, by the series `power_<name>`."""
+    powers = [name for name in series if name.startswith("power_")]
+    return [n.removeprefix("power_") for n in powers if not n.startswith(("power_paddle", "power_pto"))]
+
+
 def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it went.
 
@@ -417,9 +424,7 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
         "viscous": loss("loss_viscous"),
         "diffusive": loss("loss_diffusive"),
     }
-    for name in series:
-        if name.startswith("power_") and not name.startswith(("power_paddle", "power_pto")):
-            budget[name.removeprefix("power_")] = work(name)
+    budget |= {taker: work(f"power_{taker}") for taker in takers(series)}
     spent = sum(v for k, v in budget.items() if k != "paddle")
     budget["residual"] = budget["paddle"] - spent
     scale = max(abs(budget["paddle"]), float(np.max(np.abs(series["kinetic"]))), 1e-12)

@@ -16,11 +16,10 @@ from scipy.spatial import KDTree
 
 from experiments.common import Report, solved
 from experiments.studies.convergence import SPACINGS, study_case
+from jaxsph.probes.noise import REACH, WIDTH
 
 NEAR = 0.6
 """Distance from the end wall within which particles count, m."""
-REACH, WIDTH = 3.0, 1.5
-"""Radius of the fit, and distance at which its weight is 1/e, in spacings."""
 LIP = 4.0
 """Distance from the lip in spacings beyond which the measure is given as well."""
 

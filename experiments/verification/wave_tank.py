@@ -53,19 +53,16 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         for at in places:
             i = int(np.argmin(abs(x - at * wavelength)))
             window = settled(t, x[i] / speed, T, case.waves.ramp_periods)
+            record = t[window], eta[window, i]
             reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
-            args = (t[window], eta[window, i], t[window], reference)
-            height = 100 * analysis.mae_amplitude(*args, H / 2, T, window=5)
-            phase = 100 * analysis.mae_phase(*args, T, window=5)
+            height, phase = _errors(*record, reference, H, T)
             row = report.row
             where = f"at {at:g} wavelengths"
             row(f"MAE_a {where}", height, "%", theory=0.0, paper=PAPER[at][0], bar="< 5 %", passes=height < 5)
             row(f"MAE_p {where}", phase, "%", theory=0.0, paper=PAPER[at][1], bar="< 2 %", passes=phase < 2)
             # the waves' height makes them longer, which second order leaves out
             longer = np.asarray(theory.stokes2_profile(k3 * x[i] - 2 * np.pi / T * t[window], H, k3, d))
-            args = (t[window], eta[window, i], t[window], longer)
-            height = 100 * analysis.mae_amplitude(*args, H / 2, T, window=5)
-            phase = 100 * analysis.mae_phase(*args, T, window=5)
+            height, phase = _errors(*record, longer, H, T)
             row(f"MAE_a {where}, third order's length", height, "%", theory=0.0)
             row(f"MAE_p {where}, third order's length", phase, "%", theory=0.0)
             means.append(np.mean(eta[window, i]))
@@ -79,6 +76,13 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         report.row("energy not accounted for", 100 * results["energy_residual_share"], "%", theory=0.0)
         report.row("time of a second", results["wall_seconds"] / results["t_end"], "s")
         report.picture(_picture(shown))
+
+
+def _errors(t: np.ndarray, eta: np.ndarray, reference: np.ndarray, H: float, T: float) -> tuple[float, float]:
+    """MAE_a and MAE_p (%) of an elevation off the reference (m), at the same times (s)."""
+    both = t, eta, t, reference
+    height = analysis.mae_amplitude(*both, H / 2, T, window=5)
+    return 100 * height, 100 * analysis.mae_phase(*both, T, window=5)
 
 
 def _picture(gauges: list[tuple]) -> Figure:

@@ -59,10 +59,13 @@ def packed(
     origin = np.append(x[free].mean(axis=0)[:-1], level)
     beside = ~free & (away < (NEAR + REACH + 2 * SLACK) * dx)
     rest = (np.concatenate([x[beside], ghosts]) - origin) / dx
+    before, share = (x[free] - origin) / dx, 1.0
     # of a layer across the surface the part below it, which its mirror image makes whole
     below = np.clip(0.5 - rest[:, -1], 0.0, 1.0)
-    rest, below = rest[below > 0], below[below > 0]
-    before, share = (x[free] - origin) / dx, 1.0
+    # the walls of a long tank are mostly out of reach
+    near = np.all((rest > before.min(axis=0) - NEAR) & (rest < before.max(axis=0) + NEAR), axis=1)
+    seen = near & (below > 0)
+    rest, below = rest[seen], below[seen]
     places = before
     for _ in range(ROUNDS):
         places, crowding = _settled(places, rest, np.append(np.full(len(places), share), below))
@@ -79,12 +82,12 @@ def _settled(free: np.ndarray, rest: np.ndarray, volume: np.ndarray) -> tuple[np
     `volume`: of the free particles and of the others, in cells of the lattice.
     """
     V = np.tile(volume, 2) / np.pi ** (0.5 * free.shape[1])
-    pairs, since = _pairs(free, _mirrored(free, rest)), 0.0
+    since = np.inf
     for _ in range(ITERATIONS):
+        every = _mirrored(free, rest)
         if 2.0 * since > SLACK:
-            pairs, since = _pairs(free, _mirrored(free, rest)), 0.0
-        i, j = pairs
-        r = free[i] - _mirrored(free, rest)[j]
+            (i, j), since = _pairs(free, every), 0.0
+        r = free[i] - every[j]
         r2 = np.sum(r**2, axis=1)
         W = V[j] * np.where(r2 < REACH**2, np.exp(-r2), 0.0)
         slope = [np.bincount(i, -2.0 * W * along, len(free)) for along in r.T]

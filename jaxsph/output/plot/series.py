@@ -200,18 +200,15 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
         ("viscous loss", _integral(series, "loss_viscous"), ORANGE),
         ("density diffusion", _integral(series, "loss_diffusive"), RED),
     ]
-    for name in series:
-        taker = name.removeprefix("power_")
-        if taker != name and not taker.startswith(("paddle", "pto")):
-            label, colour = LOSSES.get(taker, (taker.replace("_", " "), GREY))
-            terms.append((label, _work(series, name), colour))
+    for taker in analysis.takers(series):
+        label, colour = LOSSES.get(taker, (taker.replace("_", " "), GREY))
+        terms.append((label, _work(series, f"power_{taker}"), colour))
     last = (STORED, stored - stored[0], SKY)
-    largest = max(float(np.max(np.abs(values))) for _, values, _ in (*terms, last))
-    is_large = [float(np.max(np.abs(values))) > LEAST * largest for _, values, _ in terms]
-    rest = np.zeros_like(stored)
-    for (_, values, _), large in zip(terms, is_large, strict=True):
-        rest = rest if large else rest + values
-    shown = [term for term, large in zip(terms, is_large, strict=True) if large]
+    sizes = [float(np.max(np.abs(values))) for _, values, _ in (*terms, last)]
+    large = [size > LEAST * max(sizes) for size in sizes[:-1]]
+    shown = [term for term, alone in zip(terms, large, strict=True) if alone]
+    small = [values for (_, values, _), alone in zip(terms, large, strict=True) if not alone]
+    rest = sum(small, np.zeros_like(stored))
     if np.any(rest):
         shown.append(("the rest", rest, GREY))
     return [*shown, last]
