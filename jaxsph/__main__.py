@@ -9,6 +9,7 @@ from jaxsph.run import interrupt
 def main() -> None:
     """Runs the `jaxsph` command and ends the program with its exit status."""
     interrupt.end_early()
+    interrupt.end_with_parent()
     from jaxsph.cli import app
 
     status: object = 0

@@ -57,6 +57,10 @@ RESULTS = {
 """Labels and units of the scalar results in two dimensions, in the order of the table."""
 
 
+CLUSTER_TIMEOUT = 10
+"""Time in which a cluster's scheduler has to answer, s."""
+
+
 PER_METRE = ("P_inc",)
 """Names of the results that are per metre of width in three dimensions too."""
 
@@ -174,12 +178,18 @@ def sweep(
     batch: Annotated[
         int | None, typer.Option(help="Runs side by side in one call; the default on an accelerator, 8.")
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Dask scheduler whose workers run the members: tcp://host:8786."
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a case for every combination of values, or go on with an interrupted sweep."""
     import jaxsph as js
 
-    with _messages():
+    with _messages(), _cluster(scheduler) as executor:
         loaded = _load(case, settings)
         over = dict(_values(text) for text in grid)
         if t1 is not None:
@@ -187,7 +197,9 @@ def sweep(
                 raise CaseError("--t1: is one of the parameters of --grid; give one of the two")
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
-        done = js.sweep(loaded, over, out, workers=workers, batch=batch, progress=not quiet)
+        done = js.sweep(
+            loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
+        )
         if not quiet:
             _table(_sweep_rows(done))
         typer.echo(f"recorded in {out}")
@@ -459,6 +471,26 @@ def _table(rows: list[tuple[str, str]]) -> None:
     width = max((len(label) for label, _ in rows), default=0)
     for label, value in rows:
         typer.echo(f"{label:<{width}}  {value}")
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Iterator[Any]:
+    """Executor of the Dask cluster at an address; None without one. **Raises** CaseError."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        raise CaseError('--scheduler: needs Dask: python -m pip install "jaxsph[cluster]"') from None
+    try:
+        client = Client(address, timeout=CLUSTER_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise CaseError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error}); see docs/cluster.md"
+        ) from None
+    with client:
+        yield client.get_executor(pure=False)
 
 
 @contextlib.contextmanager

@@ -288,6 +288,9 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     assert "failed: pto.K_dm = 300, waves.H = 0.04: too fast" in result.stderr
     _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300,400", "--grid", "waves.H=0.02", "--t1", 2)
     assert calls[1][3].changes == {"t1": 2.0}
+    monkeypatch.setattr("jaxsph.cli.CLUSTER_TIMEOUT", 0.2)
+    alone = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300", "--scheduler", "tcp://127.0.0.1:9")
+    assert alone.exit_code == 2 and "no Dask scheduler answers there" in alone.stderr
     both = _jaxsph("sweep", "owc", "--grid", "t1=1,2", "--t1", 2)
     assert both.exit_code == 2 and "--t1: is one of the parameters" in both.stderr
     bad = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=a")

@@ -1,5 +1,12 @@
 """Sweeps: members in processes of their own, failures kept apart, files that resume and that others read."""
 
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Future
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -12,8 +19,8 @@ from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.run import together
 from jaxsph.run.together import run_together
-from jaxsph.study import sweep as sweeping
-from jaxsph.study.sweep import _member
+from jaxsph.study import members
+from jaxsph.study.members import run_member
 
 CASE = js.load_case("hydrostatic").replace({"dx": 0.25, "t1": 0.1, "probes": {"gauges": [0.5]}})
 
@@ -23,7 +30,7 @@ def quick(monkeypatch):
     """Members that only say who they are; returns the cases run, and the names of those to fail."""
     ran, failing = [], set()
 
-    def member(case, stem, cores, children):
+    def member(case, stem):
         ran.append(case)
         t = np.arange(0.0, case.t1 - 1e-9, 0.01)
         series = {"time": t, "eta": np.full((len(t), 2), case.g / 3), "kinetic": t * case.dx}
@@ -32,7 +39,7 @@ def quick(monkeypatch):
         variables = {"eta": Variable("m", "elevation", "gauge"), "kinetic": Variable("J m-1", "energy")}
         return {"results": results, "series": series, "failure": failure}, variables
 
-    monkeypatch.setattr(sweeping, "_member", member)
+    monkeypatch.setattr(members, "run_member", member)
     return ran, failing
 
 
@@ -83,8 +90,10 @@ def test_a_batch_goes_on_where_its_members_were(tmp_path):
 def test_a_batch_takes_no_workers(tmp_path):
     with pytest.raises(CaseError, match="batch = 0: must be 1 or more"):
         js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", batch=0)
-    with pytest.raises(CaseError, match=r"without workers \(here 2\)"):
+    with pytest.raises(CaseError, match="batch = 2 and workers = 2: one of"):
         js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", batch=2, workers=2)
+    with pytest.raises(CaseError, match="workers = 0: must be 1 or more"):
+        js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", workers=0)
 
 
 @pytest.mark.slow
@@ -164,7 +173,78 @@ def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_p
     kinetic = {"kinetic": Variable("J m-1", "energy", group="energy")}
     run.append(series, kinetic, None, {"x": np.zeros(2)}, {})
     run.finish({"t_end": 0.1})
-    # neither cores nor processes: it would fail at the first use of either
-    found, variables = _member(CASE, stem, None, None)
+    found, variables = run_member(CASE, stem)
+    assert not stem.with_suffix(".log").exists()  # no process was begun
     assert found["failure"] == "" and found["results"] == {"t_end": 0.1}
     assert variables["kinetic"] == kinetic["kinetic"] and list(found["series"]["kinetic"]) == [1.0] * 3
+
+
+class Alternating:
+    """An executor that is not of the standard library: runs jobs at once, and loses every second one."""
+
+    def __init__(self):
+        self.jobs = 0
+
+    def submit(self, function, *arguments):
+        self.jobs += 1
+        job = Future()
+        if self.jobs % 2 == 0:
+            job.set_exception(ConnectionError("the worker was lost"))
+        else:
+            job.set_result(function(*arguments))
+        return job
+
+
+def test_any_executor_runs_members_and_one_that_it_loses_is_a_failure(tmp_path, quick):
+    out = tmp_path / "s.h5"
+    done = js.sweep(CASE, {"g": [1.0, 2.0, 3.0]}, out, executor=Alternating(), progress=False)
+    assert done.failures == {(1,): "ConnectionError: the worker was lost"}
+    assert np.array_equal(done["value"], [10.25, np.nan, 30.25], equal_nan=True)
+    again = js.sweep(CASE, {"g": [1.0, 2.0, 3.0]}, out, executor=Alternating(), progress=False)
+    assert np.array_equal(again["value"], [10.25, 20.25, 30.25]) and not again.failures
+    with pytest.raises(CaseError, match="workers = 2 and executor = .*: one of"):
+        js.sweep(CASE, {"g": [1.0]}, tmp_path / "t.h5", executor=Alternating(), workers=2)
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
+    with pytest.raises(FileError, match="nowhere: the worker on .* sees no such folder"):
+        run_member(CASE, tmp_path / "nowhere" / "0000")
+
+
+def test_a_worker_gives_up_a_member_that_another_has_claimed(tmp_path, monkeypatch):
+    """The first ends its process before the second begins its own."""
+    log, times, run_process = tmp_path / "0000.log", {}, members._run_process
+
+    def asleep(command, log, claim):
+        times.setdefault("begun", []).append(time.monotonic())
+        code = "import time; time.sleep(60)" if len(times["begun"]) == 1 else "print(2)"
+        status = run_process([sys.executable, "-c", code], log, claim)
+        times.setdefault("ended", []).append(time.monotonic())
+        return status
+
+    monkeypatch.setattr(members, "_run_process", asleep)
+    lost = []
+
+    def first():
+        with pytest.raises(FileError, match="was given up") as raised:
+            run_member(CASE, tmp_path / "0000")
+        lost.append(raised)
+
+    thread = threading.Thread(target=first)
+    thread.start()
+    while "begun" not in times:
+        time.sleep(0.01)
+    found, _ = run_member(CASE, tmp_path / "0000")
+    thread.join(timeout=10)
+    assert lost and times["ended"][0] < times["begun"][1] and found["failure"] == ""
+    assert log.read_text() == "2\n" and not list(tmp_path.glob("*.owner"))
+
+
+def test_a_member_s_process_ends_with_the_one_that_started_it():
+    code = "from jaxsph.run import interrupt; interrupt.end_with_parent(); import time; time.sleep(60)"
+    environment = os.environ | {"JAXSPH_ATTACHED": "1"}
+    child = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, env=environment)
+    with pytest.raises(subprocess.TimeoutExpired):
+        child.wait(1.0)
+    child.stdin.close()  # as the system does when the parent is killed
+    assert child.wait(30) == 130

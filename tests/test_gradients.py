@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.output.hdf5 import Variable
-from jaxsph.study import sweep as sweeping
+from jaxsph.study import members as running
 from jaxsph.study.base import SMOOTH
 from jaxsph.study.ensemble import parabola
 from jaxsph.study.tangents import _seed, grain
@@ -86,14 +86,14 @@ def members(monkeypatch):
     """Members of a sweep whose efficiency is a parabola with a given scatter, without running them."""
     scatter, failing = {}, set()
 
-    def member(case, stem, cores, children):
+    def member(case, stem):
         K = case.pto.K_dm
         xi = 0.5 - 1e-6 * (K - 600.0) ** 2 + scatter.get(round(K), 0.0)
         results = {} if round(K) in failing else {"xi": xi, "P_owc": 2 * xi}
         series = {"time": np.arange(3) * 0.01}
         return {"results": results, "series": series, "failure": "too fast" if not results else ""}, {}
 
-    monkeypatch.setattr(sweeping, "_member", member)
+    monkeypatch.setattr(running, "run_member", member)
     return scatter, failing
 
 
@@ -107,14 +107,14 @@ def test_ensemble_finds_the_slope_of_a_parabola(members):
 def test_energy_of_an_ensemble_is_that_from_the_start(monkeypatch):
     """Not the sweep's result of that name, which is of the last whole periods."""
 
-    def member(case, stem, cores, children):
+    def member(case, stem):
         t = np.arange(100) * 0.01
         series = {"time": t, "power_pto": np.full(100, 1e-3 * case.pto.K_dm)}
         return {"results": {"energy_pto": -1.0}, "series": series, "failure": ""}, {
             "power_pto": Variable("W m-1", "power")
         }
 
-    monkeypatch.setattr(sweeping, "_member", member)
+    monkeypatch.setattr(running, "run_member", member)
     case = OWC.replace({"pto.K_dm": 500.0})
     found = js.derivative(case, "pto.K_dm", "energy_pto", js.Ensemble(), progress=False)
     assert found.value == pytest.approx(0.5) and found.slope == pytest.approx(1e-3)
@@ -154,13 +154,13 @@ def theory(monkeypatch):
     """Members whose efficiency is linear theory's with a scatter of 0.005; returns the cases run."""
     ran = []
 
-    def member(case, stem, cores, children):
+    def member(case, stem):
         ran.append(case)
         noise = 0.005 * np.random.default_rng(int(1e3 * case.pto.K_dm)).normal()
         series = {"time": np.arange(3) * 0.01}
         return {"results": {"xi": js.linear_owc(case).xi + noise}, "series": series, "failure": ""}, {}
 
-    monkeypatch.setattr(sweeping, "_member", member)
+    monkeypatch.setattr(running, "run_member", member)
     return ran
 
 

@@ -17,6 +17,10 @@ from collections.abc import Callable, Iterator
 CODE = 130
 """Exit status of an interrupted program: 128 and the signal's number."""
 
+ATTACHED = "JAXSPH_ATTACHED"
+"""Name of the environment variable of a program that ends when its standard input is closed: with the process
+that started it, in whatever way that ends."""
+
 STOPPING = "\njaxsph: stopping at the end of this chunk; Ctrl-C again stops at once"
 
 
@@ -111,6 +115,19 @@ def _listen(ear: socket.socket, words: Callable[[], str]) -> None:
             print(STOPPING, file=sys.stderr, flush=True)
         else:
             end(words())
+
+
+def end_with_parent() -> None:
+    """Makes a program that is `ATTACHED` end when its standard input closes; a run keeps its checkpoint."""
+    if not os.environ.get(ATTACHED):
+        return
+
+    def watch() -> None:
+        while os.read(0, 1):
+            pass
+        os._exit(CODE)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _end_early(number: int, frame: object) -> None:

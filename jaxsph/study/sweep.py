@@ -5,17 +5,12 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import os
 import shutil
-import subprocess
-import sys
-import threading
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import jax
@@ -23,23 +18,13 @@ import numpy as np
 from tqdm import tqdm
 
 from jaxsph.case.case import Case
-from jaxsph.errors import CaseError, FileError, JaxsphError
+from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import Variable
-from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile, over_members
-from jaxsph.run.together import run_together, shape
-
-FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-"""Flags of the compiler (XLA) for members: a step takes 0.83 of its time. With them a checkpointed reverse
-pass cannot be compiled, so they are no default of the package; a member only runs forward."""
-
+from jaxsph.study.members import one_per_core, run_each, run_in_batches
 
 BATCH = 8
 """Number of members in one vmapped call on an accelerator, by default."""
-
-
-Ended = tuple[dict[str, Any], dict[str, Variable]]
-"""Results, series and failure of a member that has ended, and the meaning of each series."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +57,11 @@ def sweep(
     grid: bool = True,
     workers: int | None = None,
     batch: int | None = None,
+    executor: Executor | None = None,
     progress: bool = True,
 ) -> Sweep:
     """Runs a case for every combination of values: on a CPU each member in a process of its own on one core,
-    on an accelerator in vmapped batches.
+    on an accelerator in vmapped batches, on a cluster wherever an executor takes them.
 
     **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`,
     geometry and `t1` included; `grid`: every combination, or one member for each place in lists of equal
@@ -83,31 +69,32 @@ def sweep(
     beside the file, in `<out>.members`, until the member has ended. `workers`: members at a time (by
     default one per core). `batch`: in its place, so many members in one vmapped call in this process, as far
     as their arrays have the same shapes. On a CPU a member of a batch takes 1.3 times as long as alone
-    (`python -m experiments run bench_batch`), so batches are the default on an accelerator only.
+    (`python -m experiments run bench_batch`), so batches are the default on an accelerator only. `executor`:
+    in the place of both, any executor with the interface of `concurrent.futures`, such as Dask's
+    `client.get_executor(pure=False)`; its workers must see the folder of `out`. A member whose worker was
+    lost goes on from its last checkpoint on the next one. The executor is left open.
     **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
     **Raises** CaseError for a member that cannot be built, before any runs; FileError where `out` is of
     another sweep.
     """
-    if batch is None and workers is None and jax.default_backend() != "cpu":
-        batch = BATCH
-    if batch is not None and batch < 1:
-        raise CaseError(f"batch = {batch}: must be 1 or more")
-    if batch is not None and workers is not None:
-        raise CaseError(f"batch = {batch}: goes without workers (here {workers}); give one of the two")
+    batch = _checked_batch(workers, batch, executor)
     axes = {name: np.asarray(values) for name, values in over.items()}
     cases, shape = _cases(case, axes, grid)
-    file = SweepFile(out)
+    file = SweepFile(Path(out).resolve())  # workers may be in other folders
     members, variables = _ended_before(file, case, axes, shape) if file.path.exists() else ({}, {})
     folder = file.path.with_name(f"{file.path.name}.members")
     folder.mkdir(parents=True, exist_ok=True)
     missing = {i: member for i, member in enumerate(cases) if i not in members}
     bar = tqdm(total=len(cases), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
-    ended = (
-        _in_processes(missing, folder, workers)
-        if batch is None
-        else _in_batches(missing, folder, batch, progress)
-    )
-    with bar, contextlib.closing(ended):
+    with contextlib.ExitStack() as stack:
+        if batch is not None:
+            ended = run_in_batches(missing, folder, batch, progress)
+        else:
+            if executor is None:
+                executor = stack.enter_context(one_per_core(workers))
+            ended = run_each(missing, folder, executor)
+        stack.enter_context(contextlib.closing(ended))
+        stack.enter_context(bar)
         for i, (members[i], described) in ended:
             variables = variables | described
             file.write(case.to_toml(), axes, shape, members, variables)
@@ -118,6 +105,19 @@ def sweep(
                 bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
     shutil.rmtree(folder)
     return _make_sweep(case, axes, shape, members)
+
+
+def _checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
+    """Size of batches, None for members apart. **Raises** CaseError for choices that exclude each other."""
+    given = {"batch": batch, "workers": workers, "executor": executor}
+    both = [f"{name} = {value}" for name, value in given.items() if value is not None]
+    if len(both) > 1:
+        raise CaseError(f"{' and '.join(both)}: one of batch, workers and executor goes without the others")
+    if batch is not None and batch < 1:
+        raise CaseError(f"batch = {batch}: must be 1 or more")
+    if workers is not None and workers < 1:
+        raise CaseError(f"workers = {workers}: must be 1 or more")
+    return batch if both or jax.default_backend() == "cpu" else BATCH
 
 
 def _ended_before(
@@ -165,134 +165,3 @@ def _make_sweep(
     failures = {place(i): m["failure"] for i, m in members.items() if m["failure"]}
     series = {place(i): m["series"] for i, m in members.items()}
     return Sweep(case, dict(axes), over_members(members, shape), failures, series)
-
-
-def _in_processes(
-    cases: Mapping[int, Case], folder: Path, workers: int | None
-) -> Iterator[tuple[int, Ended]]:
-    """Members as they end, each in a process on a core of its own."""
-    cores, workers = _cores(workers)
-    children = _Children(folder / "compiled")
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            jobs = {
-                pool.submit(_member, member, folder / f"{i:04d}", cores, children): i
-                for i, member in cases.items()
-            }
-            for job in as_completed(jobs):
-                yield jobs[job], job.result()
-        except BaseException:
-            children.stop()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _cores(workers: int | None) -> tuple[SimpleQueue[int], int]:
-    """Cores to give to members, one after another, and how many members run at a time."""
-    here = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
-    workers = workers or len(here)
-    cores: SimpleQueue[int] = SimpleQueue()
-    for k in range(workers):
-        cores.put(here[k % len(here)])
-    return cores, workers
-
-
-class _Children:
-    """The members' processes, to be stopped together; what one has compiled the next need not."""
-
-    def __init__(self, compiled: Path) -> None:
-        self._environment = {
-            "XLA_FLAGS": FORWARD_FLAGS,
-            "JAX_COMPILATION_CACHE_DIR": str(compiled),
-            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        } | os.environ
-        self._running: set[subprocess.Popen] = set()
-        self._lock = threading.Lock()
-        self._stopped = False
-
-    def run(self, command: list[str], core: int, log: Path) -> int:
-        """Runs a command on one core, its messages going to a file, and returns its exit status."""
-        with log.open("w") as messages:
-            with self._lock:
-                if self._stopped:
-                    return -1
-                child = subprocess.Popen(command, stdout=messages, stderr=messages, env=self._environment)
-                self._running.add(child)
-            if hasattr(os, "sched_setaffinity"):
-                with contextlib.suppress(ProcessLookupError):
-                    os.sched_setaffinity(child.pid, {core})  # before it starts threads of its own
-            status = child.wait()
-        with self._lock:
-            self._running.discard(child)
-        return status
-
-    def stop(self) -> None:
-        """Ends the processes of all members; their last checkpoints stay."""
-        with self._lock:
-            self._stopped = True
-            for child in self._running:
-                child.terminate()
-
-
-def _member(case: Case, stem: Path, cores: SimpleQueue[int], children: _Children) -> Ended:
-    """Runs, or finishes, one member beside the sweep's file."""
-    run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
-    toml.write_text(case.to_toml(), encoding="utf-8")
-    command = [sys.executable, "-m", "jaxsph"]
-    begun, ended = _stage(run)
-    if begun:
-        command += ["resume", str(run), "--t1", repr(case.t1)]
-    else:
-        command += ["run", str(toml), "--out", str(run), "--overwrite"]
-    status = 0
-    if not ended:
-        core = cores.get()
-        try:
-            status = children.run([*command, "--quiet", "--no-plot"], core, log)
-        finally:
-            cores.put(core)
-    found, variables = _read_member(run)
-    if status:
-        found["results"] = {}
-        found["failure"] = log.read_text(encoding="utf-8").strip() or f"ended with status {status}"
-    return found, variables
-
-
-def _read_member(run: Path) -> Ended:
-    """Results, series and failure in a member's file, and the meaning of each series."""
-    try:
-        file = RunFile.open(run)
-        found = {"results": file.results(), "series": file.series(), "failure": ""}
-        return found, file.variables()
-    except JaxsphError:
-        return {"results": {}, "series": {}, "failure": ""}, {}
-
-
-def _stage(run: Path) -> tuple[bool, bool]:
-    """Whether a member has a checkpoint to go on from, and whether it has ended: a sweep that was stopped
-    before it recorded such a member has nothing left to run."""
-    try:
-        file = RunFile.open(run)
-        return file.has_checkpoint(), bool(file.results())
-    except FileError:
-        return False, False
-
-
-def _in_batches(
-    cases: Mapping[int, Case], folder: Path, size: int, progress: bool
-) -> Iterator[tuple[int, Ended]]:
-    """Members as they end, up to `size` of them side by side in this process."""
-    runs = {i: folder / f"{i:04d}.h5" for i in cases}
-    alike: dict[Any, list[int]] = {}
-    for i, member in cases.items():
-        if _stage(runs[i])[1]:
-            yield i, _read_member(runs[i])
-        else:
-            alike.setdefault(shape(member), []).append(i)
-    for batch in (group[k : k + size] for group in alike.values() for k in range(0, len(group), size)):
-        given = run_together([cases[i] for i in batch], [runs[i] for i in batch], progress)
-        for i, one in zip(batch, given, strict=True):
-            found, variables = _read_member(runs[i])
-            if isinstance(one, JaxsphError):
-                found |= {"results": {}, "failure": str(one)}
-            yield i, (found, variables)
