@@ -95,6 +95,11 @@ Changes = Annotated[
 EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of the run, s.")]
 
 
+Devices = Annotated[
+    int, typer.Option("--devices", metavar="N", help="Accelerators, or on a CPU cores, that share the run.")
+]
+
+
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
@@ -140,6 +145,7 @@ def run(
         typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
+    devices: Devices = 1,
     plot: Pictures = True,
     quiet: Quiet = False,
 ) -> None:
@@ -147,13 +153,16 @@ def run(
     import jaxsph as js
 
     with _messages():
+        _find(devices)
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
         if not quiet:
             for notice in loaded.notices():
                 typer.echo(f"note: {notice}", err=True)
         with _resumable(out):
-            solution = js.run(loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet)
+            solution = js.run(
+                loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
+            )
         _report(solution, out, plot, quiet)
 
 
@@ -285,6 +294,7 @@ def resume(
     file: RunName,
     settings: Changes = None,
     t1: EndTime = None,
+    devices: Devices = 1,
     plot: Pictures = True,
     quiet: Quiet = False,
 ) -> None:
@@ -292,11 +302,12 @@ def resume(
     import jaxsph as js
 
     with _messages():
+        _find(devices)
         stored = tomllib.loads(RunFile.open(file).case_toml)
         _match_precision(stored.get("precision"))
         changes = dict(_setting(text) for text in settings or [])
         with _resumable(file):
-            solution = js.resume(file, t1=t1, progress=not quiet, changes=changes)
+            solution = js.resume(file, t1=t1, progress=not quiet, changes=changes, devices=devices)
         _report(solution, file, plot, quiet)
 
 
@@ -353,6 +364,14 @@ def cases() -> None:
     import jaxsph as js
 
     _table(list(js.built_in_cases().items()))
+
+
+def _find(devices: int) -> None:
+    """Makes cores devices, before JAX is first used. **Raises** CaseError where there are too few."""
+    if devices != 1:
+        from jaxsph.run.devices import find_devices
+
+        find_devices(devices)
 
 
 def _load(name: str, settings: list[str] | None) -> Any:

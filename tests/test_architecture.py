@@ -178,6 +178,7 @@ WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
     "cli.optimise": "an argument for each option of the command",
     "cli.slope": "an argument for each option of the command",
+    "cli.sweep": "an argument for each option of the command",
     "schemes.incompressible.of": "an argument for each choice, all but two with a default",
     "schemes.weakly_compressible.of": "an argument for each choice, all but two with a default",
     "solids.walls.build": "an argument for each thing that walls can be made of",

@@ -36,7 +36,7 @@ def test_periodic_lattice_has_full_kernels(vortex):
     """Every particle, at the seam too: the same count of neighbours, and the divergence of position is 2."""
     model, state, _ = vortex
     state, tables = model.scheme.prepare(model, state)
-    count = np.sum(np.asarray(tables.fluid) != len(state.particles.x), axis=0)
+    count = np.sum(np.asarray(tables.fluid.indices) != len(state.particles.x), axis=0)
     assert count.min() == count.max()
     # the Gaussian is cut at 3h: (1 + 9) e^-9 = 1.2e-3 of its second moment, on a lattice twice that
     np.testing.assert_allclose(model.scheme.surface(model, state, tables), 2.0, rtol=3e-3)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.core.kernels import Gaussian
-from jaxsph.core.pairs import Smoothing, with_empty
+from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.cells import grid_over, search
+from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.errors import CaseError
 from jaxsph.parts.paddle import Paddle
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
@@ -89,8 +90,8 @@ class _Tank:
     def interpolate(self, field):
         """(fit, field at the nodes) for one array of the water's values."""
         columns = {"x": tuple(self.x.T), "V": jnp.full(len(self.x), DX**2)}
-        water = with_empty(columns | {"f": jnp.asarray(field)})
-        table = self.table.indices
+        water = Sources(columns | {"f": jnp.asarray(field)}, {})
+        table = PointNeighbours.of(self.table.indices)
         fit = self.walls.fit(self.walls.node, water, self.smoothing, table)
         law = lambda j: j["f"]  # noqa: E731
         return fit, self.walls.at_nodes(law, fit, self.walls.node, water, self.smoothing, table)
@@ -279,10 +280,11 @@ class _Tank32:
 def test_normals_of_eq_21_point_into_the_water():
     with enable_x64():
         tank = _Tank(FreeSlip(), jitter=0.0)
-        water = with_empty({"x": tuple(tank.x.T), "V": jnp.full(len(tank.x), DX**2)})
+        water = Sources({"x": tuple(tank.x.T), "V": jnp.full(len(tank.x), DX**2)}, {})
         seen = jnp.full(tank.walls.count, 1, jnp.int32)
         table = search_(tank.walls.x, tank.x, tank.grid, 80, seen, jnp.ones(len(tank.x), jnp.int32), False)
-        found = np.asarray(wall_normals(tank.walls.x, water, tank.smoothing, table.indices))
+        around = PointNeighbours.of(table.indices)
+        found = np.asarray(wall_normals(tank.walls.x, water, tank.smoothing, around))
         x, near = tank.ghost, 2 * DX
         middle = (x[:, 0] > 4 * DX) & (x[:, 0] < LENGTH - 4 * DX)
         deep = (x[:, 1] > 4 * DX) & (x[:, 1] < DEPTH - 4 * DX)
@@ -333,7 +335,12 @@ def tables(request):
     state = eqx.tree_at(lambda s: s.particles.x, state, jnp.asarray(shaken, jnp.float32))
     state, found = prepare(model, state)
     assert int(state.status.bits) == 0
-    return model, np.asarray(state.particles.x), np.asarray(found.fluid), np.asarray(found.nodes)
+    return (
+        model,
+        np.asarray(state.particles.x),
+        np.asarray(found.fluid.indices),
+        np.asarray(found.nodes.indices),
+    )
 
 
 def _sides(x, plate):

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.core.arrays import columns
+from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model.state import Particles, Tables
 from jaxsph.parts.chamber import AbstractGrip, Chamber
 from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
@@ -127,7 +128,7 @@ class _Given(AbstractGrip):
 
     forces: tuple
 
-    def force(self, chamber, x, V, sums, table):
+    def force(self, chamber, x, V, around):
         return self.forces
 
     def inertia(self, chamber):
@@ -164,8 +165,8 @@ def test_kick_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         )
         zero = jnp.zeros(n)
         water = Particles(jnp.zeros((n, 2)), jnp.zeros((n, 2)), u, zero, m, jnp.arange(n), zero)
-        tables = Tables(jnp.zeros((1, n), int), None, {}, {"chamber": index}, None)
-        sources = {"x": (zero, zero), "V": zero}
+        tables = Tables(Neighbours(jnp.zeros((1, n), int)), None, {}, {"chamber": index}, None)
+        sources = Sources({"x": (zero, zero), "V": zero}, {})
         kick = chamber.kick(_NoPairs, water, sources, u, tables, 0.0, dt)
         air, work = chamber.finish(chamber.start(float), kick, u, kick.u, dt)
         new = kick.u

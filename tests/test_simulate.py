@@ -186,7 +186,7 @@ def test_overflow_is_a_bit(hydrostatic):
     small, _ = js.build(case, _settings(model) | {"capacity": 8, "node_capacity": 8})
     state, found = jax.jit(lambda m, s: m.scheme.prepare(m, s))(small, state)
     assert Failure(int(state.status.bits)) == Failure.NEIGHBOUR_OVERFLOW
-    assert found.fluid.shape[0] == 8
+    assert found.fluid.indices.shape[0] == 8
 
 
 def test_stale_table_is_flagged_and_mended(hydrostatic):

@@ -28,12 +28,13 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1) ->
     seconds = min(_seconds(advance, state) for _ in range(turns)) / (steps * every)
     water, walls = state.particles.x.shape[0], model.walls.count
     state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
-    pairs = int(np.sum(np.asarray(tables.fluid) != water + walls))
-    weights = jnp.ones(tables.fluid.shape, state.particles.p.dtype)
+    pairs = int(np.sum(np.asarray(tables.fluid.indices) != water + walls))
+    table = tables.fluid.indices
+    weights = jnp.ones(table.shape, state.particles.p.dtype)
     field = jnp.zeros(water + walls + 1, weights.dtype)
-    operator = jax.jit(weighted_sum).lower(weights, field, tables.fluid).compile()
-    operator(weights, field, tables.fluid)
-    once = min(_seconds(operator, weights, field, tables.fluid) for _ in range(turns))
+    operator = jax.jit(weighted_sum).lower(weights, field, table).compile()
+    operator(weights, field, table)
+    once = min(_seconds(operator, weights, field, table) for _ in range(turns))
     with Report(
         f"bench_isph_{dx:g}_{threads}", f"Incompressible scheme in 3-D: speed, {threads} thread(s)", dx
     ) as report:

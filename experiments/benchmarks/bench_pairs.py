@@ -27,6 +27,7 @@ from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import needed_capacity
 from jaxsph.core.search.cells import cell_order, grid_over, search
+from jaxsph.core.slabs import Neighbours, PointNeighbours, Sources
 from jaxsph.model.state import Particles, Tables
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.integrators import SymplecticEuler
@@ -85,14 +86,16 @@ def right_hand_side(given: dict[str, np.ndarray]):
     every = jnp.ones(n, jnp.int32)
     most = int(search(x, x, grid, 1, every, every, True).most)
     table = search(x, x, grid, needed_capacity(most, 1.0), every, every, True)
-    sources = {
+    water = {
         "x": columns(x),
         "rho": rho,
         "p": p,
         "V": field["volume"],
         "u": columns(u),
     }
-    tables = Tables(table.indices, jnp.zeros((0, 0), jnp.int32), {}, {}, x)
+    sources = Sources(water, jax.tree.map(lambda a: a[:0], water))  # no walls
+    none = PointNeighbours.of(jnp.zeros((0, 0), jnp.int32))
+    tables = Tables(Neighbours(table.indices), none, {}, {}, x)
     model = types.SimpleNamespace(g=jnp.zeros(2, jnp.float32))
 
     @jax.jit

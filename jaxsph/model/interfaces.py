@@ -19,6 +19,7 @@ import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar
 from jaxsph.core.pairs import Smoothing
+from jaxsph.core.slabs import Slabs, Sources
 from jaxsph.model.state import Particles, Search, State, Tables, Tally
 
 __all__ = [
@@ -421,6 +422,8 @@ class Kick(NamedTuple):
     """Indices of the particles that feel the air; N stands for none."""
     force: Components
     """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
+    slabs: Slabs
+    """Devices that share the particles."""
 
 
 class AbstractChamber(eqx.Module):
@@ -464,7 +467,7 @@ class AbstractChamber(eqx.Module):
         self,
         scheme: AbstractScheme,
         water: Particles,
-        sources: dict,
+        sources: Sources,
         u: Float[Array, "N D"],
         tables: Tables,
         t: Scalar,

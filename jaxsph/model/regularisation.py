@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -17,11 +16,10 @@ from jaxsph.core.pairs import (
     Pair,
     Smoothing,
     correctable,
-    pair_sum,
     symmetric_inverse,
     symmetric_product,
-    with_empty,
 )
+from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Entry, Model
 from jaxsph.model.state import Particles, Tables
@@ -35,7 +33,6 @@ __all__ = [
     "Regularised",
     "lattice_sum",
     "regularisations",
-    "with_walls",
 ]
 
 HYPERVISCOSITY = 1.0
@@ -142,12 +139,13 @@ class Regularisation(eqx.Module):
         def gradient(pair: Pair, i: Fields, j: Fields):
             return laws.moment_matrix(pair, i, j), laws.velocity_gradient(pair, i, j)
 
-        M, G = self._sum(gradient, smoothing, model, own, tables)
+        of_water = tables.fluid.of_water()
+        M, G = of_water.sum(gradient, smoothing, own, Sources(own, {}))
         L = symmetric_inverse(M)
         grad_u = tuple(symmetric_product(L, row) for row in G)
         own = own | {"grad_u": grad_u, "trust": correctable(M)}
         law = functools.partial(self.law, lattice_sum(smoothing, model.dx, dim), model.dx)
-        terms = self._sum(law, smoothing, model, own, tables)
+        terms = of_water.sum(law, smoothing, own, Sources(own, {}))
         # the guard is for the derivative where there is no gravity
         rate = (jnp.sum(model.g**2) + 1e-30) ** 0.25 / jnp.sqrt(smoothing.h)
         smoothed = -jnp.expm1(-self.hyperviscosity * rate * t) * stack(terms.jump)
@@ -159,13 +157,6 @@ class Regularisation(eqx.Module):
             "separation": kinetic_loss(p, p.u + smoothed, carried) - lifted,
         }
         return Regularised(p.u + smoothed + carried, moved, lost)
-
-    @staticmethod
-    def _sum(law, smoothing: Smoothing, model: Model, own: dict, tables: Tables):
-        """Sum of a pair law over the water, of the fields `own`; the tables' walls have no mass."""
-        every = own["V"].shape[0] + model.walls.x.shape[0]
-        water = jax.tree.map(lambda a: with_walls(a, every), own)
-        return pair_sum(law, smoothing, own, with_empty(water), tables.fluid)
 
 
 def regularisations(
@@ -183,11 +174,6 @@ def regularisations(
 def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D"]) -> Scalar:
     """Kinetic energy lost by a change (m/s) of the velocities u (m/s), J (J/m in 2-D)."""
     return -jnp.sum(p.m * jnp.sum((u + 0.5 * change) * change, axis=1))
-
-
-def with_walls(field: Float[Array, " N"], every: int) -> Float[Array, " M"]:
-    """Field of the water with zeros for the walls behind it, as one of `every` sources of pair sums."""
-    return jnp.concatenate([field, jnp.zeros(every - field.shape[0], field.dtype)])
 
 
 def lattice_sum(smoothing: Smoothing, dx: Scalar, dim: int) -> Scalar:

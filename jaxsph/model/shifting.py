@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar, real, stack
-from jaxsph.core.pairs import Pair, pair_sum, with_empty
+from jaxsph.core.pairs import Pair
+from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.state import Tables
@@ -40,7 +40,7 @@ class Shifting(eqx.Module):
         scheme: AbstractScheme,
         model: Model,
         u: Float[Array, "N D"],
-        sources: dict,
+        sources: Sources,
         tables: Tables,
         dt: Scalar,
     ) -> Float[Array, "N D"]:
@@ -54,9 +54,7 @@ class Shifting(eqx.Module):
             crowded = w * (1.0 + 0.2 * (pair.W / W_dx) ** 4)
             return tuple(crowded * r for r in pair.r), -w * pair.r2
 
-        n = u.shape[0]
-        targets = jax.tree.map(lambda a: a[:n], sources)
-        gradient, trace = pair_sum(law, scheme.smoothing, targets, with_empty(sources), tables.fluid)
+        gradient, trace = tables.fluid.sum(law, scheme.smoothing, sources.water, sources)
         speed = jnp.sqrt(jnp.max(jnp.sum(u**2, axis=1)))
         # the trace is dim within a few per cent for a full kernel, and half of that for half a kernel
         inside = jnp.clip((trace / dim - 0.8) / 0.15, 0.0, 1.0)

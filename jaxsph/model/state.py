@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.search.base import AbstractSearch, Grid
+from jaxsph.core.slabs import ONE, Neighbours, PointNeighbours, Slabs
 
 __all__ = ["Failure", "Particles", "Search", "State", "Status", "Tables", "Tally", "settle"]
 
@@ -105,6 +106,10 @@ class Failure(enum.IntFlag):
     """A linear solution for the pressure did not converge."""
 
 
+SIZES = ("capacity", "node_capacity", "chamber_capacity", "halo", "points")
+"""Names of the sizes that tables of a search have, in `Search` and `slabs.Slabs`."""
+
+
 class Status(eqx.Module):
     """Failures so far with the position and step of the first, and the needs of tables and solver."""
 
@@ -125,7 +130,7 @@ class Status(eqx.Module):
     def sound(cls, dim: int, dtype: Any) -> Status:
         """Status without a failure."""
         zero = jnp.zeros((), jnp.int32)
-        most = {name: zero for name in ("capacity", "node_capacity", "chamber_capacity")}
+        most = {name: zero for name in SIZES}
         none = jnp.zeros((), dtype)
         return cls(zero, zero, jnp.zeros(dim, dtype), most, none, none)
 
@@ -181,17 +186,19 @@ class Search(eqx.Module):
     """
     skin: float = eqx.field(static=True)
     """Margin of the search radius over the kernel's support, m."""
+    slabs: Slabs = eqx.field(default=ONE)
+    """Devices that share the particles."""
 
 
 class Tables(eqx.Module):
     """Neighbour tables of one block of steps, and the positions for which they were made."""
 
-    fluid: Int[Array, "K N"]
+    fluid: Neighbours
     """Particles and ghosts around every particle."""
-    nodes: Int[Array, "Kn G"]
+    nodes: PointNeighbours
     """Particles around the interpolation node of every ghost."""
-    around: dict[str, Int[Array, "Kp P"]]
-    """Particles around the ghosts of every moving wall, by the wall's name, for the force on it."""
+    around: dict[str, PointNeighbours]
+    """Particles around the ghosts of every moving wall and body, by its name, for the force on it."""
     chambers: dict[str, Int[Array, " C"]]
     """Particles that may feel a chamber's air, by the chamber's name; N stands for none."""
     x: Float[Array, "N D"]

@@ -14,18 +14,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Int, columns, dot, stack
+from jaxsph.core.arrays import Components, columns, dot, stack
 from jaxsph.core.pairs import (
     Fields,
     Pair,
     Smoothing,
-    linear_pair_sum,
     outer_upper,
-    pair_sum,
     symmetric_inverse,
     symmetric_product,
-    with_empty,
 )
+from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractTangents, Model
 from jaxsph.model.state import State, Tables
@@ -87,7 +85,7 @@ class Average(NamedTuple):
     """Volumes of the particles, m3 (m2 in 2-D)."""
     smoothing: Smoothing
     """Kernel of the weights."""
-    table: Int[Array, "K N"]
+    table: Neighbours
     """Particles around every particle; ghosts are empty slots."""
     own: jax.Array
     """Weight of the particle itself (-)."""
@@ -110,8 +108,8 @@ class Average(NamedTuple):
             there = tuple(-r / h for r in pair.r)
             return jax.tree.map(lambda f: (w * f, tuple(w * f * a for a in there)), j["f"])
 
-        sources = with_empty({"x": self.x, "V": self.V, "f": fields})
-        sums = linear_pair_sum(law, self.smoothing, {"x": self.x}, sources, self.table)
+        sources = Sources({"x": self.x, "V": self.V, "f": fields}, {})
+        sums = self.table.linear_sum(law, self.smoothing, {"x": self.x}, sources)
 
         def fitted(f, inverse, found):
             zeroth, first = found
@@ -128,7 +126,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     """Average over the neighbours in a state."""
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
-    h, (n, dim) = smoothing.h, p.x.shape
+    h, dim = smoothing.h, p.x.shape[1]
     ghosts, _ = model.walls_at(state.own)
     V = model.scheme.volume(p)
     own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
@@ -138,11 +136,10 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     pushes = tuple(
         tuple(jnp.where(even[:, k] & normal[:, a], walls.volume, 0.0) for a in range(dim)) for k in range(dim)
     )
-    sources = {
-        "x": columns(jnp.concatenate([p.x, ghosts])),
-        "w": jnp.concatenate([V, none]),
-        "push": jax.tree.map(lambda a: jnp.concatenate([jnp.zeros_like(V), a]), pushes),
-    }
+    nowhere = jax.tree.map(lambda _: jnp.zeros_like(V), pushes)
+    sources = Sources(
+        {"x": columns(p.x), "w": V, "push": nowhere}, {"x": columns(ghosts), "w": none, "push": pushes}
+    )
 
     def moments(pair: Pair, i: Fields, j: Fields):
         w = j["w"] * pair.W
@@ -151,12 +148,12 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
         return w, first, outer_upper(first, there), jax.tree.map(lambda a: a * pair.W, j["push"])
 
     x = columns(p.x)
-    weight, first, second, push = pair_sum(moments, smoothing, {"x": x}, with_empty(sources), tables.fluid)
+    weight, first, second, push = tables.fluid.sum(moments, smoothing, {"x": x}, sources)
     weight = weight + own
     centre = tuple(a / weight for a in first)
     spread = tuple(a / weight - b for a, b in zip(second, outer_upper(centre, centre), strict=True))
     inverse = tuple(symmetric_inverse(_held(spread, push[k], dim)) for k in range(dim))
-    return Average(x, V, smoothing, jnp.minimum(tables.fluid, n), own, weight, centre, inverse)
+    return Average(x, V, smoothing, tables.fluid.of_water(), own, weight, centre, inverse)
 
 
 HOLD = 40.0

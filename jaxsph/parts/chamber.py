@@ -7,14 +7,15 @@ air out of the chamber, positive when the water column rises; the PTO takes P_a 
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stack
-from jaxsph.core.pairs import pair_sum, with_empty
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
+from jaxsph.core.pairs import Law
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractChamber, AbstractPTO, Air, Entry, Exchange, Kick
 from jaxsph.model.state import Tally
@@ -27,12 +28,12 @@ class AbstractGrip(eqx.Module):
 
     @abc.abstractmethod
     def force(
-        self, chamber: Chamber, x: Components, V: Float[Array, " C"], sums: dict, table: Int[Array, "K C"]
+        self, chamber: Chamber, x: Components, V: Float[Array, " C"], around: Callable[[Law], Components]
     ) -> Components:
         """Force on particles per unit of P_a, m2 (m in 2-D).
 
-        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `sums`: "smoothing" and
-        "sources" of the scheme's pair sums; `table`: neighbours of the particles.
+        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `around(law)`: sums of
+        a pair law over their neighbours.
         """
 
     @abc.abstractmethod
@@ -55,9 +56,9 @@ class SurfaceGrip(AbstractGrip):
     particle (a switch, in Zhu et al. 2020, Eq. 15-16), and suction in the air puts no tension in the column.
     """
 
-    def force(self, chamber, x, V, sums, table):
+    def force(self, chamber, x, V, around):
         """See `AbstractGrip`."""
-        s = pair_sum(laws.surface_vector, sums["smoothing"], {"x": x}, sums["sources"], table)
+        s = around(laws.surface_vector)
         w = 2.0 * chamber.weight(x) * V
         return tuple(w * c for c in s)
 
@@ -76,9 +77,9 @@ class BodyForceGrip(AbstractGrip):
     For a scheme whose pressure is zero on the surface.
     """
 
-    def force(self, chamber, x, V, sums, table):
+    def force(self, chamber, x, V, around):
         """See `AbstractGrip`."""
-        del sums, table
+        del around
         slope = jax.jvp(lambda z: chamber.weight((*x[:-1], z)), (x[-1],), (jnp.ones_like(x[-1]),))[1]
         return (*(jnp.zeros_like(V) for _ in x[:-1]), -slope * V)
 
@@ -187,16 +188,22 @@ class Chamber(AbstractChamber):
     def kick(self, scheme, water, sources, u, tables, t, dt):
         """See `AbstractChamber`."""
         index, n = tables.chambers[self.name], u.shape[0]
-        i = jnp.minimum(index, n - 1)
-        V = jnp.where(index < n, jnp.abs(sources["V"][i]), 0.0)
-        m = water.m[i]
-        sums = {"smoothing": scheme.smoothing, "sources": with_empty(sources)}
-        force = self.grip.force(self, columns(water.x[i]), V, sums, tables.fluid[:, i])
-        q_free = -jnp.sum(dot(force, columns(u[i])))
+        slabs, i = tables.fluid.slabs, jnp.minimum(index, n - 1)
+        fields = {"V": sources.water["V"], "m": water.m, "x": columns(water.x), "u": columns(u)}
+        fields = slabs.take(fields, i)
+        V = jnp.where(index < n, jnp.abs(fields["V"]), 0.0)
+        # a particle without mass feels no force: whatever it is divided by
+        m, x = jnp.where(fields["m"] > 0.0, fields["m"], 1.0), fields["x"]
+
+        def around(law):
+            return tables.fluid.sum_at(i, law, scheme.smoothing, {"x": x}, sources)
+
+        force = self.grip.force(self, x, V, around)
+        q_free = -jnp.sum(dot(force, fields["u"]))
         compliance = self._compliance(dt * jnp.sum(dot(force, force) / m), q_free, t)
         P_a = self.pto.pressure(q_free, compliance, t)
         change = stack([dt * P_a * f / m for f in force])
-        return Kick(u.at[index].add(change, mode="drop"), P_a, index, force)
+        return Kick(slabs.add(u, index, change), P_a, index, force, slabs)
 
     def _compliance(self, alone: Scalar, q_free: Scalar, t: Scalar) -> Scalar:
         """Compliance -dq/dP_a of the water in a step (m2/s/Pa), from that of the water in the force's reach.
@@ -211,7 +218,8 @@ class Chamber(AbstractChamber):
     def finish(self, own, kick, before, after, dt):
         """See `AbstractChamber`."""
         i = jnp.minimum(kick.index, before.shape[0] - 1)
-        old, q = (-jnp.sum(dot(kick.force, columns(u[i]))) for u in (before, after))
+        both = kick.slabs.take((columns(before), columns(after)), i)
+        old, q = (-jnp.sum(dot(kick.force, u)) for u in both)
         # force times mean velocity over the step: exactly the kinetic energy that the force takes
         return Air(kick.P_a, q, own.driven.add(dt * q)), dt * kick.P_a * 0.5 * (old + q)
 

@@ -9,12 +9,11 @@ from jaxsph.core.pairs import (
     Fields,
     Pair,
     outer_upper,
-    pair_sum,
     symmetric_inverse,
     symmetric_product,
     uncorrected,
-    with_empty,
 )
+from jaxsph.core.slabs import Sources
 from jaxsph.model.interfaces import AbstractProbe, Model, Reading
 from jaxsph.model.state import State, Tables
 
@@ -73,9 +72,8 @@ def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, B
         carried = tuple((w * f, tuple(a * f for a in first)) for f in faster)
         return w, first, outer_upper(first, there), carried
 
-    # ghosts are behind the water among the sources: here they are empty slots
-    table = jnp.minimum(tables.fluid, p.x.shape[0])
-    weight, first, second, carried = pair_sum(moments, smoothing, water, with_empty(water), table)
+    sources = Sources(water, {})
+    weight, first, second, carried = tables.fluid.of_water().sum(moments, smoothing, water, sources)
     weight = weight + 1.0  # the particle's own, which adds nothing to the other moments
     centre = tuple(a / weight for a in first)
     spread = tuple(a / weight - b for a, b in zip(second, outer_upper(centre, centre), strict=True))

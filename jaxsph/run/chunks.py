@@ -10,6 +10,8 @@ import numpy as np
 
 from jaxsph.case.case import Case
 from jaxsph.core.search.base import needed_capacity
+from jaxsph.core.search.tables import NARROW
+from jaxsph.core.slabs import Slabs
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Failure, State, Status
@@ -25,6 +27,11 @@ def search_settings(model: Model) -> dict[str, int]:
     s = model.search
     names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
     return {name: int(getattr(s, name)) for name in names}
+
+
+def slab_sizes(model: Model) -> dict[str, int]:
+    """Sizes of a model's slabs, by name; they are no part of a run's file, which any number may resume."""
+    return {name: int(getattr(model.search.slabs, name)) for name in ("halo", "points")}
 
 
 def steps_per_chunk(case: Case, sample_every: int) -> int:
@@ -77,10 +84,12 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
     They follow from what the chunk needed by its status, which may be that of a batch, with some spare: every
     change compiles the step again.
     """
-    now = search_settings(model)
+    now = search_settings(model) | slab_sizes(model)
     failed = Failure(int(np.bitwise_or.reduce(np.ravel(status.bits))))
     if failed & (Failure.NEIGHBOUR_OVERFLOW | Failure.CHAMBER_OVERFLOW):
         needed = {name: int(np.max(most)) for name, most in status.most.items()}
+        if needed["halo"] >= NARROW:
+            return None
         return {name: needed_capacity(most) for name, most in needed.items() if most > now[name]}
     # lost neighbours can cause every other failure: mend the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
@@ -95,8 +104,11 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
 def with_settings(model: Model, settings: dict[str, int]) -> Model:
     """The model with some of its `search_settings` changed."""
     search = model.search
-    values = {name: getattr(search, name) for name in ("grid", "method", "skin", "regularise_every")}
-    values |= search_settings(model) | settings
+    values = {name: getattr(search, name) for name in ("grid", "method", "skin", "regularise_every", "slabs")}
+    slabs = {name: size for name, size in settings.items() if name in slab_sizes(model)}
+    if slabs:
+        values["slabs"] = Slabs(search.slabs.devices, **slab_sizes(model) | slabs)
+    values |= search_settings(model) | {name: n for name, n in settings.items() if name not in slabs}
     if settings.keys() & {"capacity", "node_capacity"}:
         values["method"] = search.method.grown()
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
@@ -140,5 +152,10 @@ def _cause(model: Model, status: Status) -> tuple[str, str]:
         return (
             f"a linear solution for the pressure did not converge (residual {residual:.2g} of its source)",
             'raise scheme.tolerance, reduce scheme.cfl, or set scheme.solver = "explicit"',
+        )
+    if int(status.most["halo"]) >= NARROW:
+        return (
+            f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
+            "go on with fewer devices: jaxsph resume FILE --devices N",
         )
     return f"the neighbour tables cannot be kept ({failed.name})", "reduce scheme.cfl or dx"

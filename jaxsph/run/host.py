@@ -27,6 +27,7 @@ from jaxsph.output.hdf5 import SCHEMA
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.amend import amend
 from jaxsph.run.chunks import advance_chunk, sample_times
+from jaxsph.run.devices import find_devices, gather, share, unshare
 from jaxsph.run.interrupt import hear_interrupts
 from jaxsph.run.recorder import (
     Recorder,
@@ -45,17 +46,20 @@ def run(
     out: str | Path | None = None,
     overwrite: bool = False,
     progress: bool = True,
+    devices: int = 1,
 ) -> Solution:
     """Builds a case and runs it to t1 (s; by default the case's), recording into the file `out`.
 
-    An interrupt (Ctrl-C) stops it at the end of a chunk, a second one at once.
+    An interrupt (Ctrl-C) stops it at the end of a chunk, a second one at once. `devices`: number of
+    accelerators, or on a CPU of cores, that share the particles (see `docs/cluster.md`).
     **Returns** the series as numpy arrays with the last state and scalar results.
     **Raises** CaseError, FileError (the output exists), SimulationError (with what, where, when and
     what to change; the file then holds the last good checkpoint).
     """
+    find_devices(devices)  # before JAX is first used
     start = Start(case, *build(case))
     file = None if out is None else new_file(out, start, overwrite)
-    return _drive(start, case.t1 if t1 is None else t1, file, progress)
+    return _drive(start, case.t1 if t1 is None else t1, file, progress, devices)
 
 
 def resume(
@@ -63,19 +67,22 @@ def resume(
     t1: float | None = None,
     progress: bool = True,
     changes: Mapping[str, Any] | None = None,
+    devices: int = 1,
 ) -> Solution:
     """Goes on with a run's file from its last checkpoint, to t1 (s) or the case's own end.
 
-    The series are then bit for bit those of an uninterrupted run. `changes`: values of the case from here on,
+    The series are then bit for bit those of an uninterrupted run on one device. `devices`: as for `run`, and
+    not the number that the run had before. `changes`: values of the case from here on,
     by dotted name, such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file
     then says since when they hold. **Raises** FileError, as `restore`; CaseError for a change that a run
     cannot take in its course.
     """
     file = RunFile.open(path)
+    find_devices(devices)
     start = load_start(path)
     if changes:
         start = amend(file, start, changes)
-    return _drive(start, start.case.t1 if t1 is None else t1, file, progress)
+    return _drive(start, start.case.t1 if t1 is None else t1, file, progress, devices)
 
 
 def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
@@ -122,8 +129,9 @@ def load_start(path: str | Path, case: Case | None = None) -> Start:
     return Start(stored, model, initial, restored_state(initial, saved, path))
 
 
-def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Solution:
-    model, state, recorder = start.model, start.state, Recorder(start, t1, file)
+def _drive(start: Start, t1: float, file: RunFile | None, progress: bool, devices: int) -> Solution:
+    recorder, count = Recorder(start, t1, file), len(start.state.particles.id)
+    model, state = share(start.model, start.state, devices)
     every, last = recorder.sample_every, recorder.last
     if last <= recorder.first:
         now = recorder.first / every * start.case.output.sample_dt
@@ -144,13 +152,13 @@ def _drive(start: Start, t1: float, file: RunFile | None, progress: bool) -> Sol
                 simulate_chunk, state=state, probes=recorder.probes, n_steps=n_steps, sample_every=every
             )
             model, state, readings = advance_chunk(start.case.name, model, advance, bar.write)
-            series = recorder.record(model, state, readings)
+            series = recorder.record(model, gather(state, count), readings)
             bar.update(n_steps)
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
             t = int(state.step) * float(model.dt)
             bar.set_postfix_str(f"t = {t:.2f} s, max |u| = {speed:.2f} m/s, ok")
             interrupt.chunk_is_saved()
-        return recorder.solution(model, state)
+        return recorder.solution(*unshare(model, state, count))
 
 
 @contextlib.contextmanager

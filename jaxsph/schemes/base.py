@@ -13,9 +13,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot, stack
-from jaxsph.core.pairs import Pair, pair_sum, pair_weights, weighted_sum, with_empty
-from jaxsph.core.search.cells import cell_order, wrap
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
+from jaxsph.core.pairs import Pair
+from jaxsph.core.search.cells import wrap
+from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, water_neighbours
+from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.core.transforms import any_lane
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
@@ -59,7 +61,7 @@ class GhostFields(NamedTuple):
     """Volume, m3 (m2 in 2-D); zero for a ghost whose node is dry."""
     fit: NodeFit
     """Interpolation coefficients at the nodes."""
-    water: dict
+    water: Sources
     """Fields of the water, as sources of the interpolation."""
 
 
@@ -88,13 +90,12 @@ class BodyGrip(NamedTuple):
     """Weights of the dummies' own pressures: the sums of `weights`."""
     weights: Components
     """Weights of the water's pressures around every dummy, by slot of `table`."""
-    table: Int[Array, "K B"]
+    table: PointNeighbours
     """Neighbours of the dummies in the water."""
 
     def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
         """Generalised force of the water's and the dummies' pressures (Pa), N, N, N m (per metre in 2-D)."""
-        p = jnp.append(p, 0.0)
-        around = stack([weighted_sum(w, p, self.table) for w in self.weights])
+        around = stack([self.table.weighted_sum(w, Sources({"f": p}, {})) for w in self.weights])
         return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.own)
 
 
@@ -153,31 +154,44 @@ class AbstractParticleScheme(AbstractScheme):
         s, walls, p = model.search, model.walls, state.particles
         x, carry = wrap(p.x, p.x_carry, walls.low, self.smoothing.period)
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
-        order = cell_order(p.x, s.grid)
-        p = jax.tree.map(lambda a: a[order], p)
+        p, astray = sort_by_cell(s.slabs, s.grid, p, p.x)
         region = walls.regions.index(p.x)
-        kind = walls.regions.kind(region)
         ghosts, nodes = model.walls_at(state.own)
         # a search keeps escaped particles in the cells at the edge; `check` flags their failure
-        sources = jnp.concatenate([p.x, ghosts])
-        kinds = jnp.concatenate([kind, walls.kind])
-        find, sees = s.method.table, walls.regions.sees(region)
-        fluid = find(p.x, sources, s.capacity, sees, kinds, same=True)
-        at_nodes = find(nodes, p.x, s.node_capacity, walls.node_sees, kind, same=False)
-        around, most_at_nodes = {}, at_nodes.most
-        for wall in model.moving:
-            first, last = wall.rows
-            every = jnp.full(last - first, -1, jnp.int32)
-            found = find(ghosts[first:last], p.x, s.node_capacity, every, kind, same=False)
-            around[wall.name], most_at_nodes = found.indices, jnp.maximum(most_at_nodes, found.most)
+        water, behind = Seen(p.x, walls.regions.kind(region)), Seen(ghosts, walls.kind)
+        fluid, most, halo = water_neighbours(
+            s.slabs, s.method, water, walls.regions.sees(region), behind, s.capacity
+        )
+
+        def around_points(points, sees):
+            return point_neighbours(s.slabs, s.method, points, sees, water, s.node_capacity)
+
+        at_nodes, most_at_nodes, crowd = around_points(nodes, walls.node_sees)
+        around = {}
+        for solid in model.moving:
+            rows = slice(*solid.rows)
+            every = jnp.full_like(walls.node_sees[rows], -1)
+            around[solid.name], *found = around_points(ghosts[rows], every)
+            most_at_nodes, crowd = map(jnp.maximum, (most_at_nodes, crowd), found)
+        for body in model.bodies:
+            rows = slice(*body.rows)
+            around[body.name], *found = around_points(nodes[rows], walls.node_sees[rows])
+            most_at_nodes, crowd = map(jnp.maximum, (most_at_nodes, crowd), found)
         chambers, most_in_chamber = {}, jnp.zeros((), jnp.int32)
         for chamber in model.chambers:
-            chambers[chamber.name], count = chamber.candidates(p.x, s.skin, s.chamber_capacity)
+            every = s.slabs.gather(p.x)
+            chambers[chamber.name], count = chamber.candidates(every, s.skin, s.chamber_capacity)
             most_in_chamber = jnp.maximum(most_in_chamber, count.astype(jnp.int32))
-        found = {"capacity": fluid.most, "node_capacity": most_at_nodes, "chamber_capacity": most_in_chamber}
+        found = {
+            "capacity": most,
+            "node_capacity": most_at_nodes,
+            "chamber_capacity": most_in_chamber,
+            "halo": jnp.where(astray, 2 * s.slabs.halo, halo),
+            "points": crowd,
+        }
         status = _checked_tables(state, s, found)
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
-        return state, Tables(fluid.indices, at_nodes.indices, around, chambers, p.x)
+        return state, Tables(fluid, at_nodes, around, chambers, p.x)
 
     def regularise(self, model, state, tables):
         """See `AbstractScheme`."""
@@ -201,16 +215,16 @@ class AbstractParticleScheme(AbstractScheme):
 
     # ---------------------------------------------------------------- ghosts
 
-    def water(self, p: Particles) -> dict:
+    def water(self, p: Particles) -> Sources:
         """Fields of the water as sources for nodes: positions, volumes, pressures and velocities (SI)."""
         fields = {"x": columns(p.x), "V": self.volume(p), "p": self.pressure(p), "u": columns(p.u)}
-        return with_empty(fields)
+        return Sources(fields, {})
 
     def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
         x, nodes = model.walls_at(state.own)
-        water = self.water(state.particles)
+        water = tables.fluid.slabs.fetch(self.water(state.particles))
         fit = walls.fit(nodes, water, self.smoothing, tables.nodes)
         here = fit.wet
         for wall in model.moving:
@@ -262,7 +276,7 @@ class AbstractParticleScheme(AbstractScheme):
         Moving solids have the velocities of their states in `own`.
         """
         walls = model.walls
-        water = ghosts.water | {"u": with_empty({"u": columns(u)})["u"]}
+        water = ghosts.water.changing("u", columns(u))
         at_node = walls.at_nodes(
             lambda j: j["u"], ghosts.fit, ghosts.nodes, water, self.smoothing, tables.nodes
         )
@@ -287,10 +301,9 @@ class AbstractParticleScheme(AbstractScheme):
         """See `AbstractScheme`."""
         p, V = state.particles, self.volume(state.particles)
         ghosts = self.place_ghosts(model, state, tables)
-        x = columns(jnp.concatenate([p.x, ghosts.x]))
-        sources = with_empty({"x": x, "V": jnp.concatenate([V, ghosts.V])})
+        sources = Sources({"x": columns(p.x), "V": V}, {"x": columns(ghosts.x), "V": ghosts.V})
         targets = {"x": columns(p.x)}
-        around = pair_sum(lambda pair, _, j: j["V"] * pair.W, self.smoothing, targets, sources, tables.fluid)
+        around = tables.fluid.sum(lambda pair, _, j: j["V"] * pair.W, self.smoothing, targets, sources)
         return around + V * self.smoothing.kernel.value(jnp.zeros_like(V), self.smoothing.h, p.x.shape[1])
 
     # ---------------------------------------------------------------- bodies
@@ -338,8 +351,8 @@ class AbstractParticleScheme(AbstractScheme):
             w = tuple(-laws.volume(j) * pair.F * r for r in pair.r)
             return w, w
 
-        table = tables.nodes[:, rows]
-        summed, weights = pair_weights(law, self.smoothing, {"x": columns(x)}, ghosts.water, table)
+        table = tables.around[body.name]
+        summed, weights = table.weights(law, self.smoothing, {"x": columns(x)}, ghosts.water)
         arms = body.directions(own, x) * ghosts.V[rows, None]
         return BodyGrip(arms, stack(summed), weights, table)
 
@@ -378,6 +391,8 @@ def _checked_tables(state: State, search, found: dict[str, jax.Array]):
     )
     nowhere = jnp.zeros_like(status.where)
     lost = (found["capacity"] > search.capacity) | (found["node_capacity"] > search.node_capacity)
+    if search.slabs.count > 1:
+        lost |= (found["halo"] > search.slabs.halo) | (found["points"] > search.slabs.points)
     crowded = found["chamber_capacity"] > search.chamber_capacity
     status = status.flag(Failure.CHAMBER_OVERFLOW, crowded, state.step, nowhere)
     return status.flag(Failure.NEIGHBOUR_OVERFLOW, lost, state.step, nowhere)
@@ -443,7 +458,7 @@ def wall_work(
         rows = slice(*wall.rows)
         targets = {"x": columns(ghosts.x[rows]), "p": ghosts.p[rows]}
         table = tables.around[wall.name]
-        force = pair_sum(laws.pressure_force, scheme.smoothing, targets, ghosts.water, table)
+        force = table.sum(laws.pressure_force, scheme.smoothing, targets, ghosts.water)
         velocity = columns(wall.velocity(own[wall.name], ghosts.x[rows]))
         work[wall.name] = -dt * jnp.sum(dot(velocity, force) * ghosts.V[rows])
     return work

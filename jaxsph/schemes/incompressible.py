@@ -5,6 +5,7 @@ Equation numbers are those of Yeylaghi et al. unless another source is named.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -13,9 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Float, Int, Scalar, columns, stack
+from jaxsph.core.arrays import Array, Float, Scalar, columns, stack
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
-from jaxsph.core.pairs import Pair, Period, Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
+from jaxsph.core.pairs import Pair, Period, Smoothing
+from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import Dissipation, Entry, Kick, Model
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation, regularisations
@@ -80,7 +82,7 @@ class Poisson(NamedTuple):
 
     weights: Float[Array, "K N"]
     """Weights w_ij of sum w_ij (p_j - p_i) = lap p, 1/m2, by slot of the table."""
-    table: Int[Array, "K N"]
+    table: Neighbours
     """Neighbours of the water among water and ghosts."""
     scale: Float[Array, " N"]
     """Inverse of the diagonal, m2; zero for particles whose pressure is not solved for."""
@@ -95,10 +97,16 @@ class Poisson(NamedTuple):
     held: Scalar
     """Number of particles at which the limit of crowding acts."""
 
-    def neighbour_mean(self, q: Float[Array, " N"], q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
-        """Weighted mean of the pressures of every particle's neighbours, Pa, in water (q) and walls."""
-        every = jnp.concatenate([q, q_ghosts, jnp.zeros(1, q.dtype)])
-        return self.scale * weighted_sum(self.weights, every, self.table)
+    def shown(self, q: Float[Array, " N"]) -> Sources:
+        """Pressures of the water (Pa) as the field "f" of sources, for walls and water."""
+        return self.table.slabs.fetch(Sources({"f": q}, {}))
+
+    def neighbour_mean(self, q: Sources, q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
+        """Weighted mean of the pressures (Pa) of every particle's neighbours in the water and the walls.
+
+        The water's pressures q are the one field "f".
+        """
+        return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
 
 
 class Projection(NamedTuple):
@@ -290,16 +298,14 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(at.particles, ghosts, u_star - later * p.u, u_left)
         projected = self._project(model, at, tables, ghosts, sources, interval)
-        pressure = jnp.concatenate([projected.p, projected.p_ghosts])
-        sources = sources | {"p": pressure}
+        sources = sources.adding("p", projected.p, projected.p_ghosts)
         pressed = dt / self.rho0 * stack(self._sum(laws.pressure_force, sources, tables))
         met = u_star + pressed
         u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
         u_new, damped = damp(model, p, u_new, dt)
-        ghosts = ghosts._replace(
-            p=projected.p_ghosts, water=ghosts.water | {"p": with_empty({"p": projected.p})["p"]}
-        )
+        water = ghosts.water.changing("p", projected.p)
+        ghosts = ghosts._replace(p=projected.p_ghosts, water=water)
         changes = Changes(u_new, pressed, touched, damped)
         own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
@@ -316,7 +322,7 @@ class ISPH(AbstractParticleScheme):
     ) -> tuple[Float[Array, "N D"], dict[str, Kick]]:
         """Velocities (m/s) after the force of the chambers' air, and each chamber's change by its name."""
         kicks, p = {}, state.particles
-        sources = {"x": columns(p.x), "V": self.volume(p)}
+        sources = Sources({"x": columns(p.x), "V": self.volume(p)}, {})
         for chamber in model.chambers:
             kick = chamber.kick(self, p, sources, u, tables, interval.t, interval.dt)
             kicks[chamber.name], u = kick, kick.u
@@ -371,19 +377,16 @@ class ISPH(AbstractParticleScheme):
         amounts |= {"contact": contact - given_touching, "projection": lost - given}
         return own, book(state.ledger, amounts)
 
-    def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> dict:
-        """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set."""
-        return {
-            "x": columns(jnp.concatenate([p.x, ghosts.x])),
-            "V": jnp.concatenate([self.volume(p), -ghosts.V]),
-            "u": columns(jnp.concatenate([u, u_ghosts])),
-        }
+    def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> Sources:
+        """Sources of the pair sums: water and ghosts, with these velocities (m/s)."""
+        return Sources(
+            {"x": columns(p.x), "V": self.volume(p), "u": columns(u)},
+            {"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)},
+        )
 
-    def _sum(self, law, sources: dict, tables: Tables):
+    def _sum(self, law, sources: Sources, tables: Tables):
         """Sum of a pair law over water and ghosts, for every particle of water."""
-        n = tables.fluid.shape[1]
-        targets = jax.tree.map(lambda a: a[:n], sources)
-        return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+        return tables.fluid.sum(law, self.smoothing, sources.water, sources)
 
     @staticmethod
     def _contact(model: Model) -> Scalar:
@@ -412,7 +415,7 @@ class ISPH(AbstractParticleScheme):
         at: State,
         tables: Tables,
         ghosts: GhostFields,
-        sources: dict,
+        sources: Sources,
         interval: Interval,
     ) -> Projection:
         """Pressures (Pa) that take the divergence out of the velocities, and the bodies' motions under them.
@@ -424,29 +427,26 @@ class ISPH(AbstractParticleScheme):
         poisson = self._poisson(model, p, ghosts, sources, tables)
         free, fixed = poisson.free, 1.0 - poisson.free
         at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
-
-        def at_walls(q):
-            return weighted_sum(at_nodes, jnp.append(q, 0.0), tables.nodes)
-
+        at_walls = functools.partial(tables.nodes.weighted_sum, at_nodes)
         force = self.wall_force(model, at.own, ghosts, interval)
         nowhere = jnp.zeros_like(free, shape=ghosts.p.shape)
         beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
         beyond = jnp.where(ghosts.fit.wet > 0, beyond, 0.0)
         nothing = jnp.zeros_like(free)
-        b = poisson.source + poisson.neighbour_mean(nothing, beyond)
+        b = poisson.source + poisson.neighbour_mean(poisson.shown(nothing), beyond)
         closed = jnp.sum(fixed + poisson.extra) == 0.0
         # Without a free surface the pressure is known up to a constant. The weights, symmetric before they
         # are scaled, can only give a right-hand side whose mean, weighted by the diagonal, is zero.
         mean = jnp.sum(poisson.diagonal * b) / jnp.sum(poisson.diagonal)
         b = b - jnp.where(closed, mean, 0.0)
         couplings = [self.body_coupling(model, c, at, interval, ghosts, tables) for c in model.bodies]
-        unit = (
-            self.rho0 * self.smoothing.h
-        )  # Pa per m/s2: in the residual, accelerations are then as large as pressures
+        # Pa per m/s2: in the residual, accelerations are then as large as pressures
+        unit = self.rho0 * self.smoothing.h
 
         def operator(unknown):
             q, accelerations = free * unknown[0], unknown[1]
-            q_ghosts = at_walls(q)
+            near = poisson.shown(q)
+            q_ghosts = at_walls(near)
             both = q_ghosts
             for coupling, a in zip(couplings, accelerations, strict=True):
                 both = coupling.press(both, coupling.movable * (a / unit))
@@ -454,7 +454,7 @@ class ISPH(AbstractParticleScheme):
                 a - unit * coupling.response(q, q_ghosts)
                 for coupling, a in zip(couplings, accelerations, strict=True)
             )
-            return q - poisson.neighbour_mean(q, both) + fixed * q, driven
+            return q - poisson.neighbour_mean(near, both) + fixed * q, driven
 
         b_bodies = tuple(unit * coupling.acceleration(nothing, beyond) for coupling in couplings)
         start = (free * p.p, jax.tree.map(jnp.zeros_like, b_bodies))
@@ -463,24 +463,25 @@ class ISPH(AbstractParticleScheme):
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
         # from the limited pressure: a body does not feel tension that the water does not bear
-        q_ghosts, bodies = _with_bodies(model, couplings, interval, pressure, at_walls(pressure) + beyond)
+        q_ghosts, bodies = _with_bodies(
+            model, couplings, interval, pressure, at_walls(poisson.shown(pressure)) + beyond
+        )
         limited = {"tension": jnp.sum(cut).astype(b.dtype), "crowding": poisson.held}
         return Projection(pressure, q_ghosts, bodies, residual, converged, limited)
 
     def _poisson(
-        self, model: Model, p: Particles, ghosts: GhostFields, sources: dict, tables: Tables
+        self, model: Model, p: Particles, ghosts: GhostFields, sources: Sources, tables: Tables
     ) -> Poisson:
         """Weights, diagonal and source of the pressure Poisson equation (Eq. 9-12)."""
         h, walls = self.smoothing.h, model.walls
         guard = (0.1 * h) ** 2
-        targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
 
         def law(pair: Pair, i, j):
             w = laws.laplacian_weight(pair, j, guard)
             return (laws.divergence(pair, i, j), laws.volume(j) * pair.W, w), w
 
-        (shrinking, fill, diagonal), weights = pair_weights(
-            law, self.smoothing, targets, with_empty(sources), tables.fluid
+        (shrinking, fill, diagonal), weights = tables.fluid.weights(
+            law, self.smoothing, sources.water, sources
         )
         own = self.volume(p) * self.smoothing.kernel.value(jnp.zeros_like(fill), h, p.x.shape[1])
         filled = (fill + own) / self.full

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, stack
+from jaxsph.core.slabs import Sources
 from jaxsph.model.interfaces import Air, Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
@@ -56,12 +57,12 @@ class AbstractRateScheme(AbstractParticleScheme):
         """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set."""
 
     @abc.abstractmethod
-    def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
+    def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
         """First pass over the pairs: accelerations (m/s2) and the gradient of the density (kg/m4)."""
 
     @abc.abstractmethod
     def continuity(
-        self, p: Particles, sources: dict, grad_rho: Components, tables: Tables
+        self, p: Particles, sources: Sources, grad_rho: Components, tables: Tables
     ) -> Float[Array, " N"]:
         """Second pass over the pairs: rate of change of the density, kg/m3/s."""
 
@@ -226,7 +227,7 @@ def _with_air(
     model: Model,
     at: State,
     tables: Tables,
-    sources: dict,
+    sources: Sources,
     u: Float[Array, "N D"],
     interval: Interval,
     before: Float[Array, "N D"],

@@ -17,13 +17,12 @@ from jaxsph.core.pairs import (
     Pair,
     Period,
     Smoothing,
-    pair_sum,
     symmetric_inverse,
     symmetric_product,
     trace_upper,
     uncorrected,
-    with_empty,
 )
+from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.background import Background
 from jaxsph.model.interfaces import Dissipation, Model
@@ -32,7 +31,6 @@ from jaxsph.model.regularisation import (
     SEPARATION,
     Regularisation,
     regularisations,
-    with_walls,
 )
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
@@ -160,29 +158,28 @@ class DeltaSPH(AbstractRateScheme):
 
     def sources(
         self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
-    ) -> dict:
-        """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set.
+    ) -> Sources:
+        """Sources of the pair sums: water and ghosts, with these velocities (m/s).
 
         The pressure p (Pa) is that over the background.
         """
+
+        def fields(x, u, pressure, **others):
+            for background in self.background:
+                pressure = pressure - background.pressure(x)
+            return {"x": columns(x), "u": columns(u), "p": pressure, **others}
+
+        V = p.m / (self.rho0 + p.rho)
         # the ghosts take no part in the density's diffusion or gradient: their deviation is not used
-        rho = jnp.concatenate([p.rho, jnp.zeros_like(ghosts.p)])
-        V = jnp.concatenate([p.m / (self.rho0 + p.rho), -ghosts.V])
-        x = jnp.concatenate([p.x, ghosts.x])
-        pressure = jnp.concatenate([ghosts.water["p"][:-1], ghosts.p])
-        for background in self.background:
-            pressure = pressure - background.pressure(x)
-        return {
-            "x": columns(x),
-            "rho": rho,
-            "p": pressure,
-            "V": V,
-            "u": columns(jnp.concatenate([u, u_ghosts])),
-        }
+        none = jnp.zeros_like(ghosts.p)
+        return Sources(
+            fields(p.x, u, ghosts.water.water["p"], rho=p.rho, V=V),
+            fields(ghosts.x, u_ghosts, ghosts.p, rho=none, V=-ghosts.V),
+        )
 
     # ---------------------------------------------------------------- the two passes
 
-    def momentum(self, model: Model, p: Particles, sources: dict, tables: Tables) -> Rates:
+    def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
         """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and gradients of density, kg/m4 (Eq. 9).
 
         Gradients are renormalised, exact for linear fields.
@@ -197,9 +194,7 @@ class DeltaSPH(AbstractRateScheme):
             total = tuple(a + viscous * b for a, b in zip(force, shear, strict=True))
             return total, laws.moment_matrix(pair, i, j), laws.density_gradient(pair, i, j)
 
-        n = p.x.shape[0]
-        targets = jax.tree.map(lambda a: a[:n], sources)
-        force, M, b = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+        force, M, b = tables.fluid.sum(law, self.smoothing, sources.water, sources)
         rho = self.rho0 + p.rho
         for background in self.background:
             along, up = background.force(p.x, self.smoothing.h)
@@ -214,15 +209,14 @@ class DeltaSPH(AbstractRateScheme):
         """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9)."""
         guard = laws.GUARD * self.smoothing.h**2
         diffusion = self.delta * self.smoothing.h * self.c0
-        sources = sources | {"grad_rho": tuple(with_walls(g, len(sources["rho"])) for g in grad_rho)}
-        targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
+        sources = _with_gradient(sources, grad_rho)
         rho0 = self.rho0
 
         def law(pair: Pair, i, j):
             rate = (rho0 + i["rho"]) * laws.divergence(pair, i, j)
             return rate + diffusion * laws.density_diffusion(pair, i, j, guard)
 
-        return pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+        return tables.fluid.sum(law, self.smoothing, sources.water, sources)
 
     def entries(self):
         """See `AbstractScheme`."""
@@ -247,7 +241,7 @@ class DeltaSPH(AbstractRateScheme):
         """
         p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
-        sources = sources | {"grad_rho": tuple(with_walls(g, len(sources["rho"])) for g in grad_rho)}
+        sources = _with_gradient(sources, grad_rho)
         guard = laws.GUARD * self.smoothing.h**2
 
         def law(pair: Pair, i, j):
@@ -256,10 +250,9 @@ class DeltaSPH(AbstractRateScheme):
                 laws.density_diffusion(pair, i, j, guard),
             )
 
-        targets = jax.tree.map(lambda a: a[: p.x.shape[0]], sources)
-        shear, diffusion = pair_sum(law, self.smoothing, targets, with_empty(sources), tables.fluid)
+        shear, diffusion = tables.fluid.sum(law, self.smoothing, sources.water, sources)
         viscous = self.rho0 * self.viscosity.coefficient(self.smoothing.h, self.c0, p.x.shape[1])
-        V, rho = targets["V"], self.rho0 + p.rho
+        V, rho = sources.water["V"], self.rho0 + p.rho
         loss_viscous = -jnp.sum(V * viscous * dot(columns(p.u), shear))
         rate = self.delta * self.smoothing.h * self.c0 * diffusion
         # d(e_c)/dt = p / rho^2 d rho/dt per unit mass
@@ -271,12 +264,18 @@ class DeltaSPH(AbstractRateScheme):
         sources = self._sources_now(model, state, tables)
         return self.momentum(model, state.particles, sources, tables).position_divergence
 
-    def _sources_now(self, model: Model, state: State, tables: Tables) -> dict:
+    def _sources_now(self, model: Model, state: State, tables: Tables) -> Sources:
         """Sources of the pair sums at a state: water and ghosts as the viscous force sees them."""
         p = state.particles
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
         return self.sources(ghosts, p, p.u, ghosts.u_shear)
+
+
+def _with_gradient(sources: Sources, grad_rho: Components) -> Sources:
+    """Sources with the gradient of the water's density, kg/m4; walls have none."""
+    none = jnp.zeros_like(sources.ghosts["V"])
+    return sources.adding("grad_rho", grad_rho, tuple(none for _ in grad_rho))
 
 
 SURFACE = 1.89 / 2.0

@@ -13,15 +13,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns, dot
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot
 from jaxsph.core.pairs import (
     Pair,
     Smoothing,
     outer_upper,
-    pair_sum,
     symmetric_inverse,
     symmetric_product,
 )
+from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.model import laws
 
 
@@ -59,9 +59,9 @@ class AbstractFilling(eqx.Module):
         self,
         nodes: Float[Array, "G D"],
         full: Float[Array, " G"],
-        water: dict,
+        water: Sources,
         smoothing: Smoothing,
-        table: Int[Array, "K G"],
+        table: PointNeighbours,
     ) -> NodeFit:
         """Interpolation coefficients at the nodes.
 
@@ -95,7 +95,7 @@ class MirrorNodes(AbstractFilling):
             r = tuple(-c / h for c in pair.r)  # from the node to the particle
             return w, tuple(w * c for c in r), outer_upper(r, tuple(w * c for c in r))
 
-        zeroth, first, second = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
+        zeroth, first, second = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
         norm = 1.0 / jnp.maximum(zeroth, 1e-6)
         mean = tuple(c * norm for c in first)
         product = outer_upper(mean, mean)
@@ -135,7 +135,7 @@ class DummyParticles(AbstractFilling):
             w = laws.volume(j) * pair.W
             return w, tuple(-w * c / h for c in pair.r)
 
-        zeroth, first = pair_sum(moments, smoothing, {"x": columns(nodes)}, water, table)
+        zeroth, first = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
         # the bound is far below what a single particle at the kernel's edge gives
         norm = 1.0 / jnp.maximum(zeroth, 1e-6)
         wet = jnp.clip((zeroth / full - 0.05) / 0.2, 0.0, 1.0)

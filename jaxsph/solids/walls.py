@@ -20,9 +20,8 @@ from jaxsph.core.pairs import (
     Pair,
     Period,
     Smoothing,
-    pair_sum,
-    pair_weights,
 )
+from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
@@ -180,9 +179,9 @@ class Ghosts(eqx.Module):
     def fit(
         self,
         nodes: Float[Array, "G D"],
-        water: dict,
+        water: Sources,
         smoothing: Smoothing,
-        table: Int[Array, "K G"],
+        table: PointNeighbours,
     ) -> NodeFit:
         """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours."""
         return self.filling.fit(nodes, self.full, water, smoothing, table)
@@ -192,9 +191,9 @@ class Ghosts(eqx.Module):
         law,
         fit: NodeFit,
         nodes: Float[Array, "G D"],
-        water: dict,
+        water: Sources,
         smoothing: Smoothing,
-        table: Int[Array, "K G"],
+        table: PointNeighbours,
     ):
         """Interpolated values of `law(j)` (a pytree of fields of the water) at the nodes."""
 
@@ -203,24 +202,24 @@ class Ghosts(eqx.Module):
             return jax.tree.map(lambda f: w * f, law(j))
 
         targets = {"x": columns(nodes), "a": fit.a, "b": fit.b}
-        return pair_sum(weighted, smoothing, targets, water, table)
+        return table.sum(weighted, smoothing, targets, water)
 
     def node_weights(
         self,
         fit: NodeFit,
         nodes: Float[Array, "G D"],
-        water: dict,
+        water: Sources,
         smoothing: Smoothing,
-        table: Int[Array, "K G"],
-    ) -> Float[Array, "K G"]:
-        """Interpolation weights of `at_nodes`, zero at dry nodes, for `pairs.weighted_sum`."""
+        table: PointNeighbours,
+    ) -> Float[Array, "K S"]:
+        """Interpolation weights of `at_nodes`, zero at dry nodes, for `weighted_sum` of the table."""
 
         def law(pair: Pair, i, j):
             return (), i["wet"] * interpolation_weight(pair, i, j, smoothing.h)
 
         wet = jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
         targets = {"x": columns(nodes), "a": fit.a, "b": fit.b, "wet": wet}
-        return pair_weights(law, smoothing, targets, water, table)[1]
+        return table.weights(law, smoothing, targets, water)[1]
 
     def pressure(
         self,
@@ -321,12 +320,12 @@ def _full(
 
 
 def wall_normals(
-    ghosts: Float[Array, "G D"], water: dict, smoothing: Smoothing, table: Int[Array, "K G"]
+    ghosts: Float[Array, "G D"], water: Sources, smoothing: Smoothing, table: PointNeighbours
 ) -> Float[Array, "G D"]:
     """Unit normals of walls at the ghosts (m), pointing into the water (Zhu et al. 2020, Eq. 21).
 
     They come from the sum of the kernel's gradient over the water.
     """
-    raw = pair_sum(laws.surface_vector, smoothing, {"x": columns(ghosts)}, water, table)
+    raw = table.sum(laws.surface_vector, smoothing, {"x": columns(ghosts)}, water)
     length = jnp.sqrt(dot(raw, raw) + 1e-20)
     return stack([c / length for c in raw])

@@ -81,7 +81,7 @@ def wrap(
     return new, carry + ((x - (new - kept)) + (shift - kept))
 
 
-def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
+def cell_index(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
     """Cell of every position (m), one index per axis."""
     side = jnp.asarray(grid.sides, x.dtype) if grid.period else grid.cell
     scaled = (x - jnp.asarray(grid.origin, x.dtype)) / side
@@ -90,8 +90,9 @@ def _cells(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
     return jnp.floor(jnp.clip(scaled, 0.0, upper)).astype(jnp.int32)
 
 
-def _key(cell: Int[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
-    """Number of a cell in the order of the grid, the last axis fastest."""
+def cell_key(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
+    """Number of the cell of every position (m) in the order of the grid, the last axis fastest."""
+    cell = cell_index(x, grid)
     key = cell[:, 0]
     for axis in range(1, len(grid.shape)):
         key = key * grid.shape[axis] + cell[:, axis]
@@ -100,7 +101,7 @@ def _key(cell: Int[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
 
 def cell_order(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
     """Permutation that sorts particles at x (m) by cell; stable, so that a sorted set stays as it is."""
-    return jnp.argsort(_key(_cells(jax.lax.stop_gradient(x), grid), grid), stable=True)
+    return jnp.argsort(cell_key(jax.lax.stop_gradient(x), grid), stable=True)
 
 
 def search(
@@ -155,14 +156,14 @@ def _search(
     lane = jnp.arange(lanes, dtype=jnp.int32)
     of_target, of_source = (jnp.repeat(lane, k) if lanes > 1 else lane for k in (n_lane, m_lane))
     per_lane, last = int(np.prod(grid.shape)), grid.shape[-1]
-    order, start = _sort(_key(_cells(sources, grid), grid) + of_source * per_lane, lanes * per_lane)
+    order, start = _sort(cell_key(sources, grid) + of_source * per_lane, lanes * per_lane)
     xs = tuple(sources[order, k] for k in range(targets.shape[1]))
     kinds = kind[order]
     x_i = tuple(targets[:, k] for k in range(targets.shape[1]))
     me = jnp.arange(n, dtype=jnp.int32) + of_target * (m_lane - n_lane)
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
-    home = _cells(targets, grid)
+    home = cell_index(targets, grid)
 
     def line(offset, low, high, found):
         """Adds the neighbours in one line of cells to those found so far."""

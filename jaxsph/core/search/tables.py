@@ -1,0 +1,168 @@
+"""Neighbour tables of the water and of points, each slab's made on its own device."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.sharding import PartitionSpec
+
+from jaxsph.core.arrays import Array, Float, Int, columns, stack
+from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid
+from jaxsph.core.search.cells import cell_index, cell_key, cell_order
+from jaxsph.core.slabs import AXIS, WHOLE, Neighbours, PointNeighbours, Slabs, split
+
+
+class Seen(NamedTuple):
+    """Positions that a search looks among, and the bits of what they are."""
+
+    x: Float[Array, "M D"]
+    """Positions, m."""
+    kind: Int[Array, " M"]
+    """Bit masks: a target sees a source where `sees & kind` is not zero."""
+
+
+NARROW = 1 << 30
+"""Number of particles that a halo is said to need where a slab is so narrow that no halo will do."""
+
+
+def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"]) -> tuple[Any, Array]:
+    """Particles (a pytree of arrays `[N]` or `[N, D]`) at x (m) in the order of their cells.
+
+    On several devices those that have left a slab go to the one beside it, and others come in their place:
+    all slabs keep their count. **Returns** also whether any wandered farther than a halo, and was lost.
+    """
+    if slabs.count == 1:
+        order = cell_order(x, grid)
+        return jax.tree.map(lambda a: a[order], particles), jnp.zeros((), bool)
+
+    def local(particles, key):
+        n, halo, here = len(key), slabs.halo, jax.lax.axis_index(AXIS)
+        leaves, structure = jax.tree.flatten(particles)
+        fields: dict[int, Any] = {k: columns(a) if a.ndim == 2 else a for k, a in enumerate(leaves)}
+        fields = slabs.with_halo(fields | {len(leaves): key})
+        keys = fields.pop(len(leaves))
+        # as they lie along the tank: the halo before, the slab, the halo after
+        place = jnp.concatenate([n + jnp.arange(halo), jnp.arange(n), n + halo + jnp.arange(halo)])
+        least, largest = jnp.iinfo(jnp.int32).min, jnp.iinfo(jnp.int32).max
+        keys = keys.at[n : n + halo].set(jnp.where(here > 0, keys[n : n + halo], least))
+        keys = keys.at[n + halo :].set(jnp.where(here < slabs.count - 1, keys[n + halo :], largest))
+        # the slab's own places in the order of all: what is farther away belongs beyond its ends
+        order = place[jnp.argsort(keys[place], stable=True)[halo : halo + n]]
+        fields = jax.tree.map(lambda a: a[order], fields)
+        found = [stack(fields[k]) if a.ndim == 2 else fields[k] for k, a in enumerate(leaves)]
+        keys = keys[order]
+        first, last = (jax.lax.all_gather(k, AXIS) for k in (keys[0], keys[-1]))
+        # sums of keys and of their squares, which wrap, tell whether the same particles are there
+        before, after = (jax.lax.psum(jnp.stack([jnp.sum(k), jnp.sum(k * k)]), AXIS) for k in (key, keys))
+        return jax.tree.unflatten(structure, found), jnp.any(last[:-1] > first[1:]) | jnp.any(before != after)
+
+    key = cell_key(jax.lax.stop_gradient(x), grid)
+    partitions = (jax.tree.map(lambda _: PartitionSpec(AXIS), particles), split(1))
+    return slabs.over_slabs(local, (particles, key), partitions, (PartitionSpec(AXIS), WHOLE))
+
+
+def water_neighbours(
+    slabs: Slabs,
+    method: AbstractSearch,
+    water: Seen,
+    sees: Int[Array, " N"],
+    ghosts: Seen,
+    capacity: int,
+) -> tuple[Neighbours, Int[Array, ""], Int[Array, ""]]:
+    """Neighbours of the water, sorted by cell, among itself and the ghosts.
+
+    **Returns** also the slots that the fullest particle needs, and the particles that the fullest halo does.
+    """
+
+    def local(x, kind, sees, ghosts):
+        x, n = stack(x), kind.shape[0]
+        every = slabs.with_halo({"x": columns(x), "kind": kind})
+        sources = jnp.concatenate([stack(every["x"]), ghosts.x])
+        kinds = jnp.concatenate([every["kind"], ghosts.kind])
+        found = method.table(x, sources, capacity, sees, kinds, same=True)
+        if slabs.count == 1:
+            return found.indices, found.most, jnp.zeros((), jnp.int32)
+        halo = _halo(slabs, method.grid, x, n)
+        return found.indices, *(jax.lax.pmax(a, AXIS) for a in (found.most, halo))
+
+    arguments = (columns(water.x), water.kind, sees, ghosts)
+    if slabs.count == 1:
+        indices, most, halo = local(*arguments)
+    else:
+        partitions = (split(1), split(1), split(1), WHOLE)
+        indices, most, halo = slabs.over_slabs(local, arguments, partitions, (split(2), WHOLE, WHOLE))
+    return Neighbours(indices, slabs), most, halo
+
+
+def point_neighbours(
+    slabs: Slabs,
+    method: AbstractSearch,
+    points: Float[Array, "P D"],
+    sees: Int[Array, " P"],
+    water: Seen,
+    capacity: int,
+) -> tuple[PointNeighbours, Int[Array, ""], Int[Array, ""]]:
+    """Neighbours of points (m) in the water, which is sorted by cell.
+
+    **Returns** also the slots that the fullest point needs, and the points of the fullest slab.
+    """
+    count = points.shape[0]
+    if slabs.count == 1:
+        found = method.table(points, water.x, capacity, sees, water.kind, same=False)
+        none = jnp.zeros((), jnp.int32)
+        return PointNeighbours.of(found.indices), found.most, none
+    places = min(count, slabs.points)  # of one slab
+
+    def local(x, kind, points, sees):
+        rows, crowd = _in_slab(slabs, method.grid, stack(x), points, places)
+        at = jnp.minimum(rows, count - 1)
+        every = slabs.with_halo({"x": x, "kind": kind})
+        # a place without a point sees nothing
+        found = method.table(
+            points[at],
+            stack(every["x"]),
+            capacity,
+            jnp.where(rows < count, sees[at], 0),
+            every["kind"],
+            same=False,
+        )
+        return found.indices, rows, *(jax.lax.pmax(a, AXIS) for a in (found.most, crowd))
+
+    arguments = (columns(water.x), water.kind, points, sees)
+    partitions = (split(1), split(1), WHOLE, WHOLE)
+    indices, rows, most, crowd = slabs.over_slabs(
+        local, arguments, partitions, (split(2), split(1), WHOLE, WHOLE)
+    )
+    spots = jnp.arange(len(rows), dtype=jnp.int32)
+    at = jnp.full(count, len(rows), jnp.int32).at[rows].set(spots, mode="drop")
+    return PointNeighbours(indices, rows, at, slabs), most, crowd
+
+
+def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
+    """Number of a slab's particles (m) that a slab beside it may see; `NARROW` where that slab may see the
+    next but one as well."""
+    cell = cell_index(x, grid)[:, 0]
+    first = jax.lax.all_gather(cell[0], AXIS)
+    here = jax.lax.axis_index(AXIS)
+    beyond = first[(here + 1) % slabs.count]
+    beyond = jnp.where(here + 1 < slabs.count, beyond, jnp.iinfo(jnp.int32).max)
+    before, after = jnp.sum(cell <= cell[0] + WIDTH), jnp.sum(cell >= beyond - WIDTH)
+    before = jnp.where(here > 0, before, 0)
+    most = jnp.maximum(before, after).astype(jnp.int32)
+    return jnp.where(most >= n, NARROW, most)
+
+
+def _in_slab(
+    slabs: Slabs, grid: Grid, x: Float[Array, "n D"], points: Float[Array, "P D"], places: int
+) -> tuple[Int[Array, " S"], Int[Array, ""]]:
+    """Points (m) whose neighbours are in a slab of particles at x (m) and its halo, and their number."""
+    cell, at = cell_index(x, grid)[:, 0], cell_index(points, grid)[:, 0]
+    first = jax.lax.all_gather(cell[0], AXIS)
+    end = jax.lax.all_gather(cell[-1], AXIS)[-1]
+    # the last slab that begins at or before the point
+    owner = jnp.maximum(jnp.sum(first[:, None] <= at[None, :], axis=0) - 1, 0)
+    mine = (owner == jax.lax.axis_index(AXIS)) & (at <= end + WIDTH)
+    rows = jnp.nonzero(mine, size=places, fill_value=points.shape[0])[0].astype(jnp.int32)
+    return rows, jnp.sum(mine).astype(jnp.int32)

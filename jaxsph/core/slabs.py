@@ -1,0 +1,333 @@
+"""Slabs of particles along the tank, one on every device, and the sums over pairs that cross their edges.
+
+Particles are sorted along the first axis at every search and cut into blocks of equal count: the blocks are
+slabs, balanced at any time, and a particle that has wandered is in another block after the next search.
+Arrays of the water are arrays of the whole tank, split over the devices along their last axis; whatever is
+done to every particle by itself, and every sum over all of them, is written as for one device. Only a sum
+over pairs needs to know of slabs: it runs on every device for the targets there, with the particles at the
+near ends of the slabs on either side (the halo). Ghosts are few, and every device has all of them.
+
+On one device there is one slab, and no halo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from jaxsph.core.arrays import Array, Bool, Float, Int
+from jaxsph.core.pairs import (
+    Fields,
+    Law,
+    Smoothing,
+    linear_pair_sum,
+    pair_sum,
+    pair_weights,
+    weighted_sum,
+    with_empty,
+)
+
+AXIS = "slabs"
+"""Name of the axis of devices."""
+
+
+WHOLE = PartitionSpec()
+"""Partition of an array that every device has all of."""
+
+
+def split(ndim: int) -> PartitionSpec:
+    """Partition of an array over the devices along the last of its dimensions."""
+    return PartitionSpec(*(None,) * (ndim - 1), AXIS)
+
+
+class Sources(NamedTuple):
+    """Sources of a sum over pairs: the fields of the water, and of the ghosts behind it."""
+
+    water: Fields
+    """Fields of the particles by name, `[N]`."""
+    ghosts: Fields
+    """The same fields of the ghosts, `[G]`; empty where only water counts."""
+    halo: Fields = {}  # noqa: RUF012 (a field of a named tuple, which nothing writes to)
+    """Those fields of the water whose halos have been fetched (`Slabs.fetch`), in the slabs' halos."""
+
+    def adding(self, name: str, water: Any, ghosts: Any) -> Sources:
+        """Sources with one more field of the water and the ghosts."""
+        return Sources(self.water | {name: water}, self.ghosts | {name: ghosts}, self.halo)
+
+    def changing(self, name: str, water: Any) -> Sources:
+        """Sources with another field of the water called `name`."""
+        halo = {k: a for k, a in self.halo.items() if k != name}
+        return Sources(self.water | {name: water}, self.ghosts, halo)
+
+
+class Slabs(eqx.Module):
+    """Devices with a slab of particles each, and the largest number of particles in a halo."""
+
+    devices: tuple[Any, ...] = eqx.field(static=True, default=(None,))
+    """Devices, from the first slab along the tank to the last."""
+    halo: int = eqx.field(static=True, default=0)
+    """Number of particles that a slab shows the one beside it."""
+    points: int = eqx.field(static=True, default=0)
+    """Largest number of ghosts or other points that are summed over in one slab."""
+
+    @property
+    def count(self) -> int:
+        """Number of slabs."""
+        return len(self.devices)
+
+    @property
+    def mesh(self) -> Mesh:
+        """Devices as JAX distributes arrays over them."""
+        return Mesh(np.array(self.devices), (AXIS,), axis_types=(jax.sharding.AxisType.Auto,))
+
+    def over_slabs(self, function: Callable, arguments: tuple, partitions: Any, results: Any) -> Any:
+        """Results of a function that runs on every device for its slab of the arguments.
+
+        **Arguments**: `partitions`, `results`: partitions of the arguments and results, or of all below them.
+        """
+        mapped = jax.shard_map(
+            function, mesh=self.mesh, in_specs=partitions, out_specs=results, check_vma=False
+        )
+        return mapped(*arguments)
+
+    def gather(self, a: Array) -> Array:
+        """Array of the water of which every device gets all: for few operations that do not split well."""
+        if self.count == 1:
+            return a
+        return jax.lax.with_sharding_constraint(a, NamedSharding(self.mesh, WHOLE))
+
+    def take(self, fields: Fields, rows: Int[Array, " C"]) -> Fields:
+        """Fields of some particles, `[C]`, which every device gets."""
+
+        def local(fields, rows):
+            leaves, structure = jax.tree.flatten(fields)
+            at, here = _local(rows, len(leaves[0]))
+            every = jax.lax.psum(jnp.where(here, jnp.stack([a[at] for a in leaves]), 0.0), AXIS)
+            return jax.tree.unflatten(structure, list(every))
+
+        if self.count == 1:
+            return jax.tree.map(lambda a: a[rows], fields)
+        return self.over_slabs(local, (fields, rows), (split(1), WHOLE), WHOLE)
+
+    def add(
+        self, a: Float[Array, "N D"], rows: Int[Array, " C"], change: Float[Array, "C D"]
+    ) -> Float[Array, "N D"]:
+        """Vectors of the water with changes added in some rows; rows beyond the last are left out."""
+
+        def local(a, rows, change):
+            at, here = _local(rows, len(a))
+            return a.at[at].add(jnp.where(here[:, None], change, 0.0))
+
+        if self.count == 1:
+            return a.at[rows].add(change, mode="drop")
+        along = PartitionSpec(AXIS)
+        return self.over_slabs(local, (a, rows, change), (along, WHOLE, WHOLE), along)
+
+    def fetch(self, sources: Sources) -> Sources:
+        """Sources with their halos, for several sums: each would fetch them again."""
+        if self.count == 1:
+            return sources
+        halo = self.over_slabs(self.halos, (sources.water,), (split(1),), split(1))
+        return sources._replace(halo=halo)
+
+    def halos(self, fields: Fields) -> Fields:
+        """Fields of the particles in a slab's halos, the one before it first; to be called on a slab."""
+        leaves, structure = jax.tree.flatten(fields)
+        found: list[Any] = [None] * len(leaves)
+        # one message to either side for all fields of a type
+        for dtype in {leaf.dtype for leaf in leaves}:
+            of = [k for k, leaf in enumerate(leaves) if leaf.dtype == dtype]
+            rows = jnp.stack([leaves[k] for k in of])
+            before = jax.lax.ppermute(rows[:, -self.halo :], AXIS, self._pairs(1))
+            after = jax.lax.ppermute(rows[:, : self.halo], AXIS, self._pairs(-1))
+            for k, row in zip(of, jnp.concatenate([before, after], axis=1), strict=True):
+                found[k] = row
+        return jax.tree.unflatten(structure, found)
+
+    def with_halo(self, fields: Fields, halo: Fields | None = None) -> Fields:
+        """Fields of a slab's particles, `[n]`, with those of the halos behind; to be called on a slab.
+
+        `halo`: fields by name whose halos are there.
+        """
+        if self.count == 1:
+            return fields
+        there = halo or {}
+        there = there | self.halos({k: a for k, a in fields.items() if k not in there})
+        return {k: jax.tree.map(lambda a, b: jnp.concatenate([a, b]), a, there[k]) for k, a in fields.items()}
+
+    def _pairs(self, step: int) -> list[tuple[int, int]]:
+        """Devices that send, and the ones that receive, `step` slabs farther along the tank."""
+        return [(k, k + step) for k in range(self.count) if 0 <= k + step < self.count]
+
+    def sources(self, sources: Sources) -> Fields:
+        """Fields of all sources that a slab's targets see, the empty one last; to be called on a slab."""
+        every = self.with_halo(sources.water, sources.halo)
+        if sources.ghosts:
+            every = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), every, sources.ghosts)
+        return with_empty(every)
+
+
+ONE = Slabs()
+"""The one slab of one device."""
+
+
+class Neighbours(eqx.Module):
+    """Neighbours of every particle in the water and the walls, and sums over them."""
+
+    indices: Int[Array, "K N"]
+    """Index of the source in each slot, among those of the particle's slab (`Slabs.sources`)."""
+    slabs: Slabs = eqx.field(static=True, default=ONE)
+
+    def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
+        """Sum of a pair law over the neighbours, as `pairs.pair_sum` has it."""
+
+        def local(targets, sources, indices):
+            return pair_sum(law, smoothing, targets, self.slabs.sources(sources), indices)
+
+        return self._over(local, (targets, sources, self.indices), split(1))
+
+    def sum_at(
+        self, rows: Int[Array, " C"], law: Law, smoothing: Smoothing, targets: Fields, sources: Sources
+    ) -> Any:
+        """Sum of a pair law over the neighbours of the particles `rows`, whose fields are the targets."""
+
+        def local(rows, sources, indices, targets):
+            at, here = _local(rows, indices.shape[1])
+            table = indices[:, at]
+            found = pair_sum(law, smoothing, targets, self.slabs.sources(sources), table)
+            return jax.lax.psum(jax.tree.map(lambda a: jnp.where(here, a, 0.0), found), AXIS)
+
+        if self.slabs.count == 1:
+            return pair_sum(law, smoothing, targets, self.slabs.sources(sources), self.indices[:, rows])
+        partitions = (WHOLE, Sources(split(1), WHOLE, split(1)), split(2), WHOLE)
+        arguments = (rows, sources, self.indices, targets)
+        return self.slabs.over_slabs(local, arguments, partitions, WHOLE)
+
+    def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
+        """Sum of a pair law that is linear in fields that are derivatives: `pairs.linear_pair_sum`."""
+
+        def local(targets, sources, indices):
+            return linear_pair_sum(law, smoothing, targets, self.slabs.sources(sources), indices)
+
+        return self._over(local, (targets, sources, self.indices), split(1))
+
+    def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
+        """Sum of the law's first result, and its second for every slot: `pairs.pair_weights`."""
+
+        def local(targets, sources, indices):
+            return pair_weights(law, smoothing, targets, self.slabs.sources(sources), indices)
+
+        return self._over(local, (targets, sources, self.indices), (split(1), split(2)))
+
+    def weighted_sum(self, weights: Float[Array, "K N"], f: Sources) -> Float[Array, " N"]:
+        """Sum of the weights times the one field f of the neighbours: `pairs.weighted_sum`."""
+
+        def local(weights, f, indices):
+            return weighted_sum(weights, _one_field(self.slabs.sources(f)), indices)
+
+        return self._over(local, (weights, f, self.indices), split(1))
+
+    def of_water(self) -> Neighbours:
+        """Neighbours in the water alone: sources without ghosts, whose slots are empty."""
+        n = self.indices.shape[1] // self.slabs.count + 2 * self.slabs.halo * (self.slabs.count > 1)
+        return Neighbours(jnp.minimum(self.indices, n), self.slabs)
+
+    def _over(self, local: Callable, arguments: tuple, results: Any) -> Any:
+        if self.slabs.count == 1:
+            return local(*arguments)
+        first, sources, indices = arguments
+        partitions = (
+            jax.tree.map(lambda a: split(a.ndim), first),
+            Sources(split(1), WHOLE, split(1)),
+            split(2),
+        )
+        return self.slabs.over_slabs(local, (first, sources, indices), partitions, results)
+
+
+class PointNeighbours(eqx.Module):
+    """Neighbours of points that every device knows, such as ghosts; each point's are summed in one slab."""
+
+    indices: Int[Array, "K P"]
+    """Index of the source in each slot, of every point; over several slabs of every place in `rows`."""
+    rows: Int[Array, " S"]
+    """Points that are summed over in each slab, one slab after another; the number of points for none."""
+    places: Int[Array, " P"]
+    """Place in `rows` of every point; S for a point beyond the water, in no slab."""
+    slabs: Slabs = eqx.field(static=True, default=ONE)
+
+    @classmethod
+    def of(cls, indices: Int[Array, "K P"]) -> PointNeighbours:
+        """Neighbours on one device, by the indices of the sources in each slot of every point."""
+        none = jnp.zeros(0, jnp.int32)
+        return cls(indices, none, none)
+
+    def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
+        """Sum of a pair law over the neighbours of every point; zero for a point beyond the water."""
+
+        def local(targets, sources, indices, rows, places):
+            found = pair_sum(law, smoothing, _rows(targets, rows), self.slabs.sources(sources), indices)
+            return _gathered(found, places)
+
+        if self.slabs.count == 1:
+            return pair_sum(law, smoothing, targets, self.slabs.sources(sources), self.indices)
+        return self._over(local, (targets, sources), WHOLE)
+
+    def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
+        """Sum of the law's first result at every point, and its second for every slot of this table."""
+
+        def local(targets, sources, indices, rows, places):
+            targets = _rows(targets, rows)
+            found, weights = pair_weights(law, smoothing, targets, self.slabs.sources(sources), indices)
+            return _gathered(found, places), weights
+
+        if self.slabs.count == 1:
+            return pair_weights(law, smoothing, targets, self.slabs.sources(sources), self.indices)
+        return self._over(local, (targets, sources), (WHOLE, split(2)))
+
+    def weighted_sum(self, weights: Float[Array, "K S"], f: Sources) -> Float[Array, " P"]:
+        """Sum at every point of the weights times the one field f of its neighbours."""
+
+        def local(weights, f, indices, rows, places):
+            found = weighted_sum(weights, _one_field(self.slabs.sources(f)), indices)
+            return _gathered(found, places)
+
+        if self.slabs.count == 1:
+            return weighted_sum(weights, _one_field(self.slabs.sources(f)), self.indices)
+        return self._over(local, (weights, f), WHOLE, split(2))
+
+    def _over(self, local: Callable, arguments: tuple, results: Any, first: Any = WHOLE) -> Any:
+        partitions = (first, Sources(split(1), WHOLE, split(1)), split(2), split(1), WHOLE)
+        arguments = (*arguments, self.indices, self.rows, self.places)
+        return self.slabs.over_slabs(local, arguments, partitions, results)
+
+
+def _one_field(sources: Fields) -> Float[Array, " M"]:
+    """The field called f, with the place of the empty source."""
+    return sources["f"]
+
+
+def _rows(targets: Fields, rows: Int[Array, " S"]) -> Fields:
+    """Fields of the points that are summed over in a slab; of the last where there is none."""
+    return jax.tree.map(lambda a: a[jnp.minimum(rows, a.shape[0] - 1)], targets)
+
+
+def _gathered(found: Any, places: Int[Array, " P"]) -> Any:
+    """Sums at all points from those in every slab; to be called on a slab."""
+    leaves, structure = jax.tree.flatten(found)
+    if not leaves:
+        return found
+    every = jax.lax.all_gather(jnp.stack(leaves), AXIS, axis=1, tiled=True)
+    every = jnp.concatenate([every, jnp.zeros_like(every[:, :1])], axis=1)
+    return jax.tree.unflatten(structure, list(every[:, places]))
+
+
+def _local(rows: Int[Array, " C"], n: int) -> tuple[Int[Array, " C"], Bool[Array, " C"]]:
+    """Places of particles among the n of a slab, and whether they are there; to be called on a slab."""
+    at = rows - jax.lax.axis_index(AXIS) * n
+    return jnp.clip(at, 0, n - 1), (at >= 0) & (at < n)

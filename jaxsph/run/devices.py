@@ -1,0 +1,114 @@
+"""Devices of one run: a slab of the tank's particles on each, and back to one state for files and results."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+
+from jaxsph.core.search.base import WIDTH, needed_capacity
+from jaxsph.core.search.cells import Cells, cell_index, cell_order
+from jaxsph.core.slabs import AXIS, ONE, Slabs
+from jaxsph.errors import CaseError
+from jaxsph.model.interfaces import Model
+from jaxsph.model.state import Particles, State
+
+
+def find_devices(count: int) -> tuple[jax.Device, ...]:
+    """The first `count` devices of the default backend; on a CPU its cores are made devices.
+
+    **Raises** CaseError where there are not so many.
+    """
+    if count < 1:
+        raise CaseError(f"devices = {count}: must be 1 or more")
+    if 1 < count <= (os.cpu_count() or 1):
+        with contextlib.suppress(RuntimeError):  # too late: the backend has begun with what it has
+            jax.config.update("jax_num_cpu_devices", count)
+    found = jax.devices()
+    if len(found) < count:
+        raise CaseError(
+            f"devices = {count}: JAX has {len(found)} here ({found[0].platform}). The cores of a CPU become "
+            "devices before JAX is first used: ask for them in the first call of the program, or set "
+            f"XLA_FLAGS=--xla_force_host_platform_device_count={count}"
+        )
+    return tuple(found[:count])
+
+
+def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
+    """Model and state of a run whose particles are shared by so many devices, in slabs along the tank.
+
+    Particles are added, if need be, until their number divides: copies without mass, which drift with the
+    water and act on nothing. **Raises** CaseError for a case that cannot be shared.
+    """
+    if devices == 1:
+        return model, state
+    found = find_devices(devices)
+    if not isinstance(model.search.method, Cells):
+        raise CaseError(f"devices = {devices}: only the search by cells makes tables of slabs")
+    if model.search.grid.period and model.search.grid.period[0][0] == 0:
+        raise CaseError(f"devices = {devices}: a tank that is periodic along its length runs on one device")
+    n = state.particles.x.shape[0]
+    state = eqx.tree_at(lambda s: s.particles, state, _filled_up(state.particles, -n % devices))
+    order = cell_order(state.particles.x, model.search.grid)
+    state = eqx.tree_at(lambda s: s.particles, state, jax.tree.map(lambda a: a[order], state.particles))
+    slabs = Slabs(found, *_sizes(model, state, devices))
+    model = eqx.tree_at(lambda m: m.search.slabs, model, slabs)
+
+    def place(a):
+        parts = PartitionSpec(AXIS) if a.ndim and a.shape[0] == len(order) else PartitionSpec()
+        return jax.device_put(np.asarray(a), NamedSharding(slabs.mesh, parts))
+
+    particles = jax.tree.map(place, state.particles)
+    rest = jax.tree.map(
+        lambda a: jax.device_put(np.asarray(a), NamedSharding(slabs.mesh, PartitionSpec())),
+        eqx.tree_at(lambda s: s.particles, state, None),
+    )
+    return model, eqx.tree_at(lambda s: s.particles, rest, particles, is_leaf=lambda a: a is None)
+
+
+def gather(state: State, count: int) -> State:
+    """State of the first `count` particles, those of the case, without the ones that `share` has added."""
+    if state.particles.x.shape[0] == count:
+        return state
+    own = np.asarray(state.particles.id) < count
+    return eqx.tree_at(
+        lambda s: s.particles, state, jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[own]), state.particles)
+    )
+
+
+def unshare(model: Model, state: State, count: int) -> tuple[Model, State]:
+    """Model and state on one device, of the first `count` particles."""
+    if model.search.slabs.count == 1:
+        return model, state
+    state = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), gather(state, count))
+    return eqx.tree_at(lambda m: m.search.slabs, model, ONE), state
+
+
+def _filled_up(p: Particles, more: int) -> Particles:
+    """Particles with copies of the last ones without mass behind them."""
+    if not more:
+        return p
+    n = p.x.shape[0]
+    p = jax.tree.map(lambda a: jnp.concatenate([a, a[-more:]]), p)
+    return eqx.tree_at(
+        lambda a: (a.m, a.id), p, (p.m.at[n:].set(0.0), p.id.at[n:].set(jnp.arange(n, n + more)))
+    )
+
+
+def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
+    """Number of particles in a halo, and of points in a slab, that will do for a while."""
+    grid = model.search.grid
+    cell = np.asarray(cell_index(state.particles.x, grid))[:, 0]
+    columns = np.bincount(cell, minlength=grid.shape[0])
+    # a halo reaches over whole columns of cells, and one that the edge cuts
+    halo = np.convolve(columns, np.ones(WIDTH + 1, int)).max()
+    _, nodes = model.walls_at(state.own)
+    edges = cell[:: len(cell) // devices][:devices]
+    owner = np.searchsorted(edges, np.asarray(cell_index(nodes, grid))[:, 0], side="right")
+    points = np.bincount(np.maximum(owner - 1, 0)).max()
+    return min(needed_capacity(int(halo)), len(cell) // devices), needed_capacity(int(points))

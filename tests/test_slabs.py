@@ -1,0 +1,103 @@
+"""Runs on several devices: the same water as on one, its slopes, and files that any number resumes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxsph.errors import CaseError
+from jaxsph.output.run_file import RunFile
+from jaxsph.run.devices import find_devices
+
+SHARING = Path(__file__).parent / "sharing.py"
+COARSE = ("dx=0.04", "device.wall_thickness=0.04")
+
+
+def apart(case, devices, steps, *settings):
+    """Largest difference from one device, and largest value, by name, from a process of its own."""
+    command = [sys.executable, str(SHARING), case, str(devices), str(steps), *settings]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def check(found, share, of):
+    """Differences are below a share of the largest value of what they are differences of."""
+    assert found["failures"] == [0.0, 0.0]
+    for name, bound in of.items():
+        difference, size = found[name]
+        assert difference <= share * (bound or size), f"{name}: {difference:.2g} of {size:.2g}"
+
+
+def test_three_devices_make_the_weakly_compressible_flow_of_one():
+    """2152 particles, of which three devices get 718 each, two of them copies without mass.
+
+    Sums of float32 in another order: speeds to a few units in the last place of what accelerates them in 20
+    steps, pressures, by the density, likewise.
+    """
+    found = apart("owc", 3, 20, *COARSE, "scheme.kind=weakly_compressible")
+    gravity = 9.81 * 0.01  # m/s: what gravity alone gives in 20 steps
+    check(found, 1e-5, {"x": 0, "u": gravity, "rho": 0, "m": 0, "reading kinetic": 0, "reading P_a": 0})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("devices", [2, 3, 8])
+def test_more_devices_make_the_incompressible_flow_of_one(devices):
+    """To ten times the tolerance of the pressure's solution, of which other sums are another iteration."""
+    found = apart("owc", devices, 20, *COARSE, "scheme.tolerance=3e-5")
+    check(found, 3e-4, {"x": 0, "u": 0.1, "p": 0, "reading kinetic": 0, "reading P_a": 1.0})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "settings"), [("flap_2d", "dx=0.05"), ("dam_break_column", "dx=0.04")])
+def test_two_devices_share_bodies_and_three_dimensions(case, settings):
+    found = apart(case, 2, 20, settings, "scheme.tolerance=3e-5")
+    check(found, 3e-4, {"x": 0, "u": 0.1, "p": 0})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scheme", "share"), [("scheme.kind=weakly_compressible", 1e-12), ("scheme.tolerance=1e-9", 1e-6)]
+)
+def test_slopes_go_through_two_devices(scheme, share):
+    """Forward and in reverse, in float64: to round-off, or to the tolerance of the pressure's solution."""
+    found = apart("owc", 2, 20, *COARSE, "precision=float64", scheme, "--slopes")
+    for name, (difference, size) in found.items():
+        assert size > 0.0 and difference <= share * size, name
+
+
+@pytest.mark.slow
+def test_a_run_of_two_devices_is_resumed_on_one_and_on_three(tmp_path):
+    """Readings go on to round-off, of weakly compressible water at rest and the paddle's first push."""
+
+    def jaxsph(*arguments):
+        command = [sys.executable, "-m", "jaxsph", *map(str, arguments), "--quiet", "--no-plot"]
+        # there may be fewer cores than devices
+        flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=3"}
+        subprocess.run(command, check=True, capture_output=True, text=True, env=os.environ | flags)
+
+    settings = [
+        a
+        for pair in zip(["--set"] * 3, [*COARSE, "scheme.kind=weakly_compressible"], strict=True)
+        for a in pair
+    ]
+    jaxsph("run", "owc", *settings, "--t1", 0.4, "--out", tmp_path / "whole.h5")
+    whole = RunFile.open(tmp_path / "whole.h5").series()
+    for devices in (1, 3):
+        path = tmp_path / f"{devices}.h5"
+        jaxsph("run", "owc", *settings, "--t1", 0.2, "--devices", 2, "--out", path)
+        jaxsph("resume", path, "--t1", 0.4, "--devices", devices)
+        series = RunFile.open(path).series()
+        for name in ("P_a", "paddle", "kinetic", "max_speed"):
+            # round-off grows e-fold in 0.2 s at the fastest (tangent_growth): threefold in half of the run
+            np.testing.assert_allclose(series[name], whole[name], atol=1e-4 * np.max(np.abs(whole[name])))
+
+
+def test_too_many_devices_are_refused():
+    with pytest.raises(CaseError, match="devices = 0: must be 1 or more"):
+        find_devices(0)
+    with pytest.raises(CaseError, match=r"devices = 999: JAX has \d+ here \(cpu\)"):
+        find_devices(999)
