@@ -42,8 +42,8 @@ def main(dx: float = 0.04, t1: float = 2.0) -> None:
             for place, series in alone.members.items()
         )
         ended = len(both.members) - len(both.failures)
-        report.row("members that ended well", ended, bar=8, passes=ended == 8)
-        report.row("members equal bit for bit to those run in turn", same, bar=8, passes=same == 8)
+        report.row("members that ended well", float(ended), bar="8", passes=ended == 8)
+        report.row("members equal bit for bit to those run in turn", float(same), bar="8", passes=same == 8)
         kept = f"{killed[0]:.2f}" if killed else "no worker was killed"
         report.row("checkpoint of the killed worker's member (s)", kept, passes=bool(killed))
 
