@@ -84,7 +84,7 @@ def test_what_the_sums_lose_is_in_the_budget(vessel):
         state, tables = scheme.prepare(model, state)
         p = eqx.tree_at(lambda p: p.u, state.particles, u)
         sources = scheme.sources(scheme.place_ghosts(model, state, tables), p, u, 0.0 * model.walls.x)
-        sources["V"] = jnp.maximum(sources["V"], 0.0)  # the walls' volumes are negative
+        sources.ghosts["V"] = jnp.zeros_like(sources.ghosts["V"])
         rates = scheme.momentum(model, p, sources, tables)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
         gained = zip(u.T, rates.acceleration, model.g, strict=True)

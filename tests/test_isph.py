@@ -158,9 +158,9 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     alone = ghosts._replace(V=jnp.zeros_like(ghosts.V).at[rows].set(ghosts.V[rows]))
     u = state.particles.u
     sources = scheme._sources(state.particles, alone, u, jnp.zeros_like(ghosts.x))
-    sources |= {"p": jnp.concatenate([state.particles.p, p_ghosts])}
+    sources = sources.adding("p", state.particles.p, p_ghosts)
     with_body = scheme._sum(laws.pressure_force, sources, tables)
-    sources["V"] = sources["V"].at[len(u) :].set(0.0)
+    sources.ghosts["V"] = jnp.zeros_like(sources.ghosts["V"])
     without = scheme._sum(laws.pressure_force, sources, tables)
     V = scheme.volume(state.particles)
     on_water = [float(jnp.sum(V * (a - b))) for a, b in zip(with_body, without, strict=True)]

@@ -20,6 +20,7 @@ from jaxsph.core.pairs import (
     uncorrected,
     with_empty,
 )
+from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.state import Particles
 from jaxsph.model.viscosity import ArtificialViscosity, PhysicalViscosity
@@ -117,9 +118,9 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
         integrator=SymplecticEuler(),
     )
     weightless = types.SimpleNamespace(g=jnp.zeros(dim))
-    table = _all_others(n)
+    tables = types.SimpleNamespace(fluid=Neighbours(_all_others(n)))
     del sources["grad_rho"]
-    rates = scheme.momentum(weightless, particles, sources, types.SimpleNamespace(fluid=table))
+    rates = scheme.momentum(weightless, particles, Sources(sources, {}), tables)
     force = np.asarray(m) * np.stack(rates.acceleration)
     # Every force is a sum of at most n - 1 terms, each rounded about ten times relative to itself; what
     # is left of the total is at most that share of the sum of all magnitudes. One wrong pair in a

@@ -207,7 +207,7 @@ def test_stale_table_is_flagged_and_mended(hydrostatic):
 def test_settings_go_straight_to_what_was_needed(hydrostatic):
     """One change, not one after another: every one compiles the step again."""
     _, model, state = hydrostatic
-    most = {"capacity": 151, "node_capacity": 3, "chamber_capacity": 0}
+    most = {"capacity": 151, "node_capacity": 3, "chamber_capacity": 0, "halo": 0, "points": 0}
     of = lambda s: (s.bits, s.most, s.speed2)  # noqa: E731
     lost = eqx.tree_at(of, state.status, (1, {k: np.asarray(v) for k, v in most.items()}, 0.0))
     found = chunks.better_settings(model, lost)
