@@ -119,7 +119,8 @@ class Regularisation(eqx.Module):
         jump = tuple(w * jump for jump in laws.velocity_jump(pair, i, j))
         # the guard is for the particle itself, which has no direction
         r = jnp.sqrt(pair.r2 + (1e-6 * dx) ** 2)
-        size = laws.water_volume(j) / dx ** len(pair.r)
+        # a particle without mass has nothing to be parted from: a copy that fills a slab would leap away
+        size = jnp.where(i["V"] > 0.0, laws.water_volume(j), 0.0) / dx ** len(pair.r)
         near = size * jnp.maximum(1.0 - r / (PAIR * dx), 0.0) / r
         apart = tuple(near * component for component in pair.r)
         both = zip(i["grad_u"], j["grad_u"], strict=True)
