@@ -53,7 +53,7 @@ def test_more_devices_make_the_incompressible_flow_of_one(devices):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("case", "settings"), [("flap_2d", "dx=0.05"), ("dam_break_column", "dx=0.04 tank.layer=")]
+    ("case", "settings"), [("flap_2d", "dx=0.05"), ("dam_break_column", "dx=0.02 tank.layer=")]
 )
 def test_two_devices_share_bodies_and_three_dimensions(case, settings):
     found = apart(case, 2, 20, *settings.split(), "scheme.tolerance=3e-5")
