@@ -12,6 +12,7 @@ On one device there is one slab, and no halo.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -66,6 +67,10 @@ class Sources(NamedTuple):
         return Sources(self.water | {name: water}, self.ghosts, halo)
 
 
+SPLIT_SOURCES = Sources(split(1), WHOLE, split(1))
+"""Partitions of sources: of the water and the halos every device has its own, of the ghosts all."""
+
+
 class Slabs(eqx.Module):
     """Devices with a slab of particles each, and the largest number of particles in a halo."""
 
@@ -86,11 +91,17 @@ class Slabs(eqx.Module):
         """Devices as JAX distributes arrays over them."""
         return Mesh(np.array(self.devices), (AXIS,), axis_types=(jax.sharding.AxisType.Auto,))
 
+    def in_halo(self, n: int) -> int:
+        """Number of particles in a halo of a slab of n; `halo`, when it has grown, may be larger."""
+        return 0 if self.count == 1 else min(self.halo, n)
+
     def over_slabs(self, function: Callable, arguments: tuple, partitions: Any, results: Any) -> Any:
         """Results of a function that runs on every device for its slab of the arguments.
 
         **Arguments**: `partitions`, `results`: partitions of the arguments and results, or of all below them.
         """
+        if self.count == 1:
+            return function(*arguments)
         mapped = jax.shard_map(
             function, mesh=self.mesh, in_specs=partitions, out_specs=results, check_vma=False
         )
@@ -144,8 +155,9 @@ class Slabs(eqx.Module):
         for dtype in {leaf.dtype for leaf in leaves}:
             of = [k for k, leaf in enumerate(leaves) if leaf.dtype == dtype]
             rows = jnp.stack([leaves[k] for k in of])
-            before = jax.lax.ppermute(rows[:, -self.halo :], AXIS, self._pairs(1))
-            after = jax.lax.ppermute(rows[:, : self.halo], AXIS, self._pairs(-1))
+            halo = self.in_halo(rows.shape[1])
+            before = jax.lax.ppermute(rows[:, -halo:], AXIS, self._pairs(1))
+            after = jax.lax.ppermute(rows[:, :halo], AXIS, self._pairs(-1))
             for k, row in zip(of, jnp.concatenate([before, after], axis=1), strict=True):
                 found[k] = row
         return jax.tree.unflatten(structure, found)
@@ -186,11 +198,7 @@ class Neighbours(eqx.Module):
 
     def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of a pair law over the neighbours, as `pairs.pair_sum` has it."""
-
-        def local(targets, sources, indices):
-            return pair_sum(law, smoothing, targets, self.slabs.sources(sources), indices)
-
-        return self._over(local, (targets, sources, self.indices), split(1))
+        return self._over(functools.partial(pair_sum, law, smoothing), targets, sources, split(1))
 
     def sum_at(
         self, rows: Int[Array, " C"], law: Law, smoothing: Smoothing, targets: Fields, sources: Sources
@@ -205,49 +213,36 @@ class Neighbours(eqx.Module):
 
         if self.slabs.count == 1:
             return pair_sum(law, smoothing, targets, self.slabs.sources(sources), self.indices[:, rows])
-        partitions = (WHOLE, Sources(split(1), WHOLE, split(1)), split(2), WHOLE)
+        partitions = (WHOLE, SPLIT_SOURCES, split(2), WHOLE)
         arguments = (rows, sources, self.indices, targets)
         return self.slabs.over_slabs(local, arguments, partitions, WHOLE)
 
     def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of a pair law that is linear in fields that are derivatives: `pairs.linear_pair_sum`."""
-
-        def local(targets, sources, indices):
-            return linear_pair_sum(law, smoothing, targets, self.slabs.sources(sources), indices)
-
-        return self._over(local, (targets, sources, self.indices), split(1))
+        return self._over(functools.partial(linear_pair_sum, law, smoothing), targets, sources, split(1))
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of the law's first result, and its second for every slot: `pairs.pair_weights`."""
-
-        def local(targets, sources, indices):
-            return pair_weights(law, smoothing, targets, self.slabs.sources(sources), indices)
-
-        return self._over(local, (targets, sources, self.indices), (split(1), split(2)))
+        results = split(1), split(2)
+        return self._over(functools.partial(pair_weights, law, smoothing), targets, sources, results)
 
     def weighted_sum(self, weights: Float[Array, "K N"], f: Sources) -> Float[Array, " N"]:
         """Sum of the weights times the one field f of the neighbours: `pairs.weighted_sum`."""
-
-        def local(weights, f, indices):
-            return weighted_sum(weights, _one_field(self.slabs.sources(f)), indices)
-
-        return self._over(local, (weights, f, self.indices), split(1))
+        return self._over(_weighted_sum, weights, f, split(1))
 
     def of_water(self) -> Neighbours:
         """Neighbours in the water alone: sources without ghosts, whose slots are empty."""
-        n = self.indices.shape[1] // self.slabs.count + 2 * self.slabs.halo * (self.slabs.count > 1)
-        return Neighbours(jnp.minimum(self.indices, n), self.slabs)
+        n = self.indices.shape[1] // self.slabs.count
+        return Neighbours(jnp.minimum(self.indices, n + 2 * self.slabs.in_halo(n)), self.slabs)
 
-    def _over(self, local: Callable, arguments: tuple, results: Any) -> Any:
-        if self.slabs.count == 1:
-            return local(*arguments)
-        first, sources, indices = arguments
-        partitions = (
-            jax.tree.map(lambda a: split(a.ndim), first),
-            Sources(split(1), WHOLE, split(1)),
-            split(2),
-        )
-        return self.slabs.over_slabs(local, (first, sources, indices), partitions, results)
+    def _over(self, function: Callable, first: Any, sources: Sources, results: Any) -> Any:
+        """Results of `function(first, sources, indices)` for the targets of every slab."""
+
+        def local(first, sources, indices):
+            return function(first, self.slabs.sources(sources), indices)
+
+        partitions = jax.tree.map(lambda a: split(a.ndim), first), SPLIT_SOURCES, split(2)
+        return self.slabs.over_slabs(local, (first, sources, self.indices), partitions, results)
 
 
 class PointNeighbours(eqx.Module):
@@ -271,60 +266,61 @@ class PointNeighbours(eqx.Module):
         """Sum of a pair law over the neighbours of every point; zero for a point beyond the water."""
 
         def local(targets, sources, indices, rows, places):
-            found = pair_sum(law, smoothing, _rows(targets, rows), self.slabs.sources(sources), indices)
-            return _gathered(found, places)
+            found = pair_sum(law, smoothing, self._of_slab(targets, rows), sources, indices)
+            return self._of_points(found, places)
 
-        if self.slabs.count == 1:
-            return pair_sum(law, smoothing, targets, self.slabs.sources(sources), self.indices)
-        return self._over(local, (targets, sources), WHOLE)
+        return self._over(local, targets, sources, WHOLE)
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of the law's first result at every point, and its second for every slot of this table."""
 
         def local(targets, sources, indices, rows, places):
-            targets = _rows(targets, rows)
-            found, weights = pair_weights(law, smoothing, targets, self.slabs.sources(sources), indices)
-            return _gathered(found, places), weights
+            found, weights = pair_weights(law, smoothing, self._of_slab(targets, rows), sources, indices)
+            return self._of_points(found, places), weights
 
-        if self.slabs.count == 1:
-            return pair_weights(law, smoothing, targets, self.slabs.sources(sources), self.indices)
-        return self._over(local, (targets, sources), (WHOLE, split(2)))
+        return self._over(local, targets, sources, (WHOLE, split(2)))
 
     def weighted_sum(self, weights: Float[Array, "K S"], f: Sources) -> Float[Array, " P"]:
         """Sum at every point of the weights times the one field f of its neighbours."""
 
-        def local(weights, f, indices, rows, places):
-            found = weighted_sum(weights, _one_field(self.slabs.sources(f)), indices)
-            return _gathered(found, places)
+        def local(weights, sources, indices, rows, places):
+            return self._of_points(_weighted_sum(weights, sources, indices), places)
 
-        if self.slabs.count == 1:
-            return weighted_sum(weights, _one_field(self.slabs.sources(f)), self.indices)
-        return self._over(local, (weights, f), WHOLE, split(2))
+        return self._over(local, weights, f, WHOLE, split(2))
 
-    def _over(self, local: Callable, arguments: tuple, results: Any, first: Any = WHOLE) -> Any:
-        partitions = (first, Sources(split(1), WHOLE, split(1)), split(2), split(1), WHOLE)
-        arguments = (*arguments, self.indices, self.rows, self.places)
+    def _over(
+        self, function: Callable, first: Any, sources: Sources, results: Any, split_first: Any = WHOLE
+    ) -> Any:
+        """Results of `function(first, sources, indices, rows, places)` on every slab."""
+
+        def local(first, sources, *table):
+            return function(first, self.slabs.sources(sources), *table)
+
+        partitions = split_first, SPLIT_SOURCES, split(2), split(1), WHOLE
+        arguments = first, sources, self.indices, self.rows, self.places
         return self.slabs.over_slabs(local, arguments, partitions, results)
 
+    def _of_slab(self, targets: Fields, rows: Int[Array, " S"]) -> Fields:
+        """Fields of the points that are summed over in a slab; of the last where there is none."""
+        if self.slabs.count == 1:
+            return targets
+        return jax.tree.map(lambda a: a[jnp.minimum(rows, a.shape[0] - 1)], targets)
 
-def _one_field(sources: Fields) -> Float[Array, " M"]:
-    """The field called f, with the place of the empty source."""
-    return sources["f"]
+    def _of_points(self, found: Any, places: Int[Array, " P"]) -> Any:
+        """Sums at all points from those in every slab; to be called on a slab."""
+        leaves, structure = jax.tree.flatten(found)
+        if self.slabs.count == 1 or not leaves:
+            return found
+        every = jax.lax.all_gather(jnp.stack(leaves), AXIS, axis=1, tiled=True)
+        every = jnp.concatenate([every, jnp.zeros_like(every[:, :1])], axis=1)
+        return jax.tree.unflatten(structure, list(every[:, places]))
 
 
-def _rows(targets: Fields, rows: Int[Array, " S"]) -> Fields:
-    """Fields of the points that are summed over in a slab; of the last where there is none."""
-    return jax.tree.map(lambda a: a[jnp.minimum(rows, a.shape[0] - 1)], targets)
-
-
-def _gathered(found: Any, places: Int[Array, " P"]) -> Any:
-    """Sums at all points from those in every slab; to be called on a slab."""
-    leaves, structure = jax.tree.flatten(found)
-    if not leaves:
-        return found
-    every = jax.lax.all_gather(jnp.stack(leaves), AXIS, axis=1, tiled=True)
-    every = jnp.concatenate([every, jnp.zeros_like(every[:, :1])], axis=1)
-    return jax.tree.unflatten(structure, list(every[:, places]))
+def _weighted_sum(
+    weights: Float[Array, "K N"], sources: Fields, indices: Int[Array, "K N"]
+) -> Float[Array, " N"]:
+    """Sum of the weights times the one field f of the sources: `pairs.weighted_sum`."""
+    return weighted_sum(weights, sources["f"], indices)
 
 
 def _local(rows: Int[Array, " C"], n: int) -> tuple[Int[Array, " C"], Bool[Array, " C"]]:

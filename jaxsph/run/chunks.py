@@ -102,13 +102,12 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
 
 
 def with_settings(model: Model, settings: dict[str, int]) -> Model:
-    """The model with some of its `search_settings` changed."""
+    """The model with some of its `search_settings` and `slab_sizes` changed."""
     search = model.search
-    values = {name: getattr(search, name) for name in ("grid", "method", "skin", "regularise_every", "slabs")}
-    slabs = {name: size for name, size in settings.items() if name in slab_sizes(model)}
-    if slabs:
-        values["slabs"] = Slabs(search.slabs.devices, **slab_sizes(model) | slabs)
-    values |= search_settings(model) | {name: n for name, n in settings.items() if name not in slabs}
+    values = {name: getattr(search, name) for name in ("grid", "method", "skin", "regularise_every")}
+    values |= {name: settings.get(name, size) for name, size in search_settings(model).items()}
+    sizes = {name: settings.get(name, size) for name, size in slab_sizes(model).items()}
+    values["slabs"] = Slabs(search.slabs.devices, **sizes)
     if settings.keys() & {"capacity", "node_capacity"}:
         values["method"] = search.method.grown()
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))

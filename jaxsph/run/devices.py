@@ -13,7 +13,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from jaxsph.core.search.base import WIDTH, needed_capacity
 from jaxsph.core.search.cells import Cells, cell_index, cell_order
-from jaxsph.core.slabs import AXIS, ONE, Slabs
+from jaxsph.core.slabs import AXIS, ONE, WHOLE, Slabs
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Particles, State
@@ -50,7 +50,7 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     found = find_devices(devices)
     if not isinstance(model.search.method, Cells):
         raise CaseError(f"devices = {devices}: only the search by cells makes tables of slabs")
-    if model.search.grid.period and model.search.grid.period[0][0] == 0:
+    if 0 in dict(model.search.grid.period):
         raise CaseError(f"devices = {devices}: a tank that is periodic along its length runs on one device")
     n = state.particles.x.shape[0]
     state = eqx.tree_at(lambda s: s.particles, state, _filled_up(state.particles, -n % devices))
@@ -59,16 +59,12 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     slabs = Slabs(found, *_sizes(model, state, devices))
     model = eqx.tree_at(lambda m: m.search.slabs, model, slabs)
 
-    def place(a):
-        parts = PartitionSpec(AXIS) if a.ndim and a.shape[0] == len(order) else PartitionSpec()
-        return jax.device_put(np.asarray(a), NamedSharding(slabs.mesh, parts))
+    def placed(tree, partition):
+        on = NamedSharding(slabs.mesh, partition)
+        return jax.tree.map(lambda a: jax.device_put(np.asarray(a), on), tree)
 
-    particles = jax.tree.map(place, state.particles)
-    rest = jax.tree.map(
-        lambda a: jax.device_put(np.asarray(a), NamedSharding(slabs.mesh, PartitionSpec())),
-        eqx.tree_at(lambda s: s.particles, state, None),
-    )
-    return model, eqx.tree_at(lambda s: s.particles, rest, particles, is_leaf=lambda a: a is None)
+    particles = placed(state.particles, PartitionSpec(AXIS))
+    return model, eqx.tree_at(lambda s: s.particles, placed(state, WHOLE), particles)
 
 
 def gather(state: State, count: int) -> State:

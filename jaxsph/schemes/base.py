@@ -179,8 +179,8 @@ class AbstractParticleScheme(AbstractScheme):
             most_at_nodes, crowd = map(jnp.maximum, (most_at_nodes, crowd), found)
         chambers, most_in_chamber = {}, jnp.zeros((), jnp.int32)
         for chamber in model.chambers:
-            every = s.slabs.gather(p.x)
-            chambers[chamber.name], count = chamber.candidates(every, s.skin, s.chamber_capacity)
+            x = s.slabs.gather(p.x)
+            chambers[chamber.name], count = chamber.candidates(x, s.skin, s.chamber_capacity)
             most_in_chamber = jnp.maximum(most_in_chamber, count.astype(jnp.int32))
         found = {
             "capacity": most,

@@ -120,18 +120,15 @@ def run_member(case: Case, stem: Path) -> Ended:
             "output on a disk that all its workers share"
         )
     run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
-    begun, ended = _stage(run)
     status = 0
-    if not ended:
-        with _claim(stem.with_suffix(".owner")) as claim:
+    with _claim(stem.with_suffix(".owner")) as claim:
+        # only now: a worker that had it before may have taken it on, or to its end
+        begun, ended = _stage(run)
+        if not ended:
             toml.write_text(case.to_toml(), encoding="utf-8")
-            begun, _ = _stage(run)
-            what = (
-                ["resume", run, "--t1", repr(case.t1)]
-                if begun
-                else ["run", toml, "--out", run, "--overwrite"]
-            )
-            status = _run_process([sys.executable, "-m", "jaxsph", *what, "--quiet", "--no-plot"], log, claim)
+            on, anew = ["resume", run, "--t1", repr(case.t1)], ["run", toml, "--out", run, "--overwrite"]
+            command = [sys.executable, "-m", "jaxsph", *(on if begun else anew), "--quiet", "--no-plot"]
+            status = _run_process(command, log, claim)
     found, variables = _read(run)
     if status:
         found["results"] = {}

@@ -38,7 +38,7 @@ def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"
         return jax.tree.map(lambda a: a[order], particles), jnp.zeros((), bool)
 
     def local(particles, key):
-        n, halo, here = len(key), slabs.halo, jax.lax.axis_index(AXIS)
+        n, halo, here = len(key), slabs.in_halo(len(key)), jax.lax.axis_index(AXIS)
         leaves, structure = jax.tree.flatten(particles)
         fields: dict[int, Any] = {k: columns(a) if a.ndim == 2 else a for k, a in enumerate(leaves)}
         fields = slabs.with_halo(fields | {len(leaves): key})
@@ -88,11 +88,8 @@ def water_neighbours(
         return found.indices, *(jax.lax.pmax(a, AXIS) for a in (found.most, halo))
 
     arguments = (columns(water.x), water.kind, sees, ghosts)
-    if slabs.count == 1:
-        indices, most, halo = local(*arguments)
-    else:
-        partitions = (split(1), split(1), split(1), WHOLE)
-        indices, most, halo = slabs.over_slabs(local, arguments, partitions, (split(2), WHOLE, WHOLE))
+    partitions = (split(1), split(1), split(1), WHOLE)
+    indices, most, halo = slabs.over_slabs(local, arguments, partitions, (split(2), WHOLE, WHOLE))
     return Neighbours(indices, slabs), most, halo
 
 
