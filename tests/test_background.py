@@ -82,8 +82,9 @@ def test_what_the_sums_lose_is_in_the_budget(vessel):
     @jax.jit
     def powers(state):
         state, tables = scheme.prepare(model, state)
-        p = eqx.tree_at(lambda p: p.u, state.particles, u)
-        sources = scheme.sources(scheme.place_ghosts(model, state, tables), p, u, 0.0 * model.walls.x)
+        state = eqx.tree_at(lambda s: s.particles.u, state, u)
+        p = state.particles
+        sources = scheme.sources(scheme.place_ghosts(model, state, tables), 0.0 * model.walls.x)
         sources.ghosts["V"] = jnp.zeros_like(sources.ghosts["V"])
         rates = scheme.momentum(model, p, sources, tables)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)

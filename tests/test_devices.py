@@ -184,7 +184,7 @@ def test_flow_is_the_rise_times_the_chamber_s_length(vessel):
     state, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     p, rise = state.particles, 0.3
     ghosts = model.scheme.ghosts(model, state, tables, at_rest(model, state))
-    sources, chamber = model.scheme.sources(ghosts, p, p.u, ghosts.u), model.chambers[0]
+    sources, chamber = model.scheme.sources(ghosts, ghosts.u), model.chambers[0]
     kick = chamber.kick(model.scheme, p, sources, p.u, tables, model.t0, model.dt)
     flow = -float(jnp.sum(kick.force[1]) * rise)
     # Second-order sums over a lattice of 8 particles across with a fading zone of 4 spacings.

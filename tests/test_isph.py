@@ -156,8 +156,7 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     )
     # the water's side, with every other ghost taken away
     alone = ghosts._replace(V=jnp.zeros_like(ghosts.V).at[rows].set(ghosts.V[rows]))
-    u = state.particles.u
-    sources = scheme._sources(state.particles, alone, u, jnp.zeros_like(ghosts.x))
+    sources = scheme._sources(alone, jnp.zeros_like(ghosts.x))
     sources = sources.adding("p", state.particles.p, p_ghosts)
     with_body = scheme._sum(laws.pressure_force, sources, tables)
     sources.ghosts["V"] = jnp.zeros_like(sources.ghosts["V"])

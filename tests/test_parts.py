@@ -82,7 +82,7 @@ def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
     @jax.jit
     def flows():
         ghosts = scheme.ghosts(model, at, tables, at_rest(model, at))
-        sources = scheme.sources(ghosts, at.particles, at.particles.u, ghosts.u)
+        sources = scheme.sources(ghosts, ghosts.u)
         kick = chamber.kick(scheme, at.particles, sources, at.particles.u, tables, model.t0, model.dt)
         end = PredictorCorrector._advance(scheme, model, state, at, tables, model.dt)
         i = jnp.minimum(kick.index, len(lifted) - 1)

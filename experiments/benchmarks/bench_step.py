@@ -64,8 +64,8 @@ def pair_passes(model, state):
         state, tables = scheme.prepare(model, state)
         p = state.particles
         ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
-        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts, p.u)
-        return p, scheme.sources(ghosts, p, p.u, ghosts.u), tables
+        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts)
+        return p, scheme.sources(ghosts, ghosts.u), tables
 
     @jax.jit
     def passes(particles, sources, tables):

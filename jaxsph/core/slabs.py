@@ -13,7 +13,7 @@ On one device there is one slab, and no halo.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -66,6 +66,12 @@ class Sources(NamedTuple):
         halo = {k: a for k, a in self.halo.items() if k != name}
         return Sources(self.water | {name: water}, self.ghosts, halo)
 
+    def behind(self, ghosts: Fields, **names: str) -> Sources:
+        """Sources with these fields of the ghosts, and of the water those of the same or of other `names`."""
+        of = {k: names.get(k, k) for k in ghosts}
+        halo = {k: self.halo[name] for k, name in of.items() if name in self.halo}
+        return Sources({k: self.water[name] for k, name in of.items()}, ghosts, halo)
+
 
 SPLIT_SOURCES = Sources(split(1), WHOLE, split(1))
 """Partitions of sources: of the water and the halos every device has its own, of the ghosts all."""
@@ -113,6 +119,24 @@ class Slabs(eqx.Module):
             return a
         return jax.lax.with_sharding_constraint(a, NamedSharding(self.mesh, WHOLE))
 
+    def largest(
+        self, values: Sequence[Float[Array, " N"]], vectors: Sequence[Float[Array, "N D"]]
+    ) -> tuple[Float[Array, " M"], Float[Array, "M D"]]:
+        """Largest of each of M values of the water, and the vector that goes with it, of M vectors."""
+
+        def local(values, vectors):
+            at = [jnp.argmax(a) for a in values]
+            found = [jnp.append(v[k], a[k]) for k, a, v in zip(at, values, vectors, strict=True)]
+            rows = jnp.stack(found)
+            if self.count > 1:
+                # one message for all: an argmax over devices would send three for each
+                every = jax.lax.all_gather(rows, AXIS)
+                rows = jax.vmap(lambda of: of[jnp.argmax(of[:, -1])], in_axes=1)(every)
+            return rows[:, -1], rows[:, :-1]
+
+        along = PartitionSpec(AXIS)
+        return self.over_slabs(local, (values, vectors), (along, along), WHOLE)
+
     def take(self, fields: Fields, rows: Int[Array, " C"]) -> Fields:
         """Fields of some particles, `[C]`, which every device gets."""
 
@@ -142,10 +166,11 @@ class Slabs(eqx.Module):
 
     def fetch(self, sources: Sources) -> Sources:
         """Sources with their halos, for several sums: each would fetch them again."""
-        if self.count == 1:
+        missing = {k: a for k, a in sources.water.items() if k not in sources.halo}
+        if self.count == 1 or not missing:
             return sources
-        halo = self.over_slabs(self.halos, (sources.water,), (split(1),), split(1))
-        return sources._replace(halo=halo)
+        halo = self.over_slabs(self.halos, (missing,), (split(1),), split(1))
+        return sources._replace(halo={**sources.halo, **halo})
 
     def halos(self, fields: Fields) -> Fields:
         """Fields of the particles in a slab's halos, the one before it first; to be called on a slab."""
@@ -156,9 +181,8 @@ class Slabs(eqx.Module):
             of = [k for k, leaf in enumerate(leaves) if leaf.dtype == dtype]
             rows = jnp.stack([leaves[k] for k in of])
             halo = self.in_halo(rows.shape[1])
-            before = jax.lax.ppermute(rows[:, -halo:], AXIS, self._pairs(1))
-            after = jax.lax.ppermute(rows[:, :halo], AXIS, self._pairs(-1))
-            for k, row in zip(of, jnp.concatenate([before, after], axis=1), strict=True):
+            both = self._from_beside(rows[:, -halo:], rows[:, :halo])
+            for k, row in zip(of, jnp.concatenate(both, axis=1), strict=True):
                 found[k] = row
         return jax.tree.unflatten(structure, found)
 
@@ -172,6 +196,17 @@ class Slabs(eqx.Module):
         there = halo or {}
         there = there | self.halos({k: a for k, a in fields.items() if k not in there})
         return {k: jax.tree.map(lambda a, b: jnp.concatenate([a, b]), a, there[k]) for k, a in fields.items()}
+
+    def _from_beside(self, last: Array, first: Array) -> tuple[Array, Array]:
+        """The last rows of the slab before, and the first of the one behind; zeros where there is none."""
+        if self.count == 2:
+            # each has one neighbour: a single message instead of one to either side
+            here = jax.lax.axis_index(AXIS)
+            other = jax.lax.ppermute(jnp.where(here == 0, last, first), AXIS, [(0, 1), (1, 0)])
+            none = jnp.zeros_like(other)
+            return jnp.where(here == 0, none, other), jnp.where(here == 0, other, none)
+        before = jax.lax.ppermute(last, AXIS, self._pairs(1))
+        return before, jax.lax.ppermute(first, AXIS, self._pairs(-1))
 
     def _pairs(self, step: int) -> list[tuple[int, int]]:
         """Devices that send, and the ones that receive, `step` slabs farther along the tank."""

@@ -62,7 +62,14 @@ class GhostFields(NamedTuple):
     fit: NodeFit
     """Interpolation coefficients at the nodes."""
     water: Sources
-    """Fields of the water, as sources of the interpolation."""
+    """Fields of the water that the ghosts see, as sources."""
+
+    def seeing(self, tables: Tables, **changed: Any) -> GhostFields:
+        """Ghosts of water of which these fields have other values."""
+        water = self.water
+        for name, field in changed.items():
+            water = water.changing(name, field)
+        return self._replace(water=tables.fluid.slabs.fetch(water))
 
 
 class Interval(NamedTuple):
@@ -269,16 +276,15 @@ class AbstractParticleScheme(AbstractScheme):
         return force
 
     def ghost_velocity(
-        self, model: Model, own: Mapping[str, Any], tables: Tables, ghosts: GhostFields, u: jax.Array
+        self, model: Model, own: Mapping[str, Any], tables: Tables, ghosts: GhostFields
     ) -> GhostFields:
-        """Ghosts with their velocities (m/s), which follow from the water's velocities u (m/s).
+        """Ghosts with their velocities (m/s), which follow from those of the water that they see.
 
         Moving solids have the velocities of their states in `own`.
         """
         walls = model.walls
-        water = ghosts.water.changing("u", columns(u))
         at_node = walls.at_nodes(
-            lambda j: j["u"], ghosts.fit, ghosts.nodes, water, self.smoothing, tables.nodes
+            lambda j: j["u"], ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes
         )
         surface = walls.sliding
         for wall in model.moving:
@@ -364,23 +370,24 @@ class AbstractParticleScheme(AbstractScheme):
         `x_old`: positions (m) at the beginning of the step; `x_used`: those at which the tables were used.
         """
         p, status = state.particles, state.status
-        moved2 = jnp.max(jnp.sum((x_used - tables.x) ** 2, axis=1))
-        speed2 = jnp.sum(p.u**2, axis=1)
-        fastest = jnp.argmax(speed2)
-        finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1)
-        bad = ~(finite & jnp.isfinite(p.rho))
-        out = jnp.zeros_like(bad)
+        finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1) & jnp.isfinite(p.rho)
+        out = jnp.zeros_like(finite)
         for solid in model.every_solid():
             out |= solid.contains(state.own.get(solid.name), p.x, model.dx)
+        moved2, speed2 = (jnp.sum(a**2, axis=1) for a in (x_used - tables.x, p.u))
+        values = moved2, speed2, (~finite).astype(speed2.dtype), out.astype(speed2.dtype)
+        (moved2, speed2, bad, out), (_, fastest, first_bad, first_out) = model.search.slabs.largest(
+            *jax.lax.stop_gradient((values, (p.x, p.x, x_old, p.x)))
+        )
         stale = moved2 > (0.5 * model.search.skin) ** 2
-        too_fast = speed2[fastest] > self.fastest(model.dt) ** 2
+        too_fast = speed2 > self.fastest(model.dt) ** 2
         # the largest speed is not followed after a failure, when numbers may be nonsense
-        speed = jnp.where(status.bits == 0, jnp.maximum(status.speed2, jnp.max(speed2)), status.speed2)
-        status = eqx.tree_at(lambda s: s.speed2, status, jax.lax.stop_gradient(speed))
-        status = status.flag(Failure.NON_FINITE, bad.any(), state.step, x_old[jnp.argmax(bad)])
-        status = status.flag(Failure.STALE_TABLE, stale, state.step, p.x[fastest])
-        status = status.flag(Failure.THROUGH_WALL, jnp.any(out), state.step, p.x[jnp.argmax(out)])
-        status = status.flag(Failure.TOO_FAST, too_fast, state.step, p.x[fastest])
+        speed = jnp.where(status.bits == 0, jnp.maximum(status.speed2, speed2), status.speed2)
+        status = eqx.tree_at(lambda s: s.speed2, status, speed)
+        status = status.flag(Failure.NON_FINITE, bad > 0.0, state.step, first_bad)
+        status = status.flag(Failure.STALE_TABLE, stale, state.step, fastest)
+        status = status.flag(Failure.THROUGH_WALL, out > 0.0, state.step, first_out)
+        status = status.flag(Failure.TOO_FAST, too_fast, state.step, fastest)
         return eqx.tree_at(lambda a: a.status, state, status)
 
 

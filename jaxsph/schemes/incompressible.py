@@ -283,29 +283,28 @@ class ISPH(AbstractParticleScheme):
         push = spring_acceleration(model, state.own, p, self._contact(model))
         ghosts = self.place_ghosts(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
-        u, kicks = self._with_air(model, state, tables, u, interval)
+        u, kicks = self._with_air(model, state, tables, ghosts.water, u, interval)
         # Eq. 7-8. The ghosts' velocities gain gravity and forces as the water's do, and the walls' own
         # acceleration goes into the ghosts' pressure: so a field without divergence has none at walls either.
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, u)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts.seeing(tables, u=columns(u)))
         u_star = u + dt * (model.g + model.acceleration(p.x))
         u_ghosts = ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
         # the divergence is linear: of what the velocities had before the step a share is left for the next
         later = 1.0 - LEFT_OVER
-        u_left = u_ghosts - later * ghosts.u
+        u_left, left = u_ghosts - later * ghosts.u, u_star - later * p.u
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
         # positions half a step ahead water swings without a loss to second order.
-        at = self._halfway(model, state, interval, u_star)
+        at = self._halfway(model, state, interval, u_star, left)
         ghosts = self.place_ghosts(model, at, tables)
-        sources = self._sources(at.particles, ghosts, u_star - later * p.u, u_left)
+        sources = self._sources(ghosts, u_left)
         projected = self._project(model, at, tables, ghosts, sources, interval)
-        sources = sources.adding("p", projected.p, projected.p_ghosts)
+        ghosts = ghosts.seeing(tables, p=projected.p)._replace(p=projected.p_ghosts)
+        sources = ghosts.water.behind({**sources.ghosts, "p": ghosts.p})
         pressed = dt / self.rho0 * stack(self._sum(laws.pressure_force, sources, tables))
         met = u_star + pressed
         u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
         u_new, damped = damp(model, p, u_new, dt)
-        water = ghosts.water.changing("p", projected.p)
-        ghosts = ghosts._replace(p=projected.p_ghosts, water=water)
         changes = Changes(u_new, pressed, touched, damped)
         own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
@@ -318,22 +317,32 @@ class ISPH(AbstractParticleScheme):
         return self.check(model, state, tables, p.x, at.particles.x)
 
     def _with_air(
-        self, model: Model, state: State, tables: Tables, u: Float[Array, "N D"], interval: Interval
+        self,
+        model: Model,
+        state: State,
+        tables: Tables,
+        water: Sources,
+        u: Float[Array, "N D"],
+        interval: Interval,
     ) -> tuple[Float[Array, "N D"], dict[str, Kick]]:
         """Velocities (m/s) after the force of the chambers' air, and each chamber's change by its name."""
-        kicks, p = {}, state.particles
-        sources = Sources({"x": columns(p.x), "V": self.volume(p)}, {})
+        kicks = {}
         for chamber in model.chambers:
-            kick = chamber.kick(self, p, sources, u, tables, interval.t, interval.dt)
+            kick = chamber.kick(self, state.particles, water, u, tables, interval.t, interval.dt)
             kicks[chamber.name], u = kick, kick.u
         return u, kicks
 
-    def _halfway(self, model: Model, state: State, interval: Interval, u_star: jax.Array) -> State:
-        """State with particles and solids in the middle of the step."""
+    def _halfway(
+        self, model: Model, state: State, interval: Interval, u_star: jax.Array, u: jax.Array
+    ) -> State:
+        """State with particles, which move with u_star (m/s), and solids in the middle of the step.
+
+        Its velocities are u (m/s).
+        """
         dt, own = interval.dt, dict(state.own)
         for solid in (*model.moving, *model.bodies):
             own[solid.name] = solid.halfway(own[solid.name], interval.after[solid.name], dt)
-        particles = drift(state.particles, 0.5 * dt * u_star)
+        particles = eqx.tree_at(lambda p: p.u, drift(state.particles, 0.5 * dt * u_star), u)
         return eqx.tree_at(lambda s: (s.particles, s.own), state, (particles, own))
 
     def _exchange(
@@ -377,12 +386,9 @@ class ISPH(AbstractParticleScheme):
         amounts |= {"contact": contact - given_touching, "projection": lost - given}
         return own, book(state.ledger, amounts)
 
-    def _sources(self, p: Particles, ghosts: GhostFields, u, u_ghosts) -> Sources:
-        """Sources of the pair sums: water and ghosts, with these velocities (m/s)."""
-        return Sources(
-            {"x": columns(p.x), "V": self.volume(p), "u": columns(u)},
-            {"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)},
-        )
+    def _sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
+        """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see."""
+        return ghosts.water.behind({"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)})
 
     def _sum(self, law, sources: Sources, tables: Tables):
         """Sum of a pair law over water and ghosts, for every particle of water."""
@@ -401,9 +407,9 @@ class ISPH(AbstractParticleScheme):
     ) -> Float[Array, "N D"]:
         """Viscous acceleration of the water, nu lap u, m/s2."""
         p = state.particles
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
         guard = laws.GUARD * self.smoothing.h**2
-        sources = self._sources(p, ghosts, p.u, ghosts.u_shear)
+        sources = self._sources(ghosts, ghosts.u_shear)
         shear = self._sum(lambda pair, i, j: self.viscosity.shear(pair, i, j, guard), sources, tables)
         return self.viscosity.coefficient(self.smoothing.h, 0.0, p.x.shape[1]) * stack(shear)
 
@@ -507,10 +513,9 @@ class ISPH(AbstractParticleScheme):
 
     def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
         """Divergence of the water's velocity at every particle, 1/s."""
-        p = state.particles
         ghosts = self.place_ghosts(model, state, tables)
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
-        return -self._sum(laws.divergence, self._sources(p, ghosts, p.u, ghosts.u), tables)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
+        return -self._sum(laws.divergence, self._sources(ghosts, ghosts.u), tables)
 
 
 def _with_bodies(

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, stack
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.slabs import Sources
 from jaxsph.model.interfaces import Air, Model
 from jaxsph.model.shifting import Shifting
@@ -51,10 +51,8 @@ class AbstractRateScheme(AbstractParticleScheme):
     """Shifting of the particles beside their drift, one or none."""
 
     @abc.abstractmethod
-    def sources(
-        self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
-    ) -> dict:
-        """Sources of the pair sums: water and ghosts, with these velocities (m/s), as one set."""
+    def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
+        """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see."""
 
     @abc.abstractmethod
     def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
@@ -98,19 +96,19 @@ class SymplecticEuler(AbstractIntegrator):
         interval = move_walls(scheme, model, state, dt)
         push = spring_acceleration(model, state.own, p, scheme.c0)
         ghosts, bodies = _with_bodies(scheme, model, state, tables, interval, push)
-        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts, p.u)
-        sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
+        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts)
+        sources = scheme.sources(ghosts, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
         u = p.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
         u, airs, taken = _with_air(scheme, model, state, tables, sources, u, interval, p.u)
         u, damped = damp(model, p, u, dt)
         # the continuity equation sees the solids with the velocities after the step
         after = _with_velocities(model, state.own, interval.after, bodies)
-        ghosts = scheme.ghost_velocity(model, after, tables, ghosts, u)
+        ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
         # in the middle of the drift, as the leapfrog has it: before it the density of water in waves would
         # creep by dt |grad u|^2
         middle = eqx.tree_at(lambda a: a.x, p, p.x + 0.5 * dt * u)
-        sources = scheme.sources(ghosts, middle, u, ghosts.u)
+        sources = scheme.sources(ghosts, ghosts.u).changing("x", columns(middle.x))
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)
         rho = p.rho + dt * rate
         work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
@@ -152,10 +150,10 @@ class PredictorCorrector(AbstractIntegrator):
         interval = move_walls(scheme, model, start, dt)
         push = spring_acceleration(model, at.own, p, scheme.c0)
         ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push)
-        ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts, p.u)
-        sources = scheme.sources(ghosts, p, p.u, ghosts.u_shear)
+        ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts)
+        sources = scheme.sources(ghosts, ghosts.u_shear)
         rates = scheme.momentum(model, p, sources, tables)
-        sources = scheme.sources(ghosts, p, p.u, ghosts.u)
+        sources = scheme.sources(ghosts, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
         u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
         # positions and sources of the air's force are of one time, that of the rates

@@ -159,33 +159,35 @@ def _cycle(
     """Solution of operator(x) = b from x = 0 after a number of iterations or a breakdown, its residual, and
     the number of iterations (van der Vorst 1992)."""
     zero, one = jax.tree.map(jnp.zeros_like, b), jnp.ones_like(least)
-    least2 = least**2
+    least2, size2 = least**2, _product(b, b)
 
     def goes_on(carry):
-        _, r, *_, count, broken = carry
-        return (_product(r, r) > least2) & ~broken & (count < iterations)
+        *_, r2, count, broken = carry
+        return (r2 > least2) & ~broken & (count < iterations)
 
     def iterate(carry):
-        x, r, p, v, rho, alpha, omega, count, _ = carry
-        rho_new = _product(b, r)
-        beta = rho_new / rho * alpha / omega
-        p = _plus(r, beta, _plus(p, -omega, v))
+        x, r, p, v, rho, last, alpha, omega, _, count, _ = carry
+        p = _plus(r, rho / last * alpha / omega, _plus(p, -omega, v))
         v = operator(p)
-        alpha = rho_new / _product(b, v)
+        alpha = rho / _product(b, v)
         s = _plus(r, -alpha, v)
-        early = _product(s, s) < least2
         t = operator(s)
-        omega = _product(t, s) / _product(t, t)
+        # all products at once, those with the new residual s - omega t by their parts: devices that share a
+        # run wait for one another at every sum
+        s2, ts, t2, bs, bt = (_product(*pair) for pair in ((s, s), (t, s), (t, t), (b, s), (b, t)))
+        early = s2 < least2
+        omega = ts / t2
+        r2 = jnp.where(early, s2, s2 - omega * ts)
         half = _plus(x, alpha, p)
         x, r = (
             jax.tree.map(lambda a, b: jnp.where(early, a, b), *both)
             for both in ((half, _plus(half, omega, s)), (s, _plus(s, -omega, t)))
         )
-        broken = (rho_new == 0.0) | (alpha == 0.0) | (omega == 0.0)
-        return x, r, p, v, rho_new, alpha, omega, count + 1, broken
+        broken = (rho == 0.0) | (alpha == 0.0) | (omega == 0.0)
+        return x, r, p, v, bs - omega * bt, rho, alpha, omega, r2, count + 1, broken
 
     none = jnp.zeros((), jnp.int32)
-    start = (zero, b, zero, zero, one, one, one, none, jnp.zeros((), bool))
+    start = (zero, b, zero, zero, size2, one, one, one, size2, none, jnp.zeros((), bool))
     x, r, *_, count, _ = jax.lax.while_loop(goes_on, iterate, start)
     return x, r, count
 

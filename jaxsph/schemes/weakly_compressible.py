@@ -156,26 +156,26 @@ class DeltaSPH(AbstractRateScheme):
 
     # ---------------------------------------------------------------- sources
 
-    def sources(
-        self, ghosts: GhostFields, p: Particles, u: Float[Array, "N D"], u_ghosts: Float[Array, "G D"]
-    ) -> Sources:
-        """Sources of the pair sums: water and ghosts, with these velocities (m/s).
+    def water(self, p):
+        """See `AbstractParticleScheme`: in addition the density's deviation, and the pressure that acts."""
+        water = super().water(p).water
+        return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
+
+    def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
+        """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see.
 
         The pressure p (Pa) is that over the background.
         """
-
-        def fields(x, u, pressure, **others):
-            for background in self.background:
-                pressure = pressure - background.pressure(x)
-            return {"x": columns(x), "u": columns(u), "p": pressure, **others}
-
-        V = p.m / (self.rho0 + p.rho)
         # the ghosts take no part in the density's diffusion or gradient: their deviation is not used
-        none = jnp.zeros_like(ghosts.p)
-        return Sources(
-            fields(p.x, u, ghosts.water.water["p"], rho=p.rho, V=V),
-            fields(ghosts.x, u_ghosts, ghosts.p, rho=none, V=-ghosts.V),
-        )
+        fields = {"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)}
+        p = self._over_background(ghosts.x, ghosts.p)
+        return ghosts.water.behind(fields | {"p": p, "rho": jnp.zeros_like(p)}, p="over")
+
+    def _over_background(self, x: Float[Array, "N D"], p: Float[Array, " N"]) -> Float[Array, " N"]:
+        """Pressures p (Pa) at points x (m) over the background's."""
+        for background in self.background:
+            p = p - background.pressure(x)
+        return p
 
     # ---------------------------------------------------------------- the two passes
 
@@ -266,10 +266,9 @@ class DeltaSPH(AbstractRateScheme):
 
     def _sources_now(self, model: Model, state: State, tables: Tables) -> Sources:
         """Sources of the pair sums at a state: water and ghosts as the viscous force sees them."""
-        p = state.particles
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts, p.u)
-        return self.sources(ghosts, p, p.u, ghosts.u_shear)
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
+        return self.sources(ghosts, ghosts.u_shear)
 
 
 def _with_gradient(sources: Sources, grad_rho: Components) -> Sources:

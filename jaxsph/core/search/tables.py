@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.sharding import PartitionSpec
 
-from jaxsph.core.arrays import Array, Float, Int, columns, stack
+from jaxsph.core.arrays import Array, Components, Float, Int, columns, stack
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid
 from jaxsph.core.search.cells import cell_index, cell_key, cell_order
 from jaxsph.core.slabs import AXIS, WHOLE, Neighbours, PointNeighbours, Slabs, split
@@ -77,10 +77,9 @@ def water_neighbours(
     """
 
     def local(x, kind, sees, ghosts):
-        x, n = stack(x), kind.shape[0]
-        every = slabs.with_halo({"x": columns(x), "kind": kind})
-        sources = jnp.concatenate([stack(every["x"]), ghosts.x])
-        kinds = jnp.concatenate([every["kind"], ghosts.kind])
+        every, n = _with_halo(slabs, x, kind), kind.shape[0]
+        x, sources = stack(x), jnp.concatenate([every.x, ghosts.x])
+        kinds = jnp.concatenate([every.kind, ghosts.kind])
         found = method.table(x, sources, capacity, sees, kinds, same=True)
         if slabs.count == 1:
             return found.indices, found.most, jnp.zeros((), jnp.int32)
@@ -115,16 +114,10 @@ def point_neighbours(
     def local(x, kind, points, sees):
         rows, crowd = _in_slab(slabs, method.grid, stack(x), points, places)
         at = jnp.minimum(rows, count - 1)
-        every = slabs.with_halo({"x": x, "kind": kind})
+        every = _with_halo(slabs, x, kind)
         # a place without a point sees nothing
-        found = method.table(
-            points[at],
-            stack(every["x"]),
-            capacity,
-            jnp.where(rows < count, sees[at], 0),
-            every["kind"],
-            same=False,
-        )
+        sees = jnp.where(rows < count, sees[at], 0)
+        found = method.table(points[at], every.x, capacity, sees, every.kind, same=False)
         return found.indices, rows, *(jax.lax.pmax(a, AXIS) for a in (found.most, crowd))
 
     arguments = (columns(water.x), water.kind, points, sees)
@@ -135,6 +128,20 @@ def point_neighbours(
     spots = jnp.arange(len(rows), dtype=jnp.int32)
     at = jnp.full(count, len(rows), jnp.int32).at[rows].set(spots, mode="drop")
     return PointNeighbours(indices, rows, at, slabs), most, crowd
+
+
+def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
+    """Particles of a slab at x (m), with those of its halos behind; to be called on a slab.
+
+    A slab at an end of the tank has an empty halo. What fills it is moved to the tank's other end: in a cell
+    of this slab, every line of cells would be searched for as long as that crowded one.
+    """
+    every = slabs.with_halo({"x": x, "kind": kind})
+    if slabs.count == 1:
+        return Seen(stack(every["x"]), every["kind"])
+    end = jnp.where(jax.lax.axis_index(AXIS) == 0, 1e9, -1e9).astype(x[0].dtype)
+    along = jnp.where(every["kind"] == 0, end, every["x"][0])
+    return Seen(stack((along, *every["x"][1:])), every["kind"])
 
 
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
