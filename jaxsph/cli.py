@@ -96,7 +96,22 @@ EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of
 
 
 Devices = Annotated[
-    int, typer.Option("--devices", metavar="N", help="Accelerators, or on a CPU cores, that share the run.")
+    int | None,
+    typer.Option(
+        "--devices",
+        metavar="N",
+        help="Accelerators, or on a CPU cores, that share the run; default: those that make it faster.",
+    ),
+]
+
+
+Process = Annotated[
+    str | None,
+    typer.Option(
+        "--process",
+        metavar="K/N@HOST:PORT",
+        help="Process K (from 0) of N that share the run and meet at HOST:PORT; auto under Slurm or MPI.",
+    ),
 ]
 
 
@@ -145,7 +160,8 @@ def run(
         typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
-    devices: Devices = 1,
+    devices: Devices = None,
+    process: Process = None,
     plot: Pictures = True,
     quiet: Quiet = False,
 ) -> None:
@@ -153,9 +169,10 @@ def run(
     import jaxsph as js
 
     with _messages():
-        _find(devices)
+        is_first = _find(devices, process)
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
+        quiet = quiet or not is_first
         if not quiet:
             for notice in loaded.notices():
                 typer.echo(f"note: {notice}", err=True)
@@ -163,7 +180,8 @@ def run(
             solution = js.run(
                 loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
             )
-        _report(solution, out, plot, quiet)
+        if is_first:
+            _report(solution, out, plot, quiet)
 
 
 @app.command()
@@ -294,7 +312,8 @@ def resume(
     file: RunName,
     settings: Changes = None,
     t1: EndTime = None,
-    devices: Devices = 1,
+    devices: Devices = None,
+    process: Process = None,
     plot: Pictures = True,
     quiet: Quiet = False,
 ) -> None:
@@ -302,13 +321,15 @@ def resume(
     import jaxsph as js
 
     with _messages():
-        _find(devices)
+        is_first = _find(devices, process)
+        quiet = quiet or not is_first
         stored = tomllib.loads(RunFile.open(file).case_toml)
         _match_precision(stored.get("precision"))
         changes = dict(_setting(text) for text in settings or [])
         with _resumable(file):
             solution = js.resume(file, t1=t1, progress=not quiet, changes=changes, devices=devices)
-        _report(solution, file, plot, quiet)
+        if is_first:
+            _report(solution, file, plot, quiet)
 
 
 @app.command()
@@ -366,12 +387,20 @@ def cases() -> None:
     _table(list(js.built_in_cases().items()))
 
 
-def _find(devices: int) -> None:
-    """Makes cores devices, before JAX is first used. **Raises** CaseError where there are too few."""
-    if devices != 1:
-        from jaxsph.run.devices import find_devices
+def _find(devices: int | None, process: str | None) -> bool:
+    """Joins the processes of a run and makes cores devices, before JAX is first used.
 
-        find_devices(devices)
+    **Returns** whether this process is the first. **Raises** CaseError where there are too few of either.
+    """
+    import jax
+
+    from jaxsph.run.devices import find_devices
+    from jaxsph.run.processes import join
+
+    if process is not None:
+        join(process)
+    find_devices(devices)
+    return jax.process_index() == 0
 
 
 def _load(name: str, settings: list[str] | None) -> Any:

@@ -125,7 +125,7 @@ def test_setting_without_key_or_value(calls, text):
 def test_resume(calls, tmp_path):
     run = _record(tmp_path / "a.h5")
     result = _jaxsph("resume", run.path, "--t1", 5, "--no-plot")
-    options = {"t1": 5.0, "progress": True, "changes": {}, "devices": 1}
+    options = {"t1": 5.0, "progress": True, "changes": {}, "devices": None}
     assert result.exit_code == 0 and calls == [(run.path, options)]
     assert _jaxsph("resume", "missing.h5").exit_code == 2
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,23 +14,40 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from jaxsph.core.search.base import WIDTH, needed_capacity
 from jaxsph.core.search.cells import Cells, cell_index, cell_order
-from jaxsph.core.slabs import AXIS, ONE, WHOLE, Slabs
+from jaxsph.core.slabs import AXIS, WHOLE, Slabs
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Particles, State
+from jaxsph.run.processes import whole
+
+WORTHWHILE = 8000
+"""Number of particles in a slab from which a further core of a CPU is well used.
+
+Two cores gain 1.05 (incompressible) and 1.3 (weakly compressible) with 4,100, and 1.5 and 1.7 with 16,400
+(`python -m experiments run bench_devices`).
+"""
 
 
-def find_devices(count: int) -> tuple[jax.Device, ...]:
-    """The first `count` devices of the default backend; on a CPU its cores are made devices.
+def find_devices(count: int | None) -> tuple[jax.Device, ...]:
+    """The first `count` devices of the default backend, or all; on a CPU its cores are made devices.
 
-    **Raises** CaseError where there are not so many.
+    **Raises** CaseError where there are not so many, and where several processes share the run and it does
+    not use all.
     """
-    if count < 1:
+    if count is not None and count < 1:
         raise CaseError(f"devices = {count}: must be 1 or more")
-    if 1 < count <= (os.cpu_count() or 1):
+    cores = count or available_cores()
+    if 1 < cores <= (os.cpu_count() or 1) and not jax.distributed.is_initialized():
         with contextlib.suppress(RuntimeError):  # too late: the backend has begun with what it has
-            jax.config.update("jax_num_cpu_devices", count)
+            jax.config.update("jax_num_cpu_devices", cores)
     found = jax.devices()
+    if count is None:
+        return tuple(found)
+    if count < len(found) and jax.process_count() > 1:
+        raise CaseError(
+            f"devices = {count}: the {jax.process_count()} processes that share the run have {len(found)}: "
+            "give no number, or this one"
+        )
     if len(found) < count:
         raise CaseError(
             f"devices = {count}: JAX has {len(found)} here ({found[0].platform}). The cores of a CPU become "
@@ -37,6 +55,38 @@ def find_devices(count: int) -> tuple[jax.Device, ...]:
             f"XLA_FLAGS=--xla_force_host_platform_device_count={count}"
         )
     return tuple(found[:count])
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def usual_devices(model: Model, state: State) -> int:
+    """Number of devices that share a run unless it asks for another: all that make it faster.
+
+    Those are all accelerators, all devices of several processes, and the cores of a CPU that have enough to
+    do; one for a case that cannot be shared.
+    """
+    found = find_devices(None)
+    if jax.process_count() > 1:
+        return len(found)
+    if _obstacle(model):
+        return 1
+    # slabs twice as wide as the particles' reach, were the water even along the tank
+    most = min(len(found), model.search.grid.shape[0] // (4 * WIDTH))
+    if found[0].platform == "cpu":
+        most = min(most, len(state.particles.id) // WORTHWHILE)
+    return max(1, most)
+
+
+def _obstacle(model: Model) -> str:
+    """Why a model's particles cannot be shared; empty where they can."""
+    if not isinstance(model.search.method, Cells):
+        return "only the search by cells makes tables of slabs"
+    if 0 in dict(model.search.grid.period):
+        return "a tank that is periodic along its length runs on one device"
+    return ""
 
 
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
@@ -48,27 +98,34 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     if devices == 1:
         return model, state
     found = find_devices(devices)
-    if not isinstance(model.search.method, Cells):
-        raise CaseError(f"devices = {devices}: only the search by cells makes tables of slabs")
-    if 0 in dict(model.search.grid.period):
-        raise CaseError(f"devices = {devices}: a tank that is periodic along its length runs on one device")
+    if why := _obstacle(model):
+        raise CaseError(f"devices = {devices}: {why}")
     n = state.particles.x.shape[0]
     state = eqx.tree_at(lambda s: s.particles, state, _filled_up(state.particles, -n % devices))
     order = cell_order(state.particles.x, model.search.grid)
     state = eqx.tree_at(lambda s: s.particles, state, jax.tree.map(lambda a: a[order], state.particles))
     slabs = Slabs(found, *_sizes(model, state, devices))
     model = eqx.tree_at(lambda m: m.search.slabs, model, slabs)
+    particles = _placed(slabs, state.particles, PartitionSpec(AXIS))
+    return everywhere(slabs, model), eqx.tree_at(lambda s: s.particles, everywhere(slabs, state), particles)
 
-    def placed(tree, partition):
-        on = NamedSharding(slabs.mesh, partition)
-        return jax.tree.map(lambda a: jax.device_put(np.asarray(a), on), tree)
 
-    particles = placed(state.particles, PartitionSpec(AXIS))
-    return model, eqx.tree_at(lambda s: s.particles, placed(state, WHOLE), particles)
+def everywhere(slabs: Slabs, tree: Any) -> Any:
+    """Arrays that every device of a run has whole."""
+    return tree if slabs.count == 1 else _placed(slabs, tree, WHOLE)
+
+
+def _placed(slabs: Slabs, tree: Any, partition: PartitionSpec) -> Any:
+    on = NamedSharding(slabs.mesh, partition)
+    return jax.tree.map(lambda a: jax.device_put(np.asarray(a), on), tree)
 
 
 def gather(state: State, count: int) -> State:
-    """State of the first `count` particles, those of the case, without the ones that `share` has added."""
+    """State of the first `count` particles, those of the case, without the ones that `share` has added.
+
+    Every process can read it.
+    """
+    state = whole(state)
     if state.particles.x.shape[0] == count:
         return state
     own = np.asarray(state.particles.id) < count
@@ -77,12 +134,9 @@ def gather(state: State, count: int) -> State:
     )
 
 
-def unshare(model: Model, state: State, count: int) -> tuple[Model, State]:
-    """Model and state on one device, of the first `count` particles."""
-    if model.search.slabs.count == 1:
-        return model, state
-    state = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), gather(state, count))
-    return eqx.tree_at(lambda m: m.search.slabs, model, ONE), state
+def unshare(state: State, count: int) -> State:
+    """State on one device, of the first `count` particles."""
+    return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), gather(state, count))
 
 
 def _filled_up(p: Particles, more: int) -> Particles:

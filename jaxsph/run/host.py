@@ -26,9 +26,10 @@ from jaxsph.model.state import State
 from jaxsph.output.hdf5 import SCHEMA
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.amend import amend
-from jaxsph.run.chunks import advance_chunk, sample_times
-from jaxsph.run.devices import find_devices, gather, share, unshare
+from jaxsph.run.chunks import advance_chunk, sample_times, search_settings, with_settings
+from jaxsph.run.devices import everywhere, find_devices, gather, share, unshare, usual_devices
 from jaxsph.run.interrupt import hear_interrupts
+from jaxsph.run.processes import Processes, whole
 from jaxsph.run.recorder import (
     Recorder,
     Start,
@@ -46,20 +47,23 @@ def run(
     out: str | Path | None = None,
     overwrite: bool = False,
     progress: bool = True,
-    devices: int = 1,
+    devices: int | None = None,
 ) -> Solution:
     """Builds a case and runs it to t1 (s; by default the case's), recording into the file `out`.
 
     An interrupt (Ctrl-C) stops it at the end of a chunk, a second one at once. `devices`: number of
-    accelerators, or on a CPU of cores, that share the particles (see `docs/cluster.md`).
+    accelerators, or on a CPU of cores, that share the particles (see `docs/cluster.md`); by default as many
+    as make the run faster.
     **Returns** the series as numpy arrays with the last state and scalar results.
     **Raises** CaseError, FileError (the output exists), SimulationError (with what, where, when and
     what to change; the file then holds the last good checkpoint).
     """
     find_devices(devices)  # before JAX is first used
-    start = Start(case, *build(case))
-    file = None if out is None else new_file(out, start, overwrite)
-    return _drive(start, case.t1 if t1 is None else t1, file, progress, devices)
+    start, processes = Start(case, *build(case)), Processes()
+    file = None
+    if out is not None:
+        file = new_file(out, start, overwrite) if processes.is_first else RunFile(out)
+    return _drive(start, case.t1 if t1 is None else t1, file, progress, devices, processes)
 
 
 def resume(
@@ -67,7 +71,7 @@ def resume(
     t1: float | None = None,
     progress: bool = True,
     changes: Mapping[str, Any] | None = None,
-    devices: int = 1,
+    devices: int | None = None,
 ) -> Solution:
     """Goes on with a run's file from its last checkpoint, to t1 (s) or the case's own end.
 
@@ -79,10 +83,14 @@ def resume(
     """
     file = RunFile.open(path)
     find_devices(devices)
-    start = load_start(path)
+    start, processes = load_start(path), Processes()
     if changes:
+        if processes.count > 1:
+            raise CaseError(
+                "changes: a run of several processes takes none; make them with one process first"
+            )
         start = amend(file, start, changes)
-    return _drive(start, start.case.t1 if t1 is None else t1, file, progress, devices)
+    return _drive(start, start.case.t1 if t1 is None else t1, file, progress, devices, processes)
 
 
 def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
@@ -129,9 +137,15 @@ def load_start(path: str | Path, case: Case | None = None) -> Start:
     return Start(stored, model, initial, restored_state(initial, saved, path))
 
 
-def _drive(start: Start, t1: float, file: RunFile | None, progress: bool, devices: int) -> Solution:
+def _drive(
+    start: Start, t1: float, file: RunFile | None, progress: bool, devices: int | None, processes: Processes
+) -> Solution:
+    path = None if file is None else file.path
+    file = file if processes.is_first else None
     recorder, count = Recorder(start, t1, file), len(start.state.particles.id)
-    model, state = share(start.model, start.state, devices)
+    own = start.model
+    model, state = share(own, start.state, devices or usual_devices(own, start.state))
+    probes = everywhere(model.search.slabs, recorder.probes)
     every, last = recorder.sample_every, recorder.last
     if last <= recorder.first:
         now = recorder.first / every * start.case.output.sample_dt
@@ -140,25 +154,28 @@ def _drive(start: Start, t1: float, file: RunFile | None, progress: bool, device
         total=last,
         initial=recorder.first,
         unit="step",
-        disable=not progress,
+        disable=not (progress and processes.is_first),
         dynamic_ncols=True,
         smoothing=0.1,
     )
-    with bar, _one_file(file), hear_interrupts() as interrupt:
+    with bar, _one_file(file), processes.hearing_of_losses(path), hear_interrupts() as interrupt:
         while int(state.step) < last:
             before = int(state.step)
             n_steps = min(recorder.per_chunk, last - before)
             advance = functools.partial(
-                simulate_chunk, state=state, probes=recorder.probes, n_steps=n_steps, sample_every=every
+                simulate_chunk, state=state, probes=probes, n_steps=n_steps, sample_every=every
             )
             model, state, readings = advance_chunk(start.case.name, model, advance, bar.write)
-            series = recorder.record(model, gather(state, count), readings)
+            own = with_settings(own, search_settings(model))
+            series = recorder.record(own, gather(state, count), whole(readings))
             bar.update(n_steps)
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")
             t = int(state.step) * float(model.dt)
             bar.set_postfix_str(f"t = {t:.2f} s, max |u| = {speed:.2f} m/s, ok")
+            if processes.any(interrupt.asked):
+                interrupt.asked = True
             interrupt.chunk_is_saved()
-        return recorder.solution(*unshare(model, state, count))
+        return recorder.solution(own, unshare(state, count))
 
 
 @contextlib.contextmanager

@@ -127,7 +127,8 @@ def run_member(case: Case, stem: Path) -> Ended:
         if not ended:
             toml.write_text(case.to_toml(), encoding="utf-8")
             on, anew = ["resume", run, "--t1", repr(case.t1)], ["run", toml, "--out", run, "--overwrite"]
-            command = [sys.executable, "-m", "jaxsph", *(on if begun else anew), "--quiet", "--no-plot"]
+            command = [sys.executable, "-m", "jaxsph", *(on if begun else anew), "--devices", "1"]
+            command += ["--quiet", "--no-plot"]
             status = _run_process(command, log, claim)
     found, variables = _read(run)
     if status:
