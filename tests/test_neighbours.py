@@ -12,10 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
+from jaxsph.core.arrays import columns
+from jaxsph.core.kernels import WendlandC2
+from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search import cells
 from jaxsph.core.search.base import Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, cell_order, grid_over, search, wrap
 from jaxsph.core.search.jax_md import JaxMD
+from jaxsph.core.search.tables import Seen, point_neighbours
+from jaxsph.core.slabs import Slabs, Sources
 from jaxsph.run.host import run
 
 N, M, RADIUS = 60, 90, 0.45
@@ -123,6 +128,47 @@ def test_wrapping_moves_by_the_period_exactly(x, carry):
 def test_short_period_is_refused():
     with pytest.raises(ValueError, match="period = 1 m along axis 1 is too short"):
         grid_over(np.zeros(2), np.ones(2), RADIUS, ((1, 1.0),))
+
+
+@functools.cache
+def _sums_at_points(dim, period):
+    """Sums over the water at all points, at those beside it, and their number where places are too few."""
+    grid = grid_over(np.zeros(dim), BOX[:dim], 0.12, period)
+    smoothing = Smoothing(WendlandC2(), jnp.float32(0.06), period)
+
+    @jax.jit
+    def sums(points, x):
+        water, sees = Seen(x, jnp.ones(len(x), jnp.int32)), jnp.ones(len(points), jnp.int32)
+        fields = {"x": columns(points)}, Sources({"x": columns(x)}, {})
+
+        def over(places):
+            slabs = Slabs(points=places)
+            table, most, crowd = point_neighbours(slabs, Cells(grid), points, sees, water, 60)
+            return table.sum(lambda pair, i, j: pair.W, smoothing, *fields), most, crowd
+
+        return over(0)[:2], over(len(points) - 1)[::2], over(1)[2]
+
+    return sums
+
+
+BOX = np.array([2.0, 1.0, 1.0])
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from([(2, ()), (2, ((1, 1.0),)), (3, ())]))
+def test_points_away_from_the_water_are_left_out_without_loss(seed, kind):
+    """The same sums as with all points, at points in a tank of which the water fills a part."""
+    dim, period = kind
+    random = np.random.default_rng(seed)
+    points = random.uniform(0.0 if period else -0.1, 1.0, (200, dim)) * BOX[:dim]
+    x = random.uniform(0.0, 1.0, (60, dim)) * BOX[:dim]
+    x[:, -1] *= 0.2
+    arrays = jnp.asarray(points, jnp.float32), jnp.asarray(x, jnp.float32)
+    (every, most), (found, crowd), asked = _sums_at_points(dim, period)(*arrays)
+    assert most <= 60
+    assert np.sum(np.asarray(every) > 0) <= crowd < 200
+    np.testing.assert_array_equal(found, every)
+    assert asked == crowd > 1
 
 
 @settings(max_examples=30, deadline=None)

@@ -16,6 +16,7 @@ import numpy as np
 import jaxsph as js
 from experiments.common import Report
 from jaxsph.run.devices import share
+from jaxsph.run.simulate import simulate_chunk
 
 
 def main(
@@ -54,7 +55,10 @@ def _seconds(case: str, changes: dict, devices: int, turns: int, one_core: bool)
     count = float(len(state.particles.id))
     model, state = share(model, state, devices)
     steps = 2 * model.search.rebuild_every
-    advance = jax.jit(lambda m, s: js.simulate(m, s, n_steps=steps)[0]).lower(model, state).compile()
+
+    def advance(model, state):
+        return simulate_chunk(model, state, (), steps, steps)[0]
+
     state = jax.block_until_ready(advance(model, state))
     taken = []
     for _ in range(turns):

@@ -85,7 +85,7 @@ class Slabs(eqx.Module):
     halo: int = eqx.field(static=True, default=0)
     """Number of particles that a slab shows the one beside it."""
     points: int = eqx.field(static=True, default=0)
-    """Largest number of ghosts or other points that are summed over in one slab."""
+    """Largest number of ghosts or other points beside the water of one slab; 0 for all that there are."""
 
     @property
     def count(self) -> int:
@@ -283,22 +283,22 @@ class Neighbours(eqx.Module):
 class PointNeighbours(eqx.Module):
     """Neighbours of points that every device knows, such as ghosts; each point's are summed in one slab."""
 
-    indices: Int[Array, "K P"]
-    """Index of the source in each slot, of every point; over several slabs of every place in `rows`."""
+    indices: Int[Array, "K S"]
+    """Index of the source in each slot, of every place in `rows` or, where there are none, of every point."""
     rows: Int[Array, " S"]
     """Points that are summed over in each slab, one slab after another; the number of points for none."""
     places: Int[Array, " P"]
-    """Place in `rows` of every point; S for a point beyond the water, in no slab."""
+    """Place in `rows` of every point; S for a point that is not beside the water, in no slab."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod
     def of(cls, indices: Int[Array, "K P"]) -> PointNeighbours:
-        """Neighbours on one device, by the indices of the sources in each slot of every point."""
+        """Neighbours of all points on one device, by the indices of the sources in each slot."""
         none = jnp.zeros(0, jnp.int32)
         return cls(indices, none, none)
 
     def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law over the neighbours of every point; zero for a point beyond the water."""
+        """Sum of a pair law over the neighbours of every point; zero for a point away from the water."""
 
         def local(targets, sources, indices, rows, places):
             found = pair_sum(law, smoothing, self._of_slab(targets, rows), sources, indices)
@@ -337,16 +337,18 @@ class PointNeighbours(eqx.Module):
 
     def _of_slab(self, targets: Fields, rows: Int[Array, " S"]) -> Fields:
         """Fields of the points that are summed over in a slab; of the last where there is none."""
-        if self.slabs.count == 1:
+        if not self.rows.size:
             return targets
         return jax.tree.map(lambda a: a[jnp.minimum(rows, a.shape[0] - 1)], targets)
 
     def _of_points(self, found: Any, places: Int[Array, " P"]) -> Any:
         """Sums at all points from those in every slab; to be called on a slab."""
         leaves, structure = jax.tree.flatten(found)
-        if self.slabs.count == 1 or not leaves:
+        if not self.rows.size or not leaves:
             return found
-        every = jax.lax.all_gather(jnp.stack(leaves), AXIS, axis=1, tiled=True)
+        every = jnp.stack(leaves)
+        if self.slabs.count > 1:
+            every = jax.lax.all_gather(every, AXIS, axis=1, tiled=True)
         every = jnp.concatenate([every, jnp.zeros_like(every[:, :1])], axis=1)
         return jax.tree.unflatten(structure, list(every[:, places]))
 

@@ -9,7 +9,8 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.case.case import Case
-from jaxsph.core.search.base import needed_capacity
+from jaxsph.core.pairs import SPARE
+from jaxsph.core.search.base import SPREADING, needed_capacity
 from jaxsph.core.search.tables import NARROW
 from jaxsph.core.slabs import Slabs
 from jaxsph.errors import SimulationError
@@ -90,7 +91,8 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
         needed = {name: int(np.max(most)) for name, most in status.most.items()}
         if needed["halo"] >= NARROW:
             return None
-        return {name: needed_capacity(most) for name, most in needed.items() if most > now[name]}
+        spare = dict.fromkeys(needed, SPARE) | {"points": SPREADING}
+        return {k: needed_capacity(most, spare[k]) for k, most in needed.items() if most > now[k]}
     # lost neighbours can cause every other failure: mend the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
         step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 
-from jaxsph.core.search.base import WIDTH, needed_capacity
+from jaxsph.core.search.base import SPREADING, WIDTH, needed_capacity
 from jaxsph.core.search.cells import Cells, cell_index, cell_order
+from jaxsph.core.search.tables import beside
 from jaxsph.core.slabs import AXIS, WHOLE, Slabs
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
@@ -26,6 +27,9 @@ WORTHWHILE = 8000
 Two cores gain 1.05 (incompressible) and 1.3 (weakly compressible) with 4,100, and 1.5 and 1.7 with 16,400
 (`python -m experiments run bench_devices`).
 """
+
+WORTH_SPARING = 0.1
+"""Points away from the water over particles, from which it pays to leave them out on one device."""
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:
@@ -92,10 +96,14 @@ def _obstacle(model: Model) -> str:
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     """Model and state of a run whose particles are shared by so many devices, in slabs along the tank.
 
+    The tables are sized for the state: on one device, too, the walls of a tank's empty part are left out.
+
     Particles are added, if need be, until their number divides: copies without mass, which drift with the
     water and act on nothing. **Raises** CaseError for a case that cannot be shared.
     """
     if devices == 1:
+        if isinstance(model.search.method, Cells):
+            model = eqx.tree_at(lambda m: m.search.slabs, model, Slabs(points=_points(model, state, 1)))
         return model, state
     found = find_devices(devices)
     if why := _obstacle(model):
@@ -157,8 +165,25 @@ def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
     columns = np.bincount(cell, minlength=grid.shape[0])
     # a halo reaches over whole columns of cells, and one that the edge cuts
     halo = np.convolve(columns, np.ones(WIDTH + 1, int)).max()
-    _, nodes = model.walls_at(state.own)
-    edges = cell[:: len(cell) // devices][:devices]
-    owner = np.searchsorted(edges, np.asarray(cell_index(nodes, grid))[:, 0], side="right")
-    points = np.bincount(np.maximum(owner - 1, 0)).max()
-    return min(needed_capacity(int(halo)), len(cell) // devices), needed_capacity(int(points))
+    return min(needed_capacity(int(halo)), len(cell) // devices), _points(model, state, devices)
+
+
+def _points(model: Model, state: State, devices: int) -> int:
+    """Number of points beside the water of one slab that will do for a while.
+
+    On one device it is 0, for all points, unless there are many away from the water, as in the walls of a
+    tank in which a dam breaks.
+    """
+    grid, x = model.search.grid, state.particles.x
+    nodes = model.walls_at(state.own)[1]
+    near = np.asarray(_beside(x, nodes, grid))
+    cell, at = (np.asarray(cell_index(a, grid))[:, 0] for a in (x, nodes[near]))
+    edges = np.sort(cell)[:: len(cell) // devices][1:devices]
+    most = np.bincount(np.searchsorted(edges, at, side="right"), minlength=1).max()
+    points = needed_capacity(int(most), SPREADING)
+    if devices == 1 and len(near) - points < WORTH_SPARING * len(x):
+        return 0
+    return points
+
+
+_beside = jax.jit(beside, static_argnums=2)

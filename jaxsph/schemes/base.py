@@ -399,7 +399,9 @@ def _checked_tables(state: State, search, found: dict[str, jax.Array]):
     nowhere = jnp.zeros_like(status.where)
     lost = (found["capacity"] > search.capacity) | (found["node_capacity"] > search.node_capacity)
     if search.slabs.count > 1:
-        lost |= (found["halo"] > search.slabs.halo) | (found["points"] > search.slabs.points)
+        lost |= found["halo"] > search.slabs.halo
+    if search.slabs.points:
+        lost |= found["points"] > search.slabs.points
     crowded = found["chamber_capacity"] > search.chamber_capacity
     status = status.flag(Failure.CHAMBER_OVERFLOW, crowded, state.step, nowhere)
     return status.flag(Failure.NEIGHBOUR_OVERFLOW, lost, state.step, nowhere)

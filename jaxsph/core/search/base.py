@@ -20,6 +20,10 @@ WIDTH = 2
 """Cells per search radius (-): five lines of half-radius cells hold 30 % fewer candidates than three of whole
 ones."""
 
+SPREADING = 1.3
+"""Ratio of the places for points beside the water to those there are when they are counted (-): water that
+spreads wets walls, and every count anew compiles the step again."""
+
 
 class Grid(eqx.Module):
     """A box of cells that particles are sorted by.

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import PartitionSpec
 
-from jaxsph.core.arrays import Array, Components, Float, Int, columns, stack
+from jaxsph.core.arrays import Array, Bool, Components, Float, Int, columns, stack
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid
 from jaxsph.core.search.cells import cell_index, cell_key, cell_order
 from jaxsph.core.slabs import AXIS, WHOLE, Neighbours, PointNeighbours, Slabs, split
@@ -102,25 +103,27 @@ def point_neighbours(
 ) -> tuple[PointNeighbours, Int[Array, ""], Int[Array, ""]]:
     """Neighbours of points (m) in the water, which is sorted by cell.
 
+    Only points beside the water have a place in the table where the slabs limit their number (`points`).
     **Returns** also the slots that the fullest point needs, and the points of the fullest slab.
     """
     count = points.shape[0]
-    if slabs.count == 1:
+    places = min(count, slabs.points or count)  # of one slab
+    if slabs.count == 1 and places == count:
         found = method.table(points, water.x, capacity, sees, water.kind, same=False)
-        none = jnp.zeros((), jnp.int32)
-        return PointNeighbours.of(found.indices), found.most, none
-    places = min(count, slabs.points)  # of one slab
+        return PointNeighbours.of(found.indices), found.most, jnp.zeros((), jnp.int32)
 
     def local(x, kind, points, sees):
-        rows, crowd = _in_slab(slabs, method.grid, stack(x), points, places)
-        at = jnp.minimum(rows, count - 1)
         every = _with_halo(slabs, x, kind)
+        mine = beside(every.x, points, method.grid) & _in_slab(slabs, method.grid, stack(x), points)
+        rows = jnp.nonzero(mine, size=places, fill_value=count)[0].astype(jnp.int32)
+        at = jnp.minimum(rows, count - 1)
         # a place without a point sees nothing
         sees = jnp.where(rows < count, sees[at], 0)
         found = method.table(points[at], every.x, capacity, sees, every.kind, same=False)
-        return found.indices, rows, *(jax.lax.pmax(a, AXIS) for a in (found.most, crowd))
+        needs = found.most, jnp.sum(mine).astype(jnp.int32)
+        return found.indices, rows, *(needs if slabs.count == 1 else (jax.lax.pmax(a, AXIS) for a in needs))
 
-    arguments = (columns(water.x), water.kind, points, sees)
+    arguments = (columns(water.x), water.kind, *jax.lax.stop_gradient((points, sees)))
     partitions = (split(1), split(1), WHOLE, WHOLE)
     indices, rows, most, crowd = slabs.over_slabs(
         local, arguments, partitions, (split(2), split(1), WHOLE, WHOLE)
@@ -159,14 +162,30 @@ def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array
 
 
 def _in_slab(
-    slabs: Slabs, grid: Grid, x: Float[Array, "n D"], points: Float[Array, "P D"], places: int
-) -> tuple[Int[Array, " S"], Int[Array, ""]]:
-    """Points (m) whose neighbours are in a slab of particles at x (m) and its halo, and their number."""
+    slabs: Slabs, grid: Grid, x: Float[Array, "n D"], points: Float[Array, "P D"]
+) -> Bool[Array, " P"]:
+    """Whether points (m) are summed over in this slab of particles at x (m), with its halo."""
     cell, at = cell_index(x, grid)[:, 0], cell_index(points, grid)[:, 0]
+    if slabs.count == 1:
+        return jnp.ones(at.shape, bool)
     first = jax.lax.all_gather(cell[0], AXIS)
-    end = jax.lax.all_gather(cell[-1], AXIS)[-1]
     # the last slab that begins at or before the point
     owner = jnp.maximum(jnp.sum(first[:, None] <= at[None, :], axis=0) - 1, 0)
-    mine = (owner == jax.lax.axis_index(AXIS)) & (at <= end + WIDTH)
-    rows = jnp.nonzero(mine, size=places, fill_value=points.shape[0])[0].astype(jnp.int32)
-    return rows, jnp.sum(mine).astype(jnp.int32)
+    return owner == jax.lax.axis_index(AXIS)
+
+
+def beside(x: Float[Array, "M D"], points: Float[Array, "P D"], grid: Grid) -> Bool[Array, " P"]:
+    """Whether points (m) are so near particles at x (m) that they may see one: the walls of an empty part of
+    a tank are not."""
+    full = jnp.zeros(int(np.prod(grid.shape)), bool).at[cell_key(x, grid)].set(True).reshape(grid.shape)
+    for axis in range(len(grid.shape)):
+        around = full
+        for step in range(1, WIDTH + 1):
+            for way in (step, -step):
+                moved = jnp.roll(full, way, axis)
+                if axis not in dict(grid.period):
+                    ends = slice(0, way) if way > 0 else slice(way, None)
+                    moved = moved.at[(slice(None),) * axis + (ends,)].set(False)
+                around |= moved
+        full = around
+    return full.reshape(-1)[cell_key(points, grid)]
