@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from conftest import enable_x64
 
+from jaxsph.core import pairs
 from jaxsph.core.arrays import columns
 from jaxsph.core.kernels import Gaussian, WendlandC2
 from jaxsph.core.pairs import (
     Smoothing,
     neighbour_count,
     pair_sum,
+    pair_weights,
     symmetric_inverse,
     symmetric_product,
     trace_upper,
     uncorrected,
+    weighted_sum,
     with_empty,
 )
 from jaxsph.core.slabs import Neighbours, Sources
@@ -249,6 +252,34 @@ def test_derivatives_of_a_pair_sum():
         reverse = jnp.vdot(jax.grad(total)(x), v)
         # The same derivative, summed in another order.
         assert float(reverse) == pytest.approx(float(forward), rel=1e-10)
+
+
+def test_loops_over_slots_give_one_sum_and_one_slope(monkeypatch):
+    """A CPU's loop and an accelerator's, with empty slots and a number of slots that is no whole of blocks."""
+    x = _cloud(2, 5)
+    with enable_x64():
+        fields, n = _fields(x), len(x)
+    table = jnp.concatenate([_all_others(n), jnp.full((9, n), n, jnp.int32)])
+
+    def found(x):
+        f = fields | {"x": columns(x)}
+        force = pair_sum(laws.pressure_force, _smoothing(), f, with_empty(f), table)
+        law = lambda pair, i, j: (pair.W, j["V"] * pair.W)  # noqa: E731
+        filled, weights = pair_weights(law, _smoothing(), f, with_empty(f), table)
+        return jnp.stack([*force, filled, weighted_sum(weights, jnp.append(f["rho"], 0.0), table)])
+
+    def sums_and_slopes(loop):
+        monkeypatch.setattr(pairs, "slot_loop", lambda: loop)
+        x0, direction = jnp.asarray(x), jnp.ones(x.shape).at[:, 0].set(0.3)
+        weights = jnp.asarray(np.random.default_rng(5).normal(size=(4, n)))
+        run = jax.jit(lambda x: jax.jvp(found, (x,), (direction,)))
+        return *run(x0), jax.jit(jax.grad(lambda x: jnp.sum(weights * found(x))))(x0)
+
+    with enable_x64():
+        cpu, accelerator = (sums_and_slopes(loop) for loop in (pairs.ONE_BY_ONE, pairs.IN_BLOCKS))
+    for one, other in zip(cpu, accelerator, strict=True):
+        # the same terms in the same order, some of them contracted to fused products and sums
+        np.testing.assert_allclose(other, one, atol=1e-13 * np.max(np.abs(one)))
 
 
 @pytest.mark.parametrize(("dim", "limit"), [(2, 98.6), (3, 136.3)])

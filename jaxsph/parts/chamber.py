@@ -211,7 +211,7 @@ class Chamber(AbstractChamber):
         All water that moves with it counts where the air is soft. A nearly closed chamber, whose pressure
         would more than stop the water in reach, has the compliance of that alone: too large, and stable.
         """
-        # a flow of 1e-8 m2/s is none; a smaller bound's square, which a derivative divides by, is 0 in float32
+        # A flow of 1e-8 m2/s is none. A derivative divides by the bound's square, which float32 must hold.
         gain2 = (self.pto.pressure(q_free, jnp.zeros_like(alone), t) * alone) ** 2 / (q_free**2 + 1e-16)
         share = self.grip.inertia(self)
         return alone * (share + (1.0 - share) * gain2 / (1.0 + gain2))
