@@ -255,7 +255,7 @@ def test_derivatives_of_a_pair_sum():
 
 
 def test_loops_over_slots_give_one_sum_and_one_slope(monkeypatch):
-    """A CPU's loop and an accelerator's, with empty slots and a number of slots that is no whole of blocks."""
+    """A CPU's and an accelerator's, with empty slots and a number of slots that is no whole of blocks."""
     x = _cloud(2, 5)
     with enable_x64():
         fields, n = _fields(x), len(x)
