@@ -8,6 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 
 import jax
@@ -16,7 +17,7 @@ import numpy as np
 import jaxsph as js
 from experiments.common import Report
 from jaxsph.run.devices import share
-from jaxsph.run.simulate import simulate_chunk
+from jaxsph.run.simulate import UNSPLIT
 
 
 def main(
@@ -28,41 +29,54 @@ def main(
     suffix = "_weakly" if weakly_compressible else ""
     name = f"bench_devices_{case}_{dx:g}_{devices}{suffix}"
     with Report(name, f"{case}, {kind}, on {devices} devices", dx) as report:
-        alone = _apart(case, changes, 1, turns, True)
-        whole = _apart(case, changes, 1, turns, False)
-        shared = _apart(case, changes, devices, turns, False)
-        report.row("particles", alone[1])
-        report.row("a step on one core", 1e3 * alone[0], "ms")
-        report.row("a step on one device, with every core", 1e3 * whole[0], "ms")
-        report.row(f"a step on {devices} devices", 1e3 * shared[0], "ms")
+        alone, whole, shared = (
+            apart(cost, changes, count, turns, one_core, case)["seconds"]
+            for count, one_core in ((1, True), (1, False), (devices, False))
+        )
+        report.row("a step on one core", 1e3 * alone, "ms")
+        report.row("a step on one device, with every core", 1e3 * whole, "ms")
+        report.row(f"a step on {devices} devices", 1e3 * shared, "ms")
         bar = 1.6 if not weakly_compressible else 1.7
-        gain = alone[0] / shared[0]
+        gain = alone / shared
         report.row("one core over devices", gain, bar=f"{bar:g}", passes=gain >= bar)
-        report.row("one device with every core over devices", whole[0] / shared[0])
+        report.row("one device with every core over devices", whole / shared)
 
 
-def _apart(case: str, changes: dict, devices: int, turns: int, one_core: bool) -> tuple[float, float]:
-    """Seconds of a step, and the number of particles, from a process of its own."""
+def apart(
+    measure: Callable,
+    changes: dict,
+    devices: int,
+    turns: int,
+    one_core: bool,
+    name: str = "owc",
+) -> dict:
+    """What `measure(case, devices, turns)` finds of a built-in case with changes, in a process of its own."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(_seconds, case, changes, devices, turns, one_core).result()
+        return pool.submit(_measured, measure, changes, devices, turns, one_core, name).result()
 
 
-def _seconds(case: str, changes: dict, devices: int, turns: int, one_core: bool) -> tuple[float, float]:
+def _measured(measure, changes, devices, turns, one_core, name):
     if one_core and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     jax.config.update("jax_num_cpu_devices", devices)
-    model, state = js.build(js.load_case(case).replace(changes))
-    count = float(len(state.particles.id))
+    return measure(js.load_case(name).replace(changes), devices, turns)
+
+
+def cost(case: js.Case, devices: int, turns: int) -> dict[str, float]:
+    """Seconds of a step, searches included, and the memory (bytes) of a chunk, on so many devices."""
+    model, state = js.build(case)
+    found = {"water": len(state.particles.id), "ghosts": model.walls.count}
     model, state = share(model, state, devices)
     steps = 2 * model.search.rebuild_every
-
-    def advance(model, state):
-        return simulate_chunk(model, state, (), steps, steps)[0]
-
+    options = UNSPLIT if devices > 1 else None
+    run = jax.jit(lambda m, s: js.simulate(m, s, n_steps=steps)[0], compiler_options=options)
+    advance = run.lower(model, state).compile()
+    size = advance.memory_analysis()
+    found["memory"] = size.temp_size_in_bytes + size.argument_size_in_bytes + size.output_size_in_bytes
     state = jax.block_until_ready(advance(model, state))
     taken = []
     for _ in range(turns):
         began = time.perf_counter()
         jax.block_until_ready(advance(model, state))
         taken.append(time.perf_counter() - began)
-    return float(np.min(taken)) / steps, count
+    return found | {"seconds": float(np.min(taken)) / steps}

@@ -1,0 +1,160 @@
+"""What a run costs against its particles and devices: time, memory, messages, and a model of them.
+
+The built-in OWC at three spacings, in both schemes, on one device and on several; what devices send is
+counted in the compiled step. Every case has a process of its own: cores become devices before JAX is used.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.benchmarks.bench_devices import apart, cost
+from experiments.common import Report
+from jaxsph.run.devices import share
+
+SPACINGS = (0.02, 0.01, 0.005)
+SCHEMES = ("incompressible", "weakly_compressible")
+PAPER = 26.7
+"""Seconds of a step of 4,222,746 particles on 16 threads (Yeylaghi et al. 2016, table 1)."""
+LATENCY, BANDWIDTH = 5e-6, 1e10
+"""Time of a message between machines (s) and what one sends in a second (bytes/s), of a common cluster's
+network; assumed, for the model's figures of machines that were not at hand."""
+SIZES = {"f32": 4, "s32": 4, "u32": 4, "f64": 8, "s64": 8, "pred": 1}
+
+
+class Messages(NamedTuple):
+    """Messages that a device receives: their number, bytes from the slabs beside it, bytes from all."""
+
+    count: int
+    beside: int
+    every: int
+
+
+def main(devices: int = 2, slabs: int = 8, turns: int = 4, steps: int = 500) -> None:
+    """Times steps on one core and on `devices`, and counts messages of `slabs`."""
+    with Report("bench_scale", f"Cost of the OWC against particles and devices, {steps} steps") as report:
+        columns: dict[str, list[float]] = {name: [] for name in COLUMNS}
+        for scheme in SCHEMES:
+            for dx in SPACINGS:
+                changes = {"dx": dx, "scheme.kind": scheme}
+                for count in (1, devices):
+                    found = apart(cost, changes, count, turns, count == 1)
+                    row = [scheme == SCHEMES[0], dx, found["water"], found["ghosts"], count]
+                    row += [steps * found["seconds"], found["memory"]]
+                    for name, value in zip(COLUMNS, row, strict=True):
+                        columns[name].append(float(value))
+                    label = f"{scheme}, dx = {dx:g} m, {found['water']} particles, {count} device(s)"
+                    report.row(f"{label}: {steps} steps", steps * found["seconds"], "s")
+                    if count == 1:
+                        every = found["water"] + found["ghosts"]
+                        report.row(f"{label}: memory per particle", found["memory"] / every, "bytes")
+        report.table(columns)
+        _model(report, {k: np.array(v) for k, v in columns.items()}, steps)
+        for scheme in SCHEMES:
+            _sent(report, scheme, slabs)
+        for scheme in SCHEMES:
+            changes = {"dx": 0.02, "scheme.kind": scheme}
+            found = apart(cost, changes, 1, 1, True, "dam_break_column")
+            every = found["water"] + found["ghosts"]
+            report.row(f"{scheme}, 3-D, {every} particles: memory each", found["memory"] / every, "bytes")
+
+
+COLUMNS = ("incompressible", "dx (m)", "particles", "ghosts", "devices", "seconds", "memory (bytes)")
+
+
+def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
+    """Fits the time of a step on a device: a part for every particle on it, and one for the step itself."""
+    figure = Figure(figsize=(6, 4.5), layout="constrained")
+    axis = figure.subplots()
+    for colour, scheme in zip(("C0", "C1"), SCHEMES, strict=True):
+        of = table["incompressible"] == (scheme == SCHEMES[0])
+        n, many = table["particles"][of] / table["devices"][of], table["devices"][of] > 1
+        seconds = table["seconds"][of] / steps
+        # relative errors count: every time is divided by itself
+        A = np.stack([n, np.ones_like(n), many], axis=1) / seconds[:, None]
+        each, once, shared = np.linalg.lstsq(A, np.ones_like(n), rcond=None)[0]
+        worst = float(np.max(np.abs(A @ [each, once, shared] - 1.0)))
+        report.row(f"{scheme}: model, a particle and step", 1e6 * each, "us")
+        report.row(f"{scheme}: model, a step besides", 1e3 * once, "ms")
+        report.row(f"{scheme}: model, a step besides on several devices", 1e3 * shared, "ms")
+        report.row(f"{scheme}: model, largest error", 100 * worst, "%", bar="20 %", passes=worst < 0.2)
+        x = np.geomspace(n.min() / 2, n.max() * 2, 50)
+        for marker, which in (("o", ~many), ("s", many)):
+            axis.plot(n[which], 1e3 * seconds[which], colour + marker, mfc="none" if marker == "s" else None)
+        axis.plot(x, 1e3 * (each * x + once), colour + "-", lw=0.8, label=scheme)
+        axis.plot(x, 1e3 * (each * x + once + shared), colour + "--", lw=0.8)
+        # 1e9 particles on as many cores as have 1e5 each
+        report.row(f"{scheme}: 1e9 particles on 10,000 cores, a step by the model", each * 1e5 + once, "s")
+    axis.set(xscale="log", yscale="log", xlabel="particles on a device", ylabel="a step, ms")
+    axis.legend(title="one device (full), several (dashed)", fontsize=8)
+    report.picture(figure)
+
+
+def _sent(report: Report, scheme: str, slabs: int) -> None:
+    """Reports what a device receives in a step, against the particles of its halos."""
+    ratios = []
+    for dx in SPACINGS:
+        found = apart(messages, {"dx": dx, "scheme.kind": scheme}, slabs, 0, False)
+        step, solution = Messages(*found["step"]), Messages(*found["iteration"])
+        label = f"{scheme}, {slabs} devices, dx = {dx:g} m"
+        surface = 2 * found["halo"]
+        ratios.append(step.beside / surface)
+        report.row(f"{label}: particles of a slab", found["slab"])
+        report.row(f"{label}: particles of its halos", surface)
+        report.row(f"{label}: messages of a step", step.count)
+        report.row(f"{label}: bytes of a step from the slabs beside", step.beside)
+        report.row(f"{label}: bytes of a step from all, for walls and sums", step.every)
+        if solution.count:
+            report.row(f"{label}: messages of an iteration of the pressure", solution.count)
+            report.row(f"{label}: bytes of an iteration, from the slabs beside", solution.beside)
+            report.row(f"{label}: bytes of an iteration, from all", solution.every)
+        wire = LATENCY * step.count + (step.beside + step.every) / BANDWIDTH
+        report.row(f"{label}: time of a step's messages on a cluster, by the model", 1e6 * wire, "us")
+    spread = max(ratios) / min(ratios) - 1.0
+    report.row(f"{scheme}: bytes from beside for a particle of a halo", float(np.mean(ratios)), "bytes")
+    report.row(
+        f"{scheme}: the same, its spread over spacings", 100 * spread, "%", bar="5 %", passes=spread < 0.05
+    )
+
+
+def messages(case: js.Case, devices: int, turns: int) -> dict:
+    """What a device receives in a step, and in an iteration of the pressure's solution; nothing is run."""
+    del turns
+    model, state = js.build(case)
+    model, state = share(model, state, devices)
+    _, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
+    step = jax.jit(lambda m, s, t: m.step(s, t)).lower(model, state, tables).compile()
+    inside, outside = received(step.as_text(), devices)
+    slab = len(state.particles.id) // devices
+    return {"step": outside, "iteration": inside, "slab": slab, "halo": model.search.slabs.in_halo(slab)}
+
+
+def received(text: str, devices: int) -> tuple[Messages, Messages]:
+    """Messages in the loops of a compiled program and outside of them, each counted once."""
+    bodies = set(re.findall(r"body=%?([\w.\-]+)", text))
+    found = {True: [0, 0, 0], False: [0, 0, 0]}
+    name = ""
+    for line in text.splitlines():
+        if head := re.match(r"(?:ENTRY )?%?([\w.\-]+) .*\{$", line):
+            name = head.group(1)
+        kind = re.search(r"= (.*?) (collective-permute|all-gather|all-reduce)(?:-start)?\(", line)
+        if not kind:
+            continue
+        size = sum(
+            SIZES[t] * int(np.prod([int(a) for a in shape.split(",") if a]))
+            for t, shape in re.findall(r"(\w+)\[([\d,]*)\]", kind.group(1))
+        )
+        total = found[name in bodies]
+        total[0] += 1
+        if kind.group(2) == "collective-permute":
+            total[1] += size
+        else:
+            share = (devices - 1) / devices if kind.group(2) == "all-gather" else 1.0
+            total[2] += int(size * share)
+    return Messages(*found[True]), Messages(*found[False])
