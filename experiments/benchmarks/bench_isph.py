@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import time
 
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 import jaxsph as js
 from experiments.common import Report, use_threads
 from jaxsph.core.pairs import weighted_sum
+from jaxsph.run.devices import share
 
 PAPER = 158_000.0
 """Particle steps per second: 200 steps of 4,222,746 in 5341 s, 16 threads (Yeylaghi et al. 2016, table 1)."""
@@ -18,16 +20,19 @@ PAPER = 158_000.0
 
 def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1) -> None:
     """Times steps after the gate's opening, searches included, on so many cores or the accelerator that jax
-    finds."""
+    finds: blocks of `steps` steps between searches, one before the clock starts."""
     use_threads(threads)
-    model, state = js.build(js.load_case("dam_break_column").replace({"dx": dx}))
+    model, state = share(*js.build(js.load_case("dam_break_column").replace({"dx": dx})), 1)
     every = model.search.rebuild_every
-    advance = jax.jit(lambda s: js.simulate(model, s, n_steps=steps * every)[0]).lower(state).compile()
+    advance = jax.jit(lambda m, s: js.simulate(m, s, n_steps=steps * every)[0]).lower(model, state).compile()
     memory = advance.memory_analysis()
-    state = jax.block_until_ready(advance(state))
-    seconds = min(_seconds(advance, state) for _ in range(turns)) / (steps * every)
+    state = jax.block_until_ready(advance(model, state))
+    seconds = min(_seconds(advance, model, state) for _ in range(turns)) / (steps * every)
     water, walls = state.particles.x.shape[0], model.walls.count
-    state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
+    if int(state.status.bits):
+        raise SystemExit("a step failed: see its status")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    state, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     pairs = int(np.sum(np.asarray(tables.fluid.indices) != water + walls))
     table = tables.fluid.indices
     weights = jnp.ones(table.shape, state.particles.p.dtype)
@@ -50,6 +55,7 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1) ->
         report.row("Poisson operator, per pair", 1e9 * once / pairs, "ns")
         size = memory.temp_size_in_bytes + memory.argument_size_in_bytes + memory.output_size_in_bytes
         report.row("memory", size / 1e9, "GB")
+        report.row("largest resident memory until then", peak, "GB")
         report.row(
             "memory at 4,222,746 particles, by their number", size / 1e9 * 4_222_746 / (water + walls), "GB"
         )
