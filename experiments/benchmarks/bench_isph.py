@@ -12,7 +12,7 @@ import numpy as np
 import jaxsph as js
 from experiments.common import Report, use_threads
 from jaxsph.core.pairs import weighted_sum
-from jaxsph.run.devices import share
+from jaxsph.run.devices import find_devices, share
 from jaxsph.run.simulate import UNSPLIT
 
 PAPER_SIZE, PAPER_STEP = 4_222_746, 5341.0 / 200
@@ -25,10 +25,8 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, de
     """Times steps after the gate's opening, searches included, on so many cores or the accelerator that jax
     finds: `steps` blocks of steps between searches, after as many before the clock starts."""
     use_threads(threads)
-    case = js.load_case("dam_break_column").replace({"dx": dx})
-    if devices > 1:
-        jax.config.update("jax_num_cpu_devices", devices)
-    model, state = js.build(case)
+    find_devices(devices)
+    model, state = js.build(js.load_case("dam_break_column").replace({"dx": dx}))
     water, walls = state.particles.x.shape[0], model.walls.count
     model, state = share(model, state, devices)
     every = model.search.rebuild_every
