@@ -285,6 +285,23 @@ def test_solver_begins_afresh_where_it_comes_no_nearer():
     assert not bool(once.solve(operator, (b, ()), (0.0 * b, ()))[2])
 
 
+@pytest.mark.parametrize(("b", "solvable"), [((1.0, 0.0, 1.0), True), ((1.0, 0.0, 0.0), False)])
+def test_solver_survives_a_product_that_vanishes(b, solvable):
+    """The second iteration divides by zero for one right-hand side, the first of every cycle for the other."""
+    turned = jnp.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    A = jnp.array([[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 1.0, 1.0]]) if solvable else turned
+
+    def operator(unknown):
+        return A @ unknown[0], ()
+
+    b = jnp.array(b)
+    (p, _), residual, converged = BiCGStab(1e-5).solve(operator, (b, ()), (jnp.zeros(3), ()))
+    left = float(jnp.linalg.norm(b - A @ p) / jnp.linalg.norm(b))
+    assert bool(converged) == solvable
+    np.testing.assert_allclose(float(residual), left, atol=1e-6)
+    assert left <= 1e-5 if solvable else left == 1.0
+
+
 def test_limiters_are_counted(advanced):
     """With three tenths too much mass every deep particle is crowded beyond the fifth that is taken back at
     once; still water bears no tension."""

@@ -166,7 +166,7 @@ def _cycle(
         return (r2 > least2) & ~broken & (count < iterations)
 
     def iterate(carry):
-        x, r, p, v, rho, last, alpha, omega, _, count, _ = carry
+        x, r, p, v, rho, last, alpha, omega, before2, count, _ = carry
         p = _plus(r, rho / last * alpha / omega, _plus(p, -omega, v))
         v = operator(p)
         alpha = rho / _product(b, v)
@@ -179,11 +179,14 @@ def _cycle(
         omega = ts / t2
         r2 = jnp.where(early, s2, s2 - omega * ts)
         half = _plus(x, alpha, p)
+        # a product that vanishes is divided by: the solution before that counts
+        lost = ~jnp.isfinite(r2)
+        r2 = jnp.where(lost, before2, r2)
         x, r = (
-            jax.tree.map(lambda a, b: jnp.where(early, a, b), *both)
-            for both in ((half, _plus(half, omega, s)), (s, _plus(s, -omega, t)))
+            jax.tree.map(lambda a, b, c: jnp.where(lost, c, jnp.where(early, a, b)), *three)
+            for three in ((half, _plus(half, omega, s), x), (s, _plus(s, -omega, t), r))
         )
-        broken = (rho == 0.0) | (alpha == 0.0) | (omega == 0.0)
+        broken = lost | (rho == 0.0) | (alpha == 0.0) | (omega == 0.0)
         return x, r, p, v, bs - omega * bt, rho, alpha, omega, r2, count + 1, broken
 
     none = jnp.zeros((), jnp.int32)
