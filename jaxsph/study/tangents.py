@@ -127,19 +127,26 @@ class Exact(_ThroughLoop):
         return None
 
 
+LOST = {"weakly_compressible": 0.7, "incompressible": 0.25}
+"""Share of the water's response that the filter may take, by scheme.
+
+Measured in the OWC at dx = 0.02 m at three dampings: 0.33 to 0.67 weakly compressible, with artificial
+viscosity and for nine periods; 0.11 to 0.20 incompressible (`python -m experiments run filter_study`).
+"""
+
+
 class Filtered(_ThroughLoop):
     """Derivative through every step whose tangents are averaged over neighbours as it goes (`TangentFilter`).
 
-    One run gives slopes for some ten wave periods, and about half of the water's response is lost.
+    One run gives slopes for thirty wave periods and more, and a part of the water's response is lost.
     A result changes with K_dm directly, by 2/K_dm of itself, and because the water moves otherwise; near the
     best damping the two nearly cancel. The filter leaves the first alone and takes a share `lost` of the
     second, and that share is the error that a slope over K_dm is given.
     """
 
     filter: TangentFilter = eqx.field(default_factory=TangentFilter)
-    lost: float = eqx.field(static=True, default=0.7)
-    """Share of the water's response taken as lost; measured in the OWC at dx = 0.02 m: 0.33 to 0.67 (`python
-    -m experiments run filter_study`)."""
+    lost: float | None = eqx.field(static=True, default=None)
+    """Share of the water's response taken as lost; by default the scheme's own (`LOST`)."""
 
     def _model_to_differentiate(self, model):
         return dataclasses.replace(model, tangents=self.filter)
@@ -154,7 +161,8 @@ class Filtered(_ThroughLoop):
     def _error(self, parameter, case, value, slope):
         if parameter != "pto.K_dm":
             return None
-        return self.lost * abs(slope - 2.0 * value / case.pto.K_dm)
+        lost = LOST[case.scheme.kind] if self.lost is None else self.lost
+        return lost * abs(slope - 2.0 * value / case.pto.K_dm)
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
