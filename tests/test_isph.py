@@ -287,7 +287,7 @@ def test_solver_begins_afresh_where_it_comes_no_nearer():
 
 @pytest.mark.parametrize(("b", "solvable"), [((1.0, 0.0, 1.0), True), ((1.0, 0.0, 0.0), False)])
 def test_solver_survives_a_product_that_vanishes(b, solvable):
-    """The second iteration divides by zero for one right-hand side, the first of every cycle for the other."""
+    """The second iteration divides by zero for one right-hand side, the first for the other."""
     turned = jnp.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     A = jnp.array([[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 1.0, 1.0]]) if solvable else turned
 

@@ -14,7 +14,8 @@ from scipy.optimize import fsolve
 
 from jaxsph.parts.sponge import Sponge
 from jaxsph.waves import theory
-from jaxsph.waves.absorption import ActiveAbsorption, near_field_ratio
+from jaxsph.waves.absorption import ActiveAbsorption
+from jaxsph.waves.near_field import near_field_ratio
 from jaxsph.waves.regular import RegularWaves, SecondOrderPiston, second_order_piston
 
 DATA = Path(__file__).parent / "data"

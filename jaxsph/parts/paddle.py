@@ -13,7 +13,7 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model.interfaces import AbstractWall, Entry, Exchange
 from jaxsph.solids.contact import TOUCH, spring
 from jaxsph.waves.absorption import ActiveAbsorption
-from jaxsph.waves.regular import RegularWaves
+from jaxsph.waves.base import AbstractWaves
 
 __all__ = [
     "AbsorbingMotion",
@@ -69,9 +69,9 @@ class AbstractGivenMotion(AbstractMotion):
 
 
 class WaveMotion(AbstractGivenMotion):
-    """Motion of a piston that makes regular waves, without absorption (Zhu et al. 2020, Eq. 22)."""
+    """Motion of a piston that makes waves, without absorption (Zhu et al. 2020, Eq. 22)."""
 
-    waves: RegularWaves
+    waves: AbstractWaves
     """Waves that the motion makes."""
 
     def displacement(self, t):
@@ -80,9 +80,9 @@ class WaveMotion(AbstractGivenMotion):
 
 
 class AbsorbingMotion(AbstractMotion):
-    """Motion of a piston that makes regular waves and absorbs those coming back (Zhu et al. 2020, Eq. 23)."""
+    """Motion of a piston that makes waves and absorbs those coming back (Zhu et al. 2020, Eq. 23)."""
 
-    waves: RegularWaves
+    waves: AbstractWaves
     """Waves that the motion makes."""
     absorption: ActiveAbsorption
     """Law of the absorption."""

@@ -9,32 +9,10 @@ from __future__ import annotations
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxsph.core.arrays import Scalar, real
-from jaxsph.waves.regular import RegularWaves
-from jaxsph.waves.theory import GRAVITY
-
-_EVANESCENT_MODES = 200
-"""Number of evanescent modes that are summed."""
-
-
-def near_field_ratio(x: float, omega: float, d: float, g: float = GRAVITY) -> float:
-    """Ratio of the evanescent elevation at x (m) from a piston to the piston's displacement (-); host numpy.
-
-    Linear theory of a piston U = dX/dt: besides the progressive wave,
-    eta = X(t) sum_n C_n exp(-k_n x), C_n = 4 sin^2(k_n d) / (2 k_n d + sin 2 k_n d),
-    with the roots of omega^2 = -g k_n tan(k_n d). C_n > 0: the near field is in phase
-    with the displacement, a quarter period behind the progressive wave at the paddle.
-    """
-    y = omega**2 * d / g
-    n = np.arange(1, _EVANESCENT_MODES + 1)
-    kd = n * np.pi
-    for _ in range(60):  # a contraction: the slope y / (y^2 + kd^2) is under 1 / pi
-        kd = n * np.pi - np.arctan(y / kd)
-    C = 4.0 * np.sin(kd) ** 2 / (2.0 * kd + np.sin(2.0 * kd))
-    return float(np.sum(C * np.exp(-kd * x / d)))
+from jaxsph.waves.base import AbstractWaves
 
 
 class ActiveAbsorption(eqx.Module):
@@ -64,33 +42,32 @@ class ActiveAbsorption(eqx.Module):
     """Rate at which the paddle returns to its target position, 1/s; keep << omega."""
     distance: Scalar = eqx.field(converter=real, default=0.0)
     """Distance of the gauge from the paddle, m."""
-    near_field: Scalar = eqx.field(converter=real, default=0.0)
-    """Ratio of the evanescent elevation at the gauge to the paddle's displacement (-)."""
+    near_field: Float[Array, "..."] = eqx.field(converter=real, default=0.0)
+    """Ratio of the evanescent elevation at the gauge to the paddle's displacement, of every wave (-)."""
 
     @classmethod
     def at_gauge(
         cls,
-        waves: RegularWaves,
+        waves: AbstractWaves,
         distance: float,
         gain: ArrayLike = 1.0,
         drift_rate: ArrayLike = 0.0,
     ) -> "ActiveAbsorption":
         """Absorption with a gauge `distance` (m) in front of the paddle.
 
-        The near field is summed on the host for the present T and d of `waves`; it is a leaf,
-        constant under differentiation with respect to T and d. **Arguments**: `gain` (-);
+        The near field is summed on the host for the present periods and depth of `waves`; it is a leaf,
+        constant under differentiation with respect to them. **Arguments**: `gain` (-);
         `drift_rate` (1/s).
         """
-        near_field = near_field_ratio(float(distance), float(waves.omega), float(waves.d), float(waves.g))
-        return cls(gain, drift_rate, distance, near_field)
+        return cls(gain, drift_rate, distance, waves.near_field(distance))
 
-    def gauge_elevation(self, waves: RegularWaves, t: ArrayLike) -> Float[Array, "..."]:
+    def gauge_elevation(self, waves: AbstractWaves, t: ArrayLike) -> Float[Array, "..."]:
         """Elevation at the gauge at t (s) without reflected waves, m."""
-        near = self.near_field * waves.first_order_displacement(t)
+        near = waves.near_elevation(self.near_field, t)
         return waves.delayed_elevation(self.distance, t) + near
 
     def velocity(
-        self, waves: RegularWaves, X: ArrayLike, t: ArrayLike, eta_measured: ArrayLike
+        self, waves: AbstractWaves, X: ArrayLike, t: ArrayLike, eta_measured: ArrayLike
     ) -> Float[Array, "..."]:
         """Velocity U of the paddle at t (s), m/s, Eq. 23.
 
@@ -105,7 +82,7 @@ class ActiveAbsorption(eqx.Module):
             - self.drift_rate * drift
         )
 
-    def filter_time(self, waves: RegularWaves) -> Scalar:
+    def filter_time(self, waves: AbstractWaves) -> Scalar:
         """Time constant of a low-pass filter on the feedback that suits this gauge, s.
 
         The gauge meets the arriving wave k * distance early, and the near field of the
@@ -113,10 +90,10 @@ class ActiveAbsorption(eqx.Module):
         constant on (gauge_elevation - eta_measured) lags by their sum: for T = 1.2 s,
         d = 0.5 m and a gauge at 0.06 m the residual reflection falls from 14 % to 1 %.
         """
-        lead = waves.k * self.distance + self.near_field / waves.Phi
+        lead = waves.k * self.distance + waves.at_peak(self.near_field) / waves.Phi
         return jnp.tan(lead) / waves.omega
 
-    def residual_reflection(self, waves: RegularWaves, filter_time: ArrayLike = 0.0) -> Scalar:
+    def residual_reflection(self, waves: AbstractWaves, filter_time: ArrayLike = 0.0) -> Scalar:
         """Reflection coefficient of the paddle for an arriving wave in linear theory (-).
 
         An arriving wave of amplitude 1 doubles at the fixed paddle; the paddle's motion
@@ -127,5 +104,5 @@ class ActiveAbsorption(eqx.Module):
         """
         phase = waves.k * self.distance
         gain = self.gain / (1.0 + 1j * waves.omega * filter_time)
-        loop = gain * (jnp.exp(-1j * phase) - 1j * self.near_field / waves.Phi)
+        loop = gain * (jnp.exp(-1j * phase) - 1j * waves.at_peak(self.near_field) / waves.Phi)
         return jnp.abs(1.0 - 2.0 * gain * jnp.cos(phase) / (1.0 + loop))

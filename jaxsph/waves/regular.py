@@ -10,11 +10,12 @@ from __future__ import annotations
 import abc
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxsph.core.arrays import Scalar, real
+from jaxsph.waves.base import AbstractWaves
+from jaxsph.waves.near_field import near_field_ratio
 from jaxsph.waves.theory import (
     GRAVITY,
     _sech2,
@@ -77,7 +78,7 @@ class SecondOrderPiston(AbstractGeneration):
         return eta2 * jnp.cos(2.0 * waves.omega * real(t))
 
 
-class RegularWaves(eqx.Module):
+class RegularWaves(AbstractWaves):
     """Regular waves made by a piston, with a smooth start.
 
     Every number is a float leaf. k, omega and Phi are computed from H, T, d and g at each use, so that
@@ -112,17 +113,6 @@ class RegularWaves(eqx.Module):
         """Transfer function H / S0 of the piston (-), Eq. 22."""
         return biesel(self.k, self.d)
 
-    def ramp_factor(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp.
-
-        Its first two derivatives vanish at both ends: no jump of the acceleration.
-        """
-        t = real(t)
-        # A ramp of 0 has s = 1 at once; the inner value keeps its derivative finite.
-        length = jnp.where(self.ramp > 0.0, self.ramp, 1.0)
-        s = jnp.where(self.ramp > 0.0, jnp.clip(t / length, 0.0, 1.0), 1.0)
-        return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-
     def first_order_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
         """First-order part of the paddle's displacement at t (s), m, with the ramp."""
         t = real(t)
@@ -135,11 +125,6 @@ class RegularWaves(eqx.Module):
         """
         X = self.first_order_displacement(t)
         return X + self.ramp_factor(t) * self.correction.displacement(self, t)
-
-    def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Velocity dX/dt of the paddle at t (s), m/s: the derivative of its displacement."""
-        t = real(t)
-        return jax.jvp(self.paddle_displacement, (t,), (jnp.ones_like(t),))[1]
 
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
         """Target elevation at x (m) from the paddle's rest position and t (s), m, to second order.
@@ -164,3 +149,16 @@ class RegularWaves(eqx.Module):
         t = real(t) - self.k * x / self.omega
         eta = self.paddle_elevation(t)
         return eta + self.ramp_factor(t) ** 2 * self.correction.elevation(self, t)
+
+    def near_field(self, x: float) -> Scalar:
+        """See `AbstractWaves`: constant under differentiation with respect to T and d."""
+        ratio = near_field_ratio(float(x), float(self.omega), float(self.d), float(self.g))
+        return jnp.asarray(ratio, real(self.T).dtype)
+
+    def near_elevation(self, ratio: Float[Array, "..."], t: ArrayLike) -> Float[Array, "..."]:
+        """See `AbstractWaves`."""
+        return ratio * self.first_order_displacement(t)
+
+    def at_peak(self, values: Float[Array, "..."]) -> Scalar:
+        """See `AbstractWaves`: the one value."""
+        return values

@@ -1,0 +1,149 @@
+"""Seas of many waves: spectra, the sums that a piston makes, second-order theory."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import enable_x64
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from jaxsph.waves import second_order, spectra, theory
+from jaxsph.waves.regular import RegularWaves, second_order_piston
+from jaxsph.waves.seas import Sea
+
+D, G = 0.5, 9.81
+
+
+def omega(*T):
+    return 2.0 * np.pi / np.array(T)
+
+
+@pytest.mark.parametrize(
+    "spectrum",
+    [spectra.JONSWAP(0.04, 1.4), spectra.JONSWAP(0.1, 9.0, 7.0), spectra.Bretschneider(2.0, 8.0)],
+    ids=str,
+)
+def test_spectrum_has_its_height_and_peak(spectrum):
+    """Its variance is (Hs/4)^2, to the accuracy of the quadrature and the variance beyond 30 peaks (1e-6)."""
+    peak = 1.0 / spectrum.Tp
+    parts = ((0.0, peak), (peak, 5.0 * peak), (5.0 * peak, 100.0 * peak))
+    m0 = sum(quad(spectrum.density, *part)[0] for part in parts)
+    assert 4.0 * np.sqrt(m0) == pytest.approx(spectrum.Hs, rel=2e-6)
+    f = peak * np.linspace(0.5, 2.0, 3001)
+    assert f[np.argmax(spectrum.density(f))] == pytest.approx(peak, rel=1e-3)  # the grid's step
+    assert spectrum.density(0.0) == 0.0
+
+
+def test_jonswap_without_enhancement_is_bretschneider_s():
+    f = np.linspace(0.1, 3.0, 50)
+    np.testing.assert_allclose(
+        spectra.JONSWAP(0.04, 1.4, 1.0).density(f), spectra.Bretschneider(0.04, 1.4).density(f), rtol=1e-12
+    )
+
+
+def test_height_of_a_grown_sea():
+    """0.0246 m/s2 Tp^2 at g = 9.81 m/s2: the two laws of Pierson and Moskowitz (1964), 0.22 and 0.877 g/U."""
+    assert spectra.pierson_moskowitz_height(10.0) == pytest.approx(4.0, rel=0.01)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32), st.floats(30.0, 300.0))
+def test_every_sea_has_the_whole_variance(seed, duration):
+    a, w = spectra.draw_sea(spectra.JONSWAP(0.04, 1.4), duration, seed)
+    assert 4.0 * np.sqrt(0.5 * np.sum(np.abs(a) ** 2)) == pytest.approx(0.04, rel=1e-9)
+    turns = w * duration / (2.0 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), rtol=1e-9)  # it repeats after the duration
+
+
+def test_seeds_differ_and_repeat():
+    one, other, again = (spectra.draw_sea(spectra.JONSWAP(0.04, 1.4), 60.0, s)[0] for s in (1, 2, 1))
+    assert np.array_equal(one, again) and not np.allclose(one, other)
+
+
+def test_group_has_its_crest():
+    a, _ = spectra.draw_group(spectra.JONSWAP(0.04, 1.4), 60.0, 0.05)
+    assert np.sum(a) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("T", [1.0, 1.4, 3.0])
+def test_second_order_elevation_of_one_wave_is_stokes(T):
+    """To rounding: both are the closed form."""
+    bound = second_order.second_order_elevation(np.array([0.02 + 0j]), omega(T), D)
+    with enable_x64():
+        expected = theory._stokes2_amplitude(0.04, theory.wavenumber(omega(T)[0], D), D)
+    assert bound.amplitude == pytest.approx(complex(expected), rel=1e-9)
+    assert bound.omega == pytest.approx(2.0 * omega(T))
+
+
+def test_long_wave_of_a_slow_group_is_the_set_down():
+    """Longuet-Higgins and Stewart (1962): -S / (rho (g h - c_g^2)); periods 0.1 % apart come that near."""
+    w = omega(1.4, 1.4 * 1.001)
+    a = np.array([0.02, 0.02], complex)
+    bound = second_order.second_order_elevation(a, w, D)
+    speed, k = float(theory.group_velocity(w[0], D)), second_order.wavenumbers(w, D, G)[0]
+    stress = (2.0 * speed * k / w[0] - 0.5) * G * 0.02**2
+    assert np.argmin(bound.omega) == 0
+    assert bound.amplitude[0] == pytest.approx(-stress / (G * D - speed**2), rel=3e-3)
+    assert bound.k[0] == pytest.approx(-np.diff(second_order.wavenumbers(w, D, G))[0], rel=1e-6)
+
+
+def test_second_order_displacement_of_long_waves_is_madsen_s():
+    """Madsen (1971) holds in shallow water: kd = 0.49 and 0.24, where the two agree to (kd)^2 / 5."""
+    for T, kd in ((3.0, 0.49), (6.0, 0.24)):
+        found = second_order.second_order_displacement(np.array([0.005 + 0j]), omega(T), D)
+        with enable_x64():
+            expected = float(second_order_piston(0.01, float(theory.wavenumber(omega(T)[0], D)), D))
+        assert found.amplitude[0] == pytest.approx(-1j * expected, rel=kd**2 / 5)
+
+
+def test_second_order_displacement_converges_with_the_modes():
+    a, w = np.array([0.02, 0.02j]), omega(1.2, 1.5)
+    coarse, fine = (second_order.second_order_displacement(a, w, D, modes=m) for m in (16, 64))
+    np.testing.assert_allclose(coarse.amplitude, fine.amplitude, rtol=0.01, atol=2e-6)
+
+
+@settings(max_examples=10)
+@given(st.permutations(range(4)), st.floats(-3.0, 3.0))
+def test_second_order_does_not_depend_on_the_waves_order_or_the_clock(order, shift):
+    """A later clock turns every amplitude by its own frequency; to rounding."""
+    a, w = np.array([0.01, 0.02j, 0.01 + 0.01j, -0.005]), omega(1.6, 1.4, 1.3, 1.0)
+    order = list(order)
+    for function in (second_order.second_order_displacement, second_order.second_order_elevation):
+        one = function(a, w, D)
+        other = function((a * np.exp(1j * w * shift))[order], w[order], D)
+        np.testing.assert_allclose(other.omega, one.omega, rtol=1e-9)
+        np.testing.assert_allclose(
+            other.amplitude, one.amplitude * np.exp(1j * one.omega * shift), rtol=1e-7, atol=1e-10
+        )
+
+
+def test_sea_of_one_wave_is_regular():
+    """Displacement, velocity, elevation at a gauge, near field: all in float32, to its rounding."""
+    regular = RegularWaves(0.04, 1.4, D, ramp=2.8)
+    sea = Sea.of(np.array([0.02]), omega(1.4), D, 2.8, second_order_piston=False)
+    t = jnp.linspace(0.0, 6.0, 61)
+    for name in ("omega", "k", "Phi"):
+        assert getattr(sea, name) == pytest.approx(float(getattr(regular, name)), rel=1e-5)
+    np.testing.assert_allclose(sea.paddle_displacement(t), regular.paddle_displacement(t), atol=1e-6)
+    np.testing.assert_allclose(sea.paddle_velocity(t), regular.paddle_velocity(t), atol=1e-5)
+    np.testing.assert_allclose(sea.delayed_elevation(0.1, t), regular.delayed_elevation(0.1, t), atol=1e-6)
+    near = [w.near_elevation(w.near_field(0.1), t) for w in (sea, regular)]
+    np.testing.assert_allclose(*near, atol=1e-7)
+
+
+def test_sea_s_second_order_is_in_displacement_and_gauge():
+    """They are the host's sums, after the ramp."""
+    a, w = np.array([0.02, 0.015j]), omega(1.3, 1.5)
+    first, second = (Sea.of(a, w, D, 1.0, second_order_piston=one) for one in (False, True))
+    t = np.linspace(2.0, 5.0, 31)
+    more = np.asarray(second.paddle_displacement(t) - first.paddle_displacement(t))
+    np.testing.assert_allclose(more, second_order.second_order_displacement(a, w, D).at(t), atol=1e-6)
+    more = np.asarray(second.delayed_elevation(0.0, t) - first.delayed_elevation(0.0, t))
+    np.testing.assert_allclose(more, second_order.second_order_elevation(a, w, D).at(t), atol=1e-6)
+
+
+def test_the_wave_that_stands_for_a_sea_is_near_its_peak():
+    a, w = spectra.draw_sea(spectra.JONSWAP(0.04, 1.4), 140.0, 0)
+    sea = Sea.of(a, w, D, second_order_piston=False)
+    assert 2.0 * np.pi / float(sea.omega) == pytest.approx(1.4, rel=0.05)
