@@ -289,13 +289,14 @@ def _resistance(drive: NDArray, Z: complex) -> NDArray:
     """
     size = abs(Z)
     cosine = Z.real / size
-    target = np.where(drive > 0.0, drive * size, 1.0)
+    some = drive * size > 1e-300  # less is nothing, and its ratios are lost
+    target = np.where(some, drive * size, 1.0)
     x = np.minimum(target, np.sqrt(target))
     for _ in range(8):
         square = 1.0 + x * (2.0 * cosine + x)
         error = np.log(x * np.sqrt(square) / target)
         x = x * np.exp(-error / (1.0 + x * (cosine + x) / square))
-    return np.where(drive > 0.0, x / size, 0.0)
+    return np.where(some, x / size, 0.0)
 
 
 @lru_cache(maxsize=256)
