@@ -10,7 +10,8 @@ from pydantic import BaseModel, ValidationError
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits, limit_notices
-from jaxsph.case.sections import SCHEMES, Sections, scheme_kind
+from jaxsph.case.section import Section, kind_of
+from jaxsph.case.sections import KINDS, Sections
 from jaxsph.errors import CaseError
 
 
@@ -35,13 +36,15 @@ class Case(Sections):
     def replace(self, changes: dict[str, Any]) -> Case:
         """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`.
 
-        None removes a field. Another `scheme.kind` starts from that kind's defaults: the numbers of one
-        scheme mean nothing in the other. `pto.K_dm` removes `pto.P_a`, and the reverse.
+        None removes a field. Another `scheme.kind` or `waves.kind` starts from that kind's defaults: the
+        numbers of one scheme mean nothing in the other. `pto.K_dm` removes `pto.P_a`, and the reverse.
         **Raises** CaseError as `from_dict`.
         """
         data = self.model_dump(exclude_none=True, mode="json")
-        if changes.get("scheme.kind", self.scheme.kind) != self.scheme.kind:
-            data.pop("scheme")
+        for name in KINDS:
+            kind = data.get(name, {}).get("kind")
+            if changes.get(f"{name}.kind", kind) != kind:
+                data.pop(name, None)
         for key, value in changes.items():
             if value is None and key not in key_names(Case):
                 _check_keys(_nested(key))  # an absent key is removed only where a section has it
@@ -120,8 +123,8 @@ def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) 
         if key not in fields:
             raise CaseError(_unknown_key(key, section, prefix))
         inner = _section_type(fields[key].annotation)
-        if prefix + key == "scheme":
-            inner = _scheme_type(value)
+        if prefix + key in KINDS and not (value is None and key == "waves"):
+            inner = _kind(key, value)
         if inner is not None and isinstance(value, dict):
             _check_section(value, inner, f"{prefix}{key}.")
 
@@ -129,14 +132,16 @@ def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) 
 def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
     """Words for a key that a section does not have."""
     here = ", ".join(sorted(section.model_fields))
-    if section in SCHEMES.values():
+    kinds = KINDS.get(prefix.removesuffix("."), {})
+    if kinds:
         kind = section.model_fields["kind"].default
-        for other, keys in SCHEMES.items():
-            if other != kind and key in keys.model_fields:
-                return (
-                    f'{prefix}{key} belongs to scheme.kind = "{other}", and this case has "{kind}": '
-                    f"remove the key, or change the kind (keys here: {here})"
-                )
+        others = [other for other, keys in kinds.items() if other != kind and key in keys.model_fields]
+        if others:
+            those = " or ".join(f'"{other}"' for other in others)
+            return (
+                f'{prefix}{key} belongs to {prefix}kind = {those}, and this case has "{kind}": '
+                f"remove the key, or change the kind (keys here: {here})"
+            )
     everything = key_names(Case)
     name = _shown(prefix + key)
     near = [k for k in everything if k.lower() == (prefix + key).lower()]
@@ -146,15 +151,16 @@ def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
     return f"unknown key {name}{hint} (keys here: {here})"
 
 
-def _scheme_type(data: Any) -> type[BaseModel]:
-    """Section of the scheme's kind. **Raises** CaseError for a kind that there is not."""
+def _kind(name: str, data: Any) -> type[Section]:
+    """Section `name` of the kind that it says. **Raises** CaseError for a kind that there is not."""
+    kinds = KINDS[name]
     if not isinstance(data, dict):
-        raise CaseError(f"scheme = {_shown(data)}: must be a section, [scheme]")
-    kind = scheme_kind(data)
-    if not isinstance(kind, str) or kind not in SCHEMES:
-        allowed = " or ".join(f'"{name}"' for name in SCHEMES)
-        raise CaseError(f"scheme.kind = {_shown(kind)}: must be {allowed}")
-    return SCHEMES[kind]
+        raise CaseError(f"{name} = {_shown(data)}: must be a section, [{name}]")
+    kind = kind_of(kinds)(data)
+    if not isinstance(kind, str) or kind not in kinds:
+        allowed = " or ".join(f'"{one}"' for one in kinds)
+        raise CaseError(f"{name}.kind = {_shown(kind)}: must be {allowed}")
+    return kinds[kind]
 
 
 def _instead_of_isph(section: Any) -> str:
@@ -180,8 +186,9 @@ def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
     keys = []
     for name, field in section.model_fields.items():
         keys.append(prefix + name)
-        if prefix + name == "scheme":
-            keys += dict.fromkeys(f"scheme.{key}" for kind in SCHEMES.values() for key in kind.model_fields)
+        if prefix + name in KINDS:
+            kinds = KINDS[name].values()
+            keys += dict.fromkeys(f"{name}.{key}" for kind in kinds for key in kind.model_fields)
             continue
         inner = _section_type(field.annotation)
         if inner is not None:
@@ -194,8 +201,8 @@ def _readable(error: ValidationError) -> str:
     lines = []
     found = error.errors()
     for item in found[:5]:
-        # pydantic's path has the scheme's kind in it, which is no field
-        path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] != "scheme"]
+        # pydantic's path has the kind of a scheme or of waves in it, which is no field
+        path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] not in KINDS]
         field = ".".join(str(part) for part in path) or "case"
         value = (
             ""

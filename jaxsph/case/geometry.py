@@ -14,7 +14,6 @@ import shapely
 from shapely.validation import explain_validity
 
 from jaxsph.case.sections import BodySection, Device, Sections
-from jaxsph.case.speeds import wavenumber
 from jaxsph.errors import CaseError
 from jaxsph.solids.box import Platform, WallPlate
 from jaxsph.solids.divisions import (
@@ -82,8 +81,7 @@ class Geometry:
         geometry._body(case)
         geometry._probes(case)
         if case.waves is not None:
-            k = wavenumber(case.waves.T, geometry.depth, case.g)
-            geometry.stroke = case.waves.H / float(theory.biesel(k, geometry.depth))
+            geometry.stroke = case.waves.stroke(geometry.depth, case.g)
             # the drift and the absorption ask for more than half a stroke
             stroke = max(geometry.stroke, theory.largest_stroke(geometry.depth))
             geometry.withdrawal = 1.5 * stroke + 2 * case.dx
@@ -137,7 +135,7 @@ class Geometry:
         over = 0.1 + 0.1 * tank.depth
         if case.waves is not None:
             # in most waves the depth: another wave height then changes no array's shape
-            over = max(tank.depth, 0.1 + 3.0 * case.waves.H)
+            over = max(tank.depth, 0.1 + 3.0 * case.waves.highest(tank.depth, case.g))
         if tank.column is not None:
             over = 3.0 * tank.depth  # the jet at the far wall: twice the depth where all energy is kept
         height = tank.height if tank.height is not None else tank.depth + max(over, 8 * case.dx)

@@ -16,6 +16,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.scheme import shortest_limit, stable_time_step
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import reference_speed, sound_speed, wavenumber
+from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.errors import CaseError
 from jaxsph.waves import theory
 
@@ -34,6 +35,8 @@ STEEPNESS_BREAKING = 0.142
 """Largest wave height over the wavelength and tanh(kd) (Miche 1944)."""
 STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
+SEA_SPACINGS = 40
+"""Least length of a sea's peak waves over the spacing: its shorter waves have a seventh of it."""
 NEAR = 0.8
 """Share of the breaking height above which a case gets a notice."""
 
@@ -57,16 +60,26 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
         )
     if case.waves is None:
         return notes
-    H, T = case.waves.H, case.waves.T
+    waves = case.waves
+    H, T = waves.highest(geometry.depth, case.g), waves.period
     highest, why = breaking_height(T, geometry.depth, case.g)
     if H > NEAR * highest:
-        notes.append(f"waves.H = {H:g} m is near breaking, which begins at {highest:.3g} m ({why})")
-    notes += theory.theory_limits(H, T, geometry.depth, case.g)
-    if H < 3 * case.dx:
+        which = "" if waves.kind == "regular" else f": the highest wave, {H:.3g} m,"
+        notes.append(f"{_asked(waves)}{which} is near breaking, which begins at {highest:.3g} m ({why})")
+    if waves.kind == "regular":
+        notes += theory.theory_limits(H, T, geometry.depth, case.g)
+    if waves.height < 3 * case.dx:
         notes.append(
-            f"waves.H = {H:g} m is only {H / case.dx:.1f} spacings high; "
+            f"{_asked(waves)} is only {waves.height / case.dx:.1f} spacings high; "
             "expect visible decay along the tank (five or more are usual)"
         )
+    if waves.kind == "recorded" and waves.left_out > 0.02:
+        notes.append(
+            f"{waves.left_out:.0%} of the series' variance is in waves too long or too short for a paddle "
+            "and left out"
+        )
+    if waves.repeats is not None and case.t1 > waves.repeats:
+        notes.append(f"t1 = {case.t1:g} s: the sea repeats after {waves.repeats:g} s")
     return notes
 
 
@@ -224,21 +237,23 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         return
     if case.g == 0.0:
         raise CaseError("waves: need gravity, and g = 0: remove the section")
-    highest, why = breaking_height(waves.T, geometry.depth, case.g)
-    if waves.H > highest:
+    T = waves.period_key
+    highest, why = breaking_height(waves.period, geometry.depth, case.g)
+    if waves.height > highest:
         raise CaseError(
-            f"waves.H = {waves.H:g} m: waves of T = {waves.T:g} s on a depth of {geometry.depth:g} m break "
-            f"above {highest:.3g} m ({why}): use a smaller height, or other waves.T or tank.depth"
+            f"{_asked(waves)}: waves of {T} = {waves.period:g} s on a depth of {geometry.depth:g} m break "
+            f"above {highest:.3g} m ({why}): use a smaller height, or other waves.{T} or tank.depth"
         )
-    length = 2.0 * np.pi / wavenumber(waves.T, geometry.depth, case.g)
-    if length < 4 * case.dx:
+    length = 2.0 * np.pi / wavenumber(waves.period, geometry.depth, case.g)
+    least, number = (4, "four") if waves.kind == "regular" else (SEA_SPACINGS, f"{SEA_SPACINGS}")
+    if length < least * case.dx:
         raise CaseError(
-            f"waves.T = {waves.T:g} s: waves of {length:.3g} m are less than four spacings of {case.dx:g} m "
-            "long: use a longer period, or a smaller dx"
+            f"waves.{T} = {waves.period:g} s: waves of {length:.3g} m are less than {number} spacings of "
+            f"{case.dx:g} m long: use a longer period, or a smaller dx"
         )
     if geometry.stroke > 0.5 * geometry.front:
         raise CaseError(
-            f"waves.T = {waves.T:g} s, waves.H = {waves.H:g} m: the paddle would need a stroke of "
+            f"waves.{T} = {waves.period:g} s, {_asked(waves)}: the paddle would need a stroke of "
             f"{geometry.stroke:.3g} m, more than half of the {geometry.front:g} m of water in front of it: "
             "use a shorter period, a smaller height or a longer tank"
         )
@@ -248,6 +263,14 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
             f"tank.length = {case.tank.length:g} m: the paddle's own gauge needs {gauge:.3g} m of water in "
             f"front of it, and there are {geometry.front:g} m: use a longer tank, or a smaller dx"
         )
+
+
+def _asked(waves: AbstractWavesSection) -> str:
+    """Height that a case asks for, as it is written there, or that of a recorded sea."""
+    value = getattr(waves, waves.height_key)
+    if isinstance(value, float):
+        return f"waves.{waves.height_key} = {value:g} m"
+    return f"waves.{waves.height_key}, {waves.height:.3g} m high"
 
 
 def _check_air(case: Sections, geometry: Geometry) -> None:

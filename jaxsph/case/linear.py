@@ -22,7 +22,9 @@ def incident_power(case: Case) -> float:
     The depth is the one on the lattice, as of the paddle and of all results.
     """
     depth = Geometry.of(case).depth
-    return float(theory.incident_power(case.waves.H, case.waves.T, depth, case.fluid.rho0, case.g))
+    a, omega = case.waves.sum_of_waves(depth, case.g)
+    each = theory.incident_power(2.0 * np.abs(a), 2.0 * np.pi / omega, depth, case.fluid.rho0, case.g)
+    return float(np.sum(each))
 
 
 def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
@@ -65,6 +67,8 @@ def _missing(case: Case) -> str | None:
         return "device is not given"
     if case.waves is None:
         return "waves is not given"
+    if case.waves.kind != "regular":
+        return f'waves.kind = "{case.waves.kind}"'
     if case.pto is None or case.pto.K_dm is None:
         return "pto.K_dm is not given"
     if case.pto.phase is not None:

@@ -29,7 +29,9 @@ from jaxsph.parts.pto import (
 from jaxsph.parts.sponge import Sponge
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves.absorption import ActiveAbsorption
+from jaxsph.waves.base import AbstractWaves
 from jaxsph.waves.regular import FirstOrderPiston, RegularWaves, SecondOrderPiston
+from jaxsph.waves.seas import Sea
 
 
 def make_bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
@@ -69,31 +71,35 @@ def make_bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tup
     return (body,)
 
 
+def make_waves(case: Case, geometry: Geometry, leaf: Any) -> AbstractWaves:
+    """Waves that the case asks for, on the depth of its lattice."""
+    section, depth = case.waves, geometry.depth
+    ramp = section.ramp_periods * section.period
+    if section.kind == "regular":
+        order = SecondOrderPiston() if section.second_order else FirstOrderPiston()
+        return RegularWaves(*(leaf(a) for a in (section.H, section.T, depth, case.g, ramp)), order)
+    a, omega = section.sum_of_waves(depth, case.g)
+    dtype = np.dtype(case.precision)
+    return Sea.of(a, omega, depth, ramp, second_order_piston=section.second_order, g=case.g, dtype=dtype)
+
+
 def make_paddle(
     case: Case, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
 ) -> Paddle:
     """Piston wavemaker of the case's waves; `water`: places (m) of the particles and their volumes per metre
     of the tank's width (m2), which its gauge reads at rest."""
-    section = case.waves
-    regular = RegularWaves(
-        leaf(section.H),
-        leaf(section.T),
-        leaf(geometry.depth),
-        leaf(case.g),
-        leaf(section.ramp_periods * section.T),
-        SecondOrderPiston() if section.second_order else FirstOrderPiston(),
-    )
+    section, waves = case.waves, make_waves(case, geometry, leaf)
     if not section.absorption:
-        return Paddle(motion=WaveMotion(regular), rows=walls.paddle)
+        return Paddle(motion=WaveMotion(waves), rows=walls.paddle)
     distance, width = 4.0 * case.smoothing_length, 3.0 * case.dx
     # Slow against the waves, quick against the drift: with 0.01 omega the paddle crept 0.04 m back
     # in ten periods, on the half millimetre by which the gauge's mean is off.
-    rate = 0.04 * float(regular.omega)
-    absorption = ActiveAbsorption.at_gauge(regular, distance, drift_rate=rate)
+    rate = 0.04 * float(waves.omega)
+    absorption = ActiveAbsorption.at_gauge(waves, distance, drift_rate=rate)
     absorption = jax.tree.map(leaf, absorption)
     x, V = (leaf(a) for a in water)
     still = jax.jit(column_depth)((x[:, 0], x[:, -1]), V, leaf(distance), leaf(width))
-    motion = AbsorbingMotion(regular, absorption, leaf(distance), leaf(width), still)
+    motion = AbsorbingMotion(waves, absorption, leaf(distance), leaf(width), still)
     return Paddle(motion=motion, rows=walls.paddle)
 
 
@@ -107,7 +113,7 @@ def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, .
     elif case.pto.phase is None:
         pto = PneumaticPTO(leaf(case.pto.K_dm))
     else:
-        omega = 2.0 * np.pi / case.waves.T
+        omega = 2.0 * np.pi / case.waves.period
         pto = PhasedPTO(leaf(case.pto.K_dm), leaf(case.pto.phase), leaf(omega))
     plate = geometry.plate
     draught = geometry.depth - plate.tip
@@ -133,7 +139,7 @@ def make_background(case: Case, geometry: Geometry, leaf: Any) -> tuple[Backgrou
         return ()
     draught = geometry.depth - plate.tip
     # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
-    fall = case.waves.H if case.waves is not None else 0.0
+    fall = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     if case.pto is not None and case.pto.P_a is not None:
         fall = max(fall, abs(case.pto.P_a) / (case.fluid.rho0 * case.g))
     # Measured at rest and in waves. The background must end below the surface, where it would be a false

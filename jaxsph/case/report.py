@@ -66,7 +66,7 @@ def check(case: Case) -> list[tuple[str, str]]:
     ]
     if case.waves is not None:
         geometry = Geometry.of(case)
-        k = wavenumber(case.waves.T, geometry.depth, case.g)
+        k = wavenumber(case.waves.period, geometry.depth, case.g)
         rows += [
             ("wavelength", f"{2 * np.pi / k:.4g} m (kd = {k * geometry.depth:.3g})"),
             ("paddle stroke", f"{geometry.stroke:.4g} m"),

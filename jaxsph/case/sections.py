@@ -6,36 +6,32 @@ What follows from several sections, and from the lattice of spacing dx, is check
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from jaxsph.case.section import (
+    MOST_POINTS,
+    Coefficient,
+    Coordinate,
+    Density,
+    Duration,
+    Inertia,
+    Length,
+    Point,
+    Section,
+    Speed,
+    Time,
+    Velocity,
+    kind_of,
+)
+from jaxsph.case.wave_sections import WAVES, WavesSection
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
 from jaxsph.schemes.incompressible import KERNEL, RELAXATION, usual_length
 
-# Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
-Length = Annotated[float, Field(ge=1e-5, le=1e5)]
-Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
-Time = Annotated[float, Field(ge=1e-9, le=1e9)]
-Duration = Annotated[float, Field(ge=0, le=1e9)]
-Inertia = Annotated[float, Field(ge=1e-9, le=1e15)]
-Density = Annotated[float, Field(ge=1e-3, le=1e5)]
-Speed = Annotated[float, Field(ge=1e-6, le=1e6)]
-Velocity = Annotated[float, Field(ge=-1e4, le=1e4)]
-Coefficient = Annotated[float, Field(ge=0, le=1e15)]
-Harmonic = Annotated[float, Field(ge=-10, le=10)]
-Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
-MOST_POINTS = 10_000
-"""Most points that one list of probes or corners may have."""
 
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-class Fluid(_Section):
+class Fluid(Section):
     """Properties of the water: density, viscosity, numerical speed of sound."""
 
     rho0: Density = 1000.0
@@ -46,7 +42,7 @@ class Fluid(_Section):
     """Numerical speed of sound, m/s; by default from Eq. 2."""
 
 
-class WeaklyCompressible(_Section):
+class WeaklyCompressible(Section):
     """Weakly compressible delta-SPH (Zhu et al. 2020): `kind = "weakly_compressible"`, or no kind."""
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
@@ -87,7 +83,7 @@ class WeaklyCompressible(_Section):
         return Gaussian(self.cut) if self.kernel == "gaussian" else WendlandC2()
 
 
-class Incompressible(_Section):
+class Incompressible(Section):
     """Incompressible SPH by projection (Yeylaghi et al. 2016): `kind = "incompressible"`."""
 
     kind: Literal["incompressible"] = "incompressible"
@@ -135,25 +131,15 @@ class Incompressible(_Section):
 
 SCHEMES = {"weakly_compressible": WeaklyCompressible, "incompressible": Incompressible}
 """Sections of the schemes by `scheme.kind`; the first where none is given."""
-DEFAULT_SCHEME = next(iter(SCHEMES))
-
-
-def scheme_kind(section: Any) -> Any:
-    """The `kind` of a scheme's section, or of the mapping it is validated from."""
-    if isinstance(section, Mapping):
-        return section.get("kind", DEFAULT_SCHEME)
-    return getattr(section, "kind", None)
-
-
 SchemeSection = Annotated[
     Annotated[WeaklyCompressible, Tag("weakly_compressible")]
     | Annotated[Incompressible, Tag("incompressible")],
-    Discriminator(scheme_kind),
+    Discriminator(kind_of(SCHEMES)),
 ]
 """The scheme: one section, whose `kind` says which keys it has."""
 
 
-class Tank(_Section):
+class Tank(Section):
     """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
 
     length: Length
@@ -178,22 +164,7 @@ class Tank(_Section):
     them (by default with a body)."""
 
 
-class WavesSection(_Section):
-    """Regular waves from a piston at x = 0."""
-
-    H: float = Field(ge=1e-6, le=1e5)
-    """Wave height from trough to crest, m."""
-    T: float = Field(ge=1e-3, le=1e4)
-    """Wave period, s."""
-    ramp_periods: float = Field(2.0, ge=0, le=1e4)
-    """Periods over which the paddle's amplitude grows from zero."""
-    second_order: bool = True
-    """Second-order correction of the paddle's motion, which keeps a free second harmonic out of the waves."""
-    absorption: bool = True
-    """Active absorption: the paddle takes up the waves that come back to it."""
-
-
-class SpongeSection(_Section):
+class SpongeSection(Section):
     """Damping zone at the end of the tank (Eq. 27-28)."""
 
     length: Length
@@ -202,7 +173,7 @@ class SpongeSection(_Section):
     """Largest rate of damping, 1/s."""
 
 
-class Device(_Section):
+class Device(Section):
     """An onshore OWC: a plate that pierces the surface in front of the end wall."""
 
     chamber_length: Length
@@ -227,7 +198,7 @@ class Device(_Section):
         return self
 
 
-class PTOSection(_Section):
+class PTOSection(Section):
     """Power take-off of the chamber's air: a quadratic damping or a prescribed pressure."""
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
@@ -253,7 +224,7 @@ class PTOSection(_Section):
         return self
 
 
-class BlockSection(_Section):
+class BlockSection(Section):
     """A box with faces across the axes, at rest."""
 
     low: Point
@@ -270,7 +241,7 @@ class BlockSection(_Section):
         return self
 
 
-class DiscSection(_Section):
+class DiscSection(Section):
     """A circular cylinder across a two-dimensional tank, at rest."""
 
     centre: tuple[Coordinate, Coordinate]
@@ -279,7 +250,7 @@ class DiscSection(_Section):
     """Radius, m."""
 
 
-class RotationalPTOSection(_Section):
+class RotationalPTOSection(Section):
     """Power take-off on a body's pitch; in two dimensions its values are per metre of width."""
 
     damping: Coefficient = 0.0
@@ -294,7 +265,7 @@ class RotationalPTOSection(_Section):
     """Stiffness of the end stops, N m/rad."""
 
 
-class BodySection(_Section):
+class BodySection(Section):
     """A rigid body; give one of block, polygon and disc."""
 
     block: BlockSection | None = None
@@ -340,7 +311,7 @@ class BodySection(_Section):
         return self
 
 
-class StandingWave(_Section):
+class StandingWave(Section):
     """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
 
     amplitude: float = Field(ge=1e-6, le=1e5)
@@ -349,7 +320,7 @@ class StandingWave(_Section):
     """Number of half wavelengths along the tank."""
 
 
-class ProbesSection(_Section):
+class ProbesSection(Section):
     """Places of gauges and sensors."""
 
     gauges: tuple[Coordinate, ...] = Field((), max_length=MOST_POINTS)
@@ -363,7 +334,7 @@ class ProbesSection(_Section):
     """Points where the water's velocity is measured, m."""
 
 
-class Output(_Section):
+class Output(Section):
     """Intervals of recording, and periods over which results are averaged."""
 
     sample_dt: Time = 0.01
@@ -374,7 +345,11 @@ class Output(_Section):
     """Number of whole periods at the end over which power and efficiency are averaged."""
 
 
-class Sections(_Section):
+KINDS: dict[str, dict[str, type[Section]]] = {"scheme": SCHEMES, "waves": WAVES}
+"""Sections of several kinds, by the section's name and its `kind`; the first where none is given."""
+
+
+class Sections(Section):
     """All sections of a case, in SI units."""
 
     name: str = Field("case", min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f\x7f]+$")

@@ -42,9 +42,9 @@ def _speed_scale(case: Sections) -> float:
         pressure = abs(case.pto.P_a) if case.pto is not None and case.pto.P_a else 0.0
         # a level suddenly pushed down by P_a/(rho g) swings with at most g A / omega ~ sqrt(P/rho)
         return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
-    omega = 2 * np.pi / case.waves.T
-    k = wavenumber(case.waves.T, case.tank.depth, case.g)
-    surface = 0.5 * case.waves.H * omega / np.tanh(k * case.tank.depth)
+    depth, T = case.tank.depth, case.waves.period
+    k = wavenumber(T, depth, case.g)
+    surface = case.waves.highest(depth, case.g) * np.pi / T / np.tanh(k * depth)
     return float(surface * (2.5 if case.device is not None else 1.5))
 
 

@@ -50,17 +50,21 @@ def run_results(
 
 
 def settled_periods(case: Case, t1: float) -> int:
-    """Whole periods at the end of a run to t1 (s) over which its results are averaged; below 1: none."""
-    whole = int((t1 - _transient(case)) / case.waves.T + 1e-6)
-    return min(case.output.periods, whole)
+    """Whole periods at the end of a run to t1 (s) over which its results are averaged; below 1: none.
+
+    Periods of regular waves, groups of two waves, and peak periods of a sea, of which all count.
+    """
+    waves = case.waves
+    whole = int((t1 - _transient(case)) / waves.cycle + 1e-6)
+    return min(whole, case.output.periods if waves.repeats is None else round(waves.repeats / waves.cycle))
 
 
 def _transient(case: Case) -> float:
     """Time for the ramp and for the wave's energy to reach the far end, s."""
-    omega = 2 * np.pi / case.waves.T
+    omega = 2 * np.pi / case.waves.period
     geometry = Geometry.of(case)
     speed = float(theory.group_velocity(omega, geometry.depth, case.g))
-    return case.waves.ramp_periods * case.waves.T + geometry.length / speed
+    return case.waves.ramp_periods * case.waves.period + geometry.length / speed
 
 
 def _energy(case: Case, solution: Solution) -> Scalars:
@@ -87,12 +91,12 @@ def _settled(case: Case, solution: Solution, otherwise: slice) -> slice | NDArra
     if case.waves is None:
         return otherwise
     periods = settled_periods(case, float(solution.t[-1]))
-    return analysis.whole_periods(solution.t, case.waves.T, periods) if periods >= 1 else otherwise
+    return analysis.whole_periods(solution.t, case.waves.cycle, periods) if periods >= 1 else otherwise
 
 
 def _power(case: Case, solution: Solution) -> Scalars:
     """Incident power, and the share of it that the device absorbs."""
-    t, T = solution.t, case.waves.T
+    t, T = solution.t, case.waves.cycle
     periods = settled_periods(case, float(t[-1]))
     if periods < 1:
         return {}
@@ -112,7 +116,7 @@ def _power(case: Case, solution: Solution) -> Scalars:
 def _reflection(case: Case, solution: Solution) -> Scalars:
     """Incident and reflected wave from the gauges of the free flume."""
     periods = settled_periods(case, float(solution.t[-1]))
-    if periods < 1 or "eta" not in solution.series:
+    if periods < 1 or "eta" not in solution.series or case.waves.kind != "regular":
         return {}
     chosen = flume_gauges(case)
     x = np.asarray(Geometry.of(case).gauges)[chosen]

@@ -95,4 +95,4 @@ def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], f
             f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
         )
     P = 1.0 if of == "P_owc" else incident_power(case)
-    return lambda t, power: analysis.efficiency(t, power, case.waves.T, P, periods).xi
+    return lambda t, power: analysis.efficiency(t, power, case.waves.cycle, P, periods).xi

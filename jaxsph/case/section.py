@@ -1,0 +1,40 @@
+"""A section of a case file: its base, the ranges of numbers, and sections of several kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+# Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
+Length = Annotated[float, Field(ge=1e-5, le=1e5)]
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Time = Annotated[float, Field(ge=1e-9, le=1e9)]
+Duration = Annotated[float, Field(ge=0, le=1e9)]
+Inertia = Annotated[float, Field(ge=1e-9, le=1e15)]
+Density = Annotated[float, Field(ge=1e-3, le=1e5)]
+Speed = Annotated[float, Field(ge=1e-6, le=1e6)]
+Velocity = Annotated[float, Field(ge=-1e4, le=1e4)]
+Coefficient = Annotated[float, Field(ge=0, le=1e15)]
+Harmonic = Annotated[float, Field(ge=-10, le=10)]
+Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
+MOST_POINTS = 10_000
+"""Most points that one list of probes or corners may have."""
+
+
+class Section(BaseModel):
+    """Section of a case file: keys with types, ranges and defaults, immutable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:
+    """Function that tells the `kind` of a section, or of the mapping it is validated from: the first of the
+    `kinds` where none is given."""
+    usual = next(iter(kinds))
+
+    def kind(section: Any) -> Any:
+        return section.get("kind", usual) if isinstance(section, Mapping) else getattr(section, "kind", None)
+
+    return kind
