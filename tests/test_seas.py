@@ -1,5 +1,7 @@
 """Seas of many waves: spectra, the sums that a piston makes, second-order theory."""
 
+import tomllib
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,8 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+import jaxsph as js
+from jaxsph.case.wave_sections import RecordedWavesSection
+from jaxsph.model.interfaces import Exchange
+from jaxsph.parts.relaxation import RelaxationZone
 from jaxsph.waves import second_order, spectra, theory
-from jaxsph.waves.regular import RegularWaves, second_order_piston
+from jaxsph.waves.regular import RegularWaves, SecondOrderPiston, second_order_piston
 from jaxsph.waves.seas import Sea
 
 D, G = 0.5, 9.81
@@ -147,3 +153,142 @@ def test_the_wave_that_stands_for_a_sea_is_near_its_peak():
     a, w = spectra.draw_sea(spectra.JONSWAP(0.04, 1.4), 140.0, 0)
     sea = Sea.of(a, w, D, second_order_piston=False)
     assert 2.0 * np.pi / float(sea.omega) == pytest.approx(1.4, rel=0.05)
+
+
+# --------------------------------------------------------------------------- the relaxation zone
+
+X, Z = jnp.linspace(-0.2, 2.0, 23), jnp.linspace(0.0, 0.8, 17)
+SEA = Sea.of(np.array([0.02, 0.015j]), omega(1.3, 1.5), D, 1.0)
+
+
+@pytest.mark.parametrize(
+    "waves",
+    [
+        RegularWaves(0.001, 1.4, D, ramp=1.0, correction=SecondOrderPiston()),
+        Sea.of(np.array([0.0005, 0.0005j]), omega(1.3, 1.5), D, 1.0),
+    ],
+    ids=["regular", "sea"],
+)
+def test_velocities_are_those_of_the_elevation(waves):
+    """w = d eta/dt at the still level, the flow at x = 0 is the wall's, and u_x = -w_z.
+
+    Of waves so low that the second order is 0.5 % of the first; differences over 0.2 m and 0.1 m, to
+    (k 0.1)^2/6 = 2 %."""
+    t, step = 5.0, 2e-2
+    u, w = waves.velocity(X, Z, t)
+    rate = (waves.delayed_elevation(X, t + step) - waves.delayed_elevation(X, t - step)) / (2.0 * step)
+    level = int(np.argmin(np.abs(np.asarray(Z) - D)))
+    assert np.max(np.abs(w[:, level] - rate)) < 0.01 * np.max(np.abs(rate))
+    fine = jnp.linspace(0.0, D, 201)
+    flow = jnp.trapezoid(waves.velocity(X, fine, t)[0], fine, axis=1) / D
+    moved = (waves.mean_displacement(t + step) - waves.mean_displacement(t - step)) / (2.0 * step)
+    there = flow[int(np.argmin(np.abs(np.asarray(X))))]
+    assert abs(there - moved) < 0.01 * np.max(np.abs(flow))
+    u_x = (u[2:, 1:-1] - u[:-2, 1:-1]) / 0.2
+    w_z = (w[1:-1, 2:] - w[1:-1, :-2]) / 0.1
+    assert np.max(np.abs(u_x + w_z)) < 0.03 * np.max(np.abs(w_z))
+
+
+def test_zone_draws_velocities_towards_the_waves_and_books_the_energy():
+    """A step of ten times the rate's inverse takes the whole difference at the near end, none beyond."""
+    zone = RelaxationZone(SEA, *(jnp.asarray(a) for a in (2.0, 5.0)), X, Z)
+    x = jnp.array([[0.0, 0.4], [0.5, 0.3], [1.9, 0.2], [2.5, 0.4]])
+    asked = np.asarray(zone.asked(x, 5.0))
+    there = np.array([SEA.velocity(a[:1], a[1:], 5.0)[:, 0, 0] for a in x])
+    # between the points of its lattice: (k 0.1)^2/8 of 0.1 m/s
+    np.testing.assert_allclose(asked[:3], there[:3], atol=5e-4)
+    assert 1.0 == zone.weight(x[:, 0])[0] > zone.weight(x[:, 0])[1] > zone.weight(x[:, 0])[2] > 0.0
+    after = np.asarray(zone.damp(x, jnp.ones_like(x), 5.0, 2.0))
+    np.testing.assert_allclose(after[0], asked[0], atol=1e-3)
+    assert np.array_equal(after[3], [1.0, 1.0])
+    assert zone.entries()["zone"].exchange is Exchange.GIVEN
+
+
+FLUME = {
+    "dx": 0.1,
+    "t1": 0.2,
+    "tank": {"length": 6.0, "depth": 0.5},
+    "scheme": {"kind": "incompressible"},
+    "waves": {"H": 0.06, "T": 1.2, "zone": 2.0},
+}
+
+
+def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
+    """No paddle absorbs, and the budget closes: less than a thousandth of a joule per metre is missing."""
+    done = js.run(js.Case.from_dict(FLUME | {"t1": 1.0}), progress=False)
+    assert done.state.ledger["zone"].total != 0.0
+    assert abs(done.results["energy_residual"]) < 1e-2 * max(abs(done["kinetic"]))
+
+
+@pytest.mark.parametrize(
+    ("waves", "words"),
+    [
+        ({"zone": 0.9}, r"waves.zone = 0.9 m: must be half a wavelength at least, 1.02 m"),
+        ({"zone": 5.9}, r"leaves less than a tenth of the 6 m"),
+        ({"kind": "irregular", "Hs": 0.04, "Tp": 1.4}, r"waves.Tp = 1.4 s: waves of 2.57 m are less than 40"),
+        ({"kind": "irregular", "Tp": 3.0}, r'spectrum = "jonswap" needs waves.Hs'),
+        (
+            {"kind": "irregular", "Hs": 0.5, "Tp": 3.0},
+            r"waves.Hs = 0.5 m: waves of Tp = 3 s .* break above 0.39",
+        ),
+        ({"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "duration": 9.0}, r"duration = 9 s: must be 16 peak"),
+        (
+            {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "spectrum": "bretschneider", "gamma": 2.0},
+            "only spectrum",
+        ),
+        ({"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "spectrum": "pierson_moskowitz"}, "follows from Tp"),
+        ({"kind": "bichromatic", "H": [0.03, 0.03], "T": [1.5, 1.5]}, "two periods must differ"),
+        (
+            {"kind": "focused", "crest": 0.1, "Tp": 3.0, "x": 3.0, "t": 9.0, "Hs": 0.1},
+            r'belongs to waves.kind = "irr',
+        ),
+        ({"kind": "recorded", "t": list(np.arange(40.0)), "eta": [0.0] * 40}, "does not vary"),
+        (
+            {"kind": "recorded", "t": [*range(39), 45], "eta": [0.1, 0.0] * 20},
+            r"gap or a jump: 7 s from t = 38 s",
+        ),
+        ({"kind": "recorded", "t": [*range(40)], "eta": [0.1] * 39}, "40 times and 39 values"),
+        ({"kind": "recorded", "t": [*range(40)]}, "give one of waves.eta"),
+        ({"kind": "wild"}, r'waves.kind = \'wild\': must be "regular" or "bichromatic"'),
+    ],
+)
+def test_waves_that_a_tank_cannot_have_are_refused(waves, words):
+    own = waves if "kind" in waves else FLUME["waves"] | waves
+    own = {k: [float(one) for one in v] if isinstance(v, list) else v for k, v in own.items()}
+    with pytest.raises(js.CaseError, match=words):
+        js.Case.from_dict(FLUME | {"waves": own})
+
+
+def test_a_recorded_series_is_made_again():
+    """A sea's own elevation at 3 m, as a record of one repetition, gives that sea's waves: to rounding."""
+    a, w = spectra.draw_sea(spectra.JONSWAP(0.08, 3.0), 64.0, 3)
+    t = np.arange(640) * 0.1
+    there = second_order.Harmonics(a * np.exp(-1j * second_order.wavenumbers(w, D, G) * 3.0), w, w).at(t)
+    X = second_order.displacement(a, w, D, G).at(t)
+    section = RecordedWavesSection(t=tuple(t), eta=tuple(there), x=3.0)
+    for one in (section, RecordedWavesSection(t=tuple(t), X=tuple(X))):
+        found, omegas = one.sum_of_waves(D, G)
+        # the least of its waves are left out
+        kept = np.isin(*(np.round(which * 64.0 / (2.0 * np.pi)) for which in (w, omegas)))
+        assert kept.sum() >= len(a) - 1
+        np.testing.assert_allclose(found, a[kept], atol=1e-12)
+    assert section.height == pytest.approx(0.08, rel=1e-6) and section.left_out < 1e-4
+    assert section.period == pytest.approx(3.0, rel=0.05)
+
+
+def test_kinds_of_waves_go_through_a_file_s_text():
+    for waves in (
+        {"kind": "irregular", "Hs": 0.1, "Tp": 3.0},
+        {"kind": "focused", "crest": 0.1, "Tp": 3.0, "x": 3.0, "t": 9.0},
+        {"kind": "bichromatic", "H": [0.03, 0.05], "T": [1.5, 1.7]},
+    ):
+        case = js.Case.from_dict(FLUME | {"waves": waves})
+        assert js.Case.from_dict(tomllib.loads(case.to_toml())) == case
+        assert case.replace({"waves.kind": "regular", "waves.H": 0.05, "waves.T": 1.5}).waves.H == 0.05
+
+
+def test_incident_power_is_the_sum_over_the_waves():
+    both = {"kind": "bichromatic", "H": [0.03, 0.05], "T": [1.5, 1.7]}
+    two = [{"H": H, "T": T} for H, T in zip(both["H"], both["T"], strict=True)]
+    sea, *each = (js.incident_power(js.Case.from_dict(FLUME | {"waves": w})) for w in (both, *two))
+    assert sea == pytest.approx(sum(each), rel=1e-5)

@@ -16,7 +16,14 @@ from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry, thin_wall
 from jaxsph.case.initial import around_solids, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
-from jaxsph.case.parts import make_background, make_bodies, make_chambers, make_paddle, make_sponges
+from jaxsph.case.parts import (
+    make_background,
+    make_bodies,
+    make_chambers,
+    make_paddle,
+    make_sponges,
+    make_zones,
+)
 from jaxsph.case.scheme import make_scheme, stable_time_step
 from jaxsph.case.speeds import search_speed
 from jaxsph.core.search import jax_md
@@ -81,7 +88,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
         moving=paddles,
         bodies=bodies,
         chambers=make_chambers(case, geometry, leaf),
-        dampers=make_sponges(case, geometry, leaf),
+        dampers=make_zones(case, geometry, leaf) + make_sponges(case, geometry, leaf),
         speed=search_speed(case),
         dt_most=stable_time_step(case),
         skin=LONG_STEP_SKIN[case.dim] if case.scheme.kind == "incompressible" else SKIN,

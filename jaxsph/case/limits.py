@@ -35,8 +35,6 @@ STEEPNESS_BREAKING = 0.142
 """Largest wave height over the wavelength and tanh(kd) (Miche 1944)."""
 STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
-SEA_SPACINGS = 40
-"""Least length of a sea's peak waves over the spacing: its shorter waves have a seventh of it."""
 NEAR = 0.8
 """Share of the breaking height above which a case gets a notice."""
 
@@ -245,8 +243,8 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
             f"above {highest:.3g} m ({why}): use a smaller height, or other waves.{T} or tank.depth"
         )
     length = 2.0 * np.pi / wavenumber(waves.period, geometry.depth, case.g)
-    least, number = (4, "four") if waves.kind == "regular" else (SEA_SPACINGS, f"{SEA_SPACINGS}")
-    if length < least * case.dx:
+    if length < waves.least_length * case.dx:
+        number = "four" if waves.least_length == 4 else f"{waves.least_length}"
         raise CaseError(
             f"waves.{T} = {waves.period:g} s: waves of {length:.3g} m are less than {number} spacings of "
             f"{case.dx:g} m long: use a longer period, or a smaller dx"
@@ -257,11 +255,28 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
             f"{geometry.stroke:.3g} m, more than half of the {geometry.front:g} m of water in front of it: "
             "use a shorter period, a smaller height or a longer tank"
         )
+    if waves.zone is not None:
+        _check_zone(waves.zone, length, geometry)
+        return
     gauge = 4.0 * case.smoothing_length + 2 * case.dx
     if gauge > geometry.front:
         raise CaseError(
             f"tank.length = {case.tank.length:g} m: the paddle's own gauge needs {gauge:.3g} m of water in "
             f"front of it, and there are {geometry.front:g} m: use a longer tank, or a smaller dx"
+        )
+
+
+def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
+    """**Raises** CaseError for a relaxation zone that is too short for its waves, or leaves no water."""
+    if zone < 0.5 * length:
+        raise CaseError(
+            f"waves.zone = {zone:g} m: must be half a wavelength at least, {0.5 * length:.3g} m; with less "
+            "room take active absorption (remove the key)"
+        )
+    if zone > 0.9 * geometry.front:
+        raise CaseError(
+            f"waves.zone = {zone:g} m: leaves less than a tenth of the {geometry.front:g} m of water beyond "
+            "it: use a longer tank.length, or a shorter zone"
         )
 
 

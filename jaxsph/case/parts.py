@@ -26,6 +26,7 @@ from jaxsph.parts.pto import (
     PrescribedPressure,
     RotationalPTO,
 )
+from jaxsph.parts.relaxation import FlowMotion, RelaxationZone
 from jaxsph.parts.sponge import Sponge
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves.absorption import ActiveAbsorption
@@ -89,6 +90,8 @@ def make_paddle(
     """Piston wavemaker of the case's waves; `water`: places (m) of the particles and their volumes per metre
     of the tank's width (m2), which its gauge reads at rest."""
     section, waves = case.waves, make_waves(case, geometry, leaf)
+    if section.zone is not None:
+        return Paddle(motion=FlowMotion(waves), rows=walls.paddle)
     if not section.absorption:
         return Paddle(motion=WaveMotion(waves), rows=walls.paddle)
     distance, width = 4.0 * case.smoothing_length, 3.0 * case.dx
@@ -156,6 +159,29 @@ def make_background(case: Case, geometry: Geometry, leaf: Any) -> tuple[Backgrou
         still=leaf(geometry.depth - min(max(0.3 * draught, fall), 0.5 * draught)),
     )
     return (background,)
+
+
+ZONE_STRENGTH = 1.0
+"""Largest rate of a relaxation zone over the waves' angular frequency.
+
+With a zone of a wavelength in front of a wall that sends all back, waves of 1.5 spacings are 0.99 of the
+asked ones; with half of the rate 1.03, and in a zone of three quarters of a wavelength 0.95 (0.89 with four
+times the rate).
+"""
+
+
+def make_zones(case: Case, geometry: Geometry, leaf: Any) -> tuple[RelaxationZone, ...]:
+    """Relaxation zone at the near end of a case's tank; none where it is not asked for."""
+    if case.waves is None or case.waves.zone is None:
+        return ()
+    waves, length = make_waves(case, geometry, leaf), case.waves.zone
+    # velocities are linear between the lattice's points: two spacings, beyond the wall's stroke and its front
+    x, z = (
+        np.arange(low, high + 2.0 * case.dx, 2.0 * case.dx)
+        for low, high in ((-geometry.withdrawal, length), (0.0, geometry.height))
+    )
+    strength = ZONE_STRENGTH * 2.0 * np.pi / case.waves.period
+    return (RelaxationZone(waves, *(leaf(a) for a in (length, strength, x, z))),)
 
 
 def make_sponges(case: Case, geometry: Geometry, leaf: Any) -> tuple[Sponge, ...]:

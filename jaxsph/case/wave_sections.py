@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from jaxsph.case.section import Coordinate, Section, Time, kind_of
+from jaxsph.case.section import Coordinate, Length, Section, Time, kind_of
 from jaxsph.waves import second_order, spectra
 
 Height = Annotated[float, Field(ge=1e-6, le=1e5)]
@@ -31,6 +31,8 @@ class AbstractWavesSection(Section, abc.ABC):
     """Key that gives the waves their height."""
     period_key: ClassVar[str]
     """Key that gives the waves their period."""
+    least_length: ClassVar[int] = 40
+    """Least length of the waves over the spacing: a sea has waves of a seventh of its peak's length."""
 
     ramp_periods: float = Field(2.0, ge=0, le=1e4)
     """Periods over which the paddle's amplitude grows from zero."""
@@ -38,6 +40,9 @@ class AbstractWavesSection(Section, abc.ABC):
     """Second-order correction of the paddle's motion, which keeps free waves of second order out."""
     absorption: bool = True
     """Active absorption: the paddle takes up the waves that come back to it."""
+    zone: Length | None = None
+    """Length of a relaxation zone in front of the paddle, m, which makes the waves and takes up those that
+    come back, in the place of the paddle's own motion and absorption."""
 
     @property
     @abc.abstractmethod
@@ -84,6 +89,7 @@ class AbstractWavesSection(Section, abc.ABC):
 class RegularWavesSection(AbstractWavesSection):
     """Regular waves: `kind = "regular"`, or no kind."""
 
+    least_length = 4
     height_key = "H"
     period_key = "T"
     kind: Literal["regular"] = "regular"
@@ -118,6 +124,7 @@ class RegularWavesSection(AbstractWavesSection):
 class BichromaticWavesSection(AbstractWavesSection):
     """Two regular waves at once, which make groups: `kind = "bichromatic"`."""
 
+    least_length = 4
     height_key = "H"
     period_key = "T"
     kind: Literal["bichromatic"] = "bichromatic"

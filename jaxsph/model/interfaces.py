@@ -214,18 +214,20 @@ class ExactTangents(AbstractTangents):
 
 
 class AbstractDamper(eqx.Module):
-    """A damping zone, which reduces the velocities of the water in it."""
+    """A zone that draws the velocities of the water in it towards given ones, such as none."""
 
     name: eqx.AbstractVar[str]
-    """Name in the ledger of the energy that the damper takes."""
+    """Name in the ledger of the energy that the damper takes, or gives."""
 
     @abc.abstractmethod
-    def factor(self, x: Float[Array, "N D"], dt: Scalar) -> Float[Array, " N"]:
-        """Factor in [0, 1] by which velocities at x (m) are multiplied in a step of dt (s), (-)."""
+    def damp(
+        self, x: Float[Array, "N D"], u: Float[Array, "N D"], t: Scalar, dt: Scalar
+    ) -> Float[Array, "N D"]:
+        """Velocities of water at x (m) after a step of dt (s) to the time t (s), from their u (m/s), m/s."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energy that the damper books, under its name."""
+        """Meaning of the energy that the damper books, under its name: taken, or given to the water."""
 
 
 class AbstractOutlet(eqx.Module):

@@ -146,10 +146,11 @@ def _free_flume(case: Case) -> tuple[float, float]:
     """Where free waves begin and end, m from the paddle."""
     geometry = Geometry.of(case)
     depth, ends = float(geometry.depth), [geometry.length]
+    first = depth if case.waves.zone is None else case.waves.zone
     if case.sponge is not None:
         ends.append(geometry.length - case.sponge.length)
     if geometry.plate is not None:
         ends.append(geometry.plate.x0 - depth)
     if geometry.solid is not None:
         ends.append(float(geometry.solid.dummies(case.dx, 1)[:, 0].min()) - depth)
-    return depth, min(ends)
+    return first, min(ends)

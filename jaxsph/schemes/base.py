@@ -20,7 +20,7 @@ from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, wate
 from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.core.transforms import any_lane
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Model
+from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Exchange, Model
 from jaxsph.model.regularisation import Regularisation
 from jaxsph.model.state import Failure, Particles, State, Tables, Tally
 from jaxsph.solids.filling import NodeFit
@@ -436,18 +436,21 @@ def at_rest(model: Model, state: State) -> Interval:
 
 
 def damp(
-    model: Model, p: Particles, u: jax.Array, dt: Scalar
+    model: Model, p: Particles, u: jax.Array, interval: Interval
 ) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
-    """Velocities (m/s) after all dampers over dt (s), and the kinetic energy that each took by its name.
+    """Velocities (m/s) after all dampers over a step, and the kinetic energy of each by its name.
 
-    Energies are in J (J/m in 2-D); Zhu et al. 2020, Eq. 27-28.
+    Energies are in J (J/m in 2-D), taken from the water or given to it as the damper's entry says.
     """
-    taken = {}
+    exchanged = {}
     for damper in model.dampers:
-        factor = damper.factor(p.x, dt)
-        taken[damper.name] = 0.5 * jnp.sum(p.m * (1.0 - factor**2) * jnp.sum(u**2, axis=1))
-        u = u * factor[:, None]
-    return u, taken
+        damped = damper.damp(p.x, u, interval.t + interval.dt, interval.dt)
+        # the difference of squares as a product: of small changes nothing is lost to rounding
+        gained = 0.5 * jnp.sum(p.m * jnp.sum((damped - u) * (damped + u), axis=1))
+        given = damper.entries()[damper.name].exchange is Exchange.GIVEN
+        exchanged[damper.name] = gained if given else -gained
+        u = damped
+    return u, exchanged
 
 
 def wall_work(

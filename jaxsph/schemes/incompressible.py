@@ -304,7 +304,7 @@ class ISPH(AbstractParticleScheme):
         met = u_star + pressed
         u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
-        u_new, damped = damp(model, p, u_new, dt)
+        u_new, damped = damp(model, p, u_new, interval)
         changes = Changes(u_new, pressed, touched, damped)
         own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17

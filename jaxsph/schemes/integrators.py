@@ -101,7 +101,7 @@ class SymplecticEuler(AbstractIntegrator):
         rates = scheme.momentum(model, p, sources, tables)
         u = p.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
         u, airs, taken = _with_air(scheme, model, state, tables, sources, u, interval, p.u)
-        u, damped = damp(model, p, u, dt)
+        u, damped = damp(model, p, u, interval)
         # the continuity equation sees the solids with the velocities after the step
         after = _with_velocities(model, state.own, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
@@ -158,7 +158,7 @@ class PredictorCorrector(AbstractIntegrator):
         u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
         # positions and sources of the air's force are of one time, that of the rates
         u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
-        u, damped = damp(model, p0, u, dt)
+        u, damped = damp(model, p0, u, interval)
         work = wall_work(scheme, model, at.own, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))

@@ -63,6 +63,20 @@ class AbstractWaves(eqx.Module):
     def at_peak(self, values: Float[Array, "..."]) -> Scalar:
         """Value that belongs to the frequency `omega`, of one for every wave."""
 
+    @abc.abstractmethod
+    def mean_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
+        """Displacement of the water at x = 0, a mean over the depth, at t (s), m, with the ramp.
+
+        A wall that moves so gives the tank the waves' own flow, and needs a relaxation zone for the rest.
+        """
+
+    @abc.abstractmethod
+    def velocity(self, x: Float[Array, " X"], z: Float[Array, " Z"], t: ArrayLike) -> Float[Array, "2 X Z"]:
+        """Velocities (u, w) of the asked waves at all x and heights z over the bed (m), m/s, with the ramp.
+
+        In a closed tank: the mean flow below the troughs carries back what waves carry along.
+        """
+
     def ramp_factor(self, t: ArrayLike) -> Float[Array, "..."]:
         """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp.
 

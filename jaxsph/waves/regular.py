@@ -22,6 +22,7 @@ from jaxsph.waves.theory import (
     _stokes2_amplitude,
     biesel,
     stokes2_elevation,
+    stokes2_velocity,
     wavenumber,
 )
 
@@ -149,6 +150,21 @@ class RegularWaves(AbstractWaves):
         t = real(t) - self.k * x / self.omega
         eta = self.paddle_elevation(t)
         return eta + self.ramp_factor(t) ** 2 * self.correction.elevation(self, t)
+
+    def mean_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
+        """See `AbstractWaves`: elevation times the phase speed is flow, of a bound harmonic too."""
+        t, ramp = real(t), self.ramp_factor(t)
+        first = 0.5 * self.H * jnp.sin(self.omega * t)
+        quarter = 0.25 * self.T  # a sine in the place of the second harmonic's cosine
+        second = 0.5 * self.correction.elevation(self, t - 0.5 * quarter)
+        return (ramp * first + ramp**2 * second) / (self.k * self.d)
+
+    def velocity(self, x: Float[Array, " X"], z: Float[Array, " Z"], t: ArrayLike) -> Float[Array, "2 X Z"]:
+        """See `AbstractWaves`: of second order."""
+        found = stokes2_velocity(x[:, None], z, t, self.H, self.T, self.d, self.g)
+        back = 0.125 * self.g * self.H**2 * self.k / (self.omega * self.d)
+        ramp = self.ramp_factor(real(t) - self.k * x / self.omega)[:, None]
+        return jnp.stack([ramp * found[..., 0] - ramp**2 * back, ramp * found[..., 1]])
 
     def near_field(self, x: float) -> Scalar:
         """See `AbstractWaves`: constant under differentiation with respect to T and d."""

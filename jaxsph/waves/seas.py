@@ -42,6 +42,10 @@ class WaveSum(eqx.Module):
         a, omega, k = sum_of
         return cls(*(jnp.asarray(part, dtype) for part in (a.real, a.imag, omega, k)))
 
+    def turned(self) -> WaveSum:
+        """The sum with sines for cosines: its integral over the phase of every wave."""
+        return WaveSum(self.imag, -self.real, self.omega, self.k)
+
     def at(self, x: ArrayLike, t: ArrayLike, weight: ArrayLike = 1.0) -> Float[Array, "..."]:
         """Value of the sum at x (m) and t (s), which broadcast; `weight` of every wave."""
         angle = self.omega * real(t)[..., None] - self.k * real(x)[..., None]
@@ -135,6 +139,25 @@ class Sea(AbstractWaves):
         """See `AbstractWaves`."""
         ramp = self.ramp_factor(real(t) - self.k * x / self.omega)
         return ramp * self.waves.at(x, t) + ramp**2 * self.bound.at(x, t)
+
+    def mean_displacement(self, t):
+        """See `AbstractWaves`: elevation times the phase speed is flow, of bound waves too."""
+        t, ramp = real(t), self.ramp_factor(t)
+        first, second = (one.turned().at(0.0, t, 1.0 / (one.k * self.d)) for one in (self.waves, self.bound))
+        return ramp * first + ramp**2 * second
+
+    def velocity(self, x, z, t):
+        """See `AbstractWaves`: of first order."""
+        w = self.waves
+        kz, kd = w.k[:, None] * z, (w.k * self.d)[:, None]
+        rise, bed = jnp.exp(kz - kd), -jnp.expm1(-2.0 * kd)
+        cosh, sinh = (rise * (1.0 + sign * jnp.exp(-2.0 * kz)) / bed for sign in (1.0, -1.0))
+        angle = w.omega * real(t) - w.k * x[:, None]
+        along = w.omega * (w.real * jnp.cos(angle) - w.imag * jnp.sin(angle))
+        up = -w.omega * (w.real * jnp.sin(angle) + w.imag * jnp.cos(angle))
+        back = 0.5 * self.g * jnp.sum((w.real**2 + w.imag**2) * w.k / w.omega) / self.d
+        ramp = self.ramp_factor(real(t) - self.k * x / self.omega)[:, None]
+        return jnp.stack([ramp * (along @ cosh) - ramp**2 * back, ramp * (up @ sinh)])
 
     def near_field(self, x):
         """See `AbstractWaves`."""

@@ -1,0 +1,110 @@
+"""Free long waves of a group of two waves, made by a piston of first and of second order.
+
+Two waves bind a long wave between them. A piston that makes them to first order alone sends out a free one
+besides, which travels ahead at the speed of shallow water (Schaeffer 1996); one of second order does not.
+The tank is so long that nothing comes back while the gauges read: no sponge and no absorption are needed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, solved
+from jaxsph.waves import second_order
+
+H = (0.06, 0.06)
+T = (1.2, 1.8)
+D = 0.5
+LENGTH = 24.0
+"""Length of the tank, m: a free long wave takes 11 s to its end, and 8 s back to the last gauge."""
+GAUGES = tuple(float(x) for x in np.arange(2.0, 8.01, 0.3))
+GROUP = 1.0 / (1.0 / T[0] - 1.0 / T[1])
+"""Period of the group, s: the shorter wave's front reaches the last gauge after 7.9 s."""
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs both orders over the same waves and prints the long waves' amplitudes."""
+    base = js.Case.from_dict(
+        {
+            "name": "wave_group",
+            "dx": dx,
+            "t1": round(12.6 + GROUP, 2),
+            "tank": {"length": LENGTH, "depth": D},
+            "scheme": {"kind": "incompressible"},
+            "waves": {"kind": "bichromatic", "H": list(H), "T": list(T), "absorption": False},
+            "probes": {"gauges": list(GAUGES)},
+            "output": {"snapshot_dt": 2.0},
+        }
+    )
+    theory = _theory()
+    found, seconds = {}, 0.0
+    for order, second in (("first", False), ("second", True)):
+        file = solved(base.replace({"waves.second_order": second}), f"wave_group_{order}_{dx:g}")
+        found[order] = long_waves(file.series())
+        seconds += file.results()["wall_seconds"]
+    with Report(f"wave_group_{dx:g}", "Long waves of a group of two waves", dx) as report:
+        report.seconds = seconds
+        share = {}
+        for order, (bound, free, back) in found.items():
+            share[order] = abs(free) / abs(bound)
+            report.row(
+                f"{order} order: bound long wave", 1e3 * abs(bound), "mm", theory=1e3 * theory["bound"]
+            )
+            report.row(f"{order} order: free long wave", 1e3 * abs(free), "mm")
+            report.row(f"{order} order: free long wave that comes back", 1e3 * abs(back), "mm")
+            report.row(f"{order} order: free over bound", share[order])
+        ratio = share["second"] / share["first"]
+        report.row(
+            "free over bound, second order over first", ratio, bar="at most a third", passes=ratio <= 1 / 3
+        )
+        report.picture(_picture(found))
+
+
+def long_waves(series: dict[str, np.ndarray]) -> tuple[complex, complex, complex]:
+    """Bound, free and returning free long wave: complex amplitudes (m) at the paddle, over the last group.
+
+    Amplitudes at the group's frequency at every gauge, fitted by three waves of known wavenumbers.
+    """
+    A = _amplitudes(series)
+    x = np.array(GAUGES)
+    waves = np.array([_theory()["K"], _theory()["k"], -_theory()["k"]])
+    basis = np.exp(-1j * waves * x[:, None])
+    return tuple(np.linalg.lstsq(basis, A, rcond=None)[0])
+
+
+def _amplitudes(series: dict[str, np.ndarray]) -> np.ndarray:
+    """Complex amplitudes of the elevation at every gauge at the group's frequency, over the last group."""
+    t, eta = series["time"], series["eta"]
+    last = t > t[-1] - GROUP + 1e-6
+    omega = 2.0 * np.pi * np.array([1.0 / GROUP, *(1.0 / p for p in T)])
+    columns = [np.ones(last.sum())]
+    for w in (*omega, 2 * omega[1], 2 * omega[2], omega[1] + omega[2]):
+        columns += [np.cos(w * t[last]), np.sin(w * t[last])]
+    fit = np.linalg.lstsq(np.stack(columns, axis=1), np.float64(eta[last]), rcond=None)[0]
+    return fit[1] - 1j * fit[2]
+
+
+def _theory() -> dict[str, float]:
+    """Bound long wave's amplitude (m) and wavenumber, and the free one's wavenumber (rad/m)."""
+    a, omega = 0.5 * np.array(H) + 0j, 2.0 * np.pi / np.array(T)
+    bound = second_order.second_order_elevation(a, omega, D)
+    long = int(np.argmin(bound.omega))
+    k = second_order.wavenumbers(bound.omega[long], D, 9.81)
+    return {"bound": abs(bound.amplitude[long]), "K": float(bound.k[long]), "k": float(k)}
+
+
+def _picture(found: dict[str, tuple[complex, complex, complex]]) -> Figure:
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    x = np.linspace(0.0, 9.0, 300)
+    K, k = _theory()["K"], _theory()["k"]
+    for axis, (order, (bound, free, _)) in zip(axes, found.items(), strict=True):
+        for wave, number, label in ((bound, K, "bound"), (free, k, "free")):
+            axis.plot(x, 1e3 * np.real(wave * np.exp(-1j * number * x)), label=label)
+        axis.set(xlabel="x, m", title=f"piston of {order} order")
+        axis.axhline(0.0, color="0.8", lw=0.8)
+        axis.legend()
+    axes[0].set_ylabel("elevation of the long waves, mm")
+    return figure
