@@ -292,3 +292,46 @@ def test_incident_power_is_the_sum_over_the_waves():
     two = [{"H": H, "T": T} for H, T in zip(both["H"], both["T"], strict=True)]
     sea, *each = (js.incident_power(js.Case.from_dict(FLUME | {"waves": w})) for w in (both, *two))
     assert sea == pytest.approx(sum(each), rel=1e-5)
+
+
+SEA_FILE = """dx = 0.1
+t1 = 1.0
+[tank]
+length = 6.0
+depth = 0.5
+[waves]
+kind = "recorded"
+file = "sea.csv"
+x = 2.0
+"""
+
+
+def test_a_recorded_series_is_read_from_its_file(tmp_path):
+    """From the case's own folder, into the case: the run's file then has all that the run needs."""
+    t = np.arange(0.0, 60.0, 0.1).round(3)
+    eta = (0.03 * np.sin(2.0 * np.pi * t / 3.0)).round(6)
+    rows = "\n".join(f"{a},{b}" for a, b in zip(eta, t, strict=True))
+    (tmp_path / "sea.csv").write_text(f"eta [m], t [s]\n{rows}\n")
+    (tmp_path / "sea.toml").write_text(SEA_FILE)
+    case = js.load_case(tmp_path / "sea.toml")
+    assert case.waves.t == tuple(t) and case.waves.eta == tuple(eta) and case.waves.x == 2.0
+    assert case.waves.period == pytest.approx(3.0) and case.waves.height == pytest.approx(0.0849, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t (s),eta (mm)\n0,1\n", r"eta \(mm\): must be in m"),
+        ("t_ms,eta\n0,1\n", "t_ms: must be in s"),
+        ("time,level\n0,1\n", "has the columns time, level: must be t"),
+        ("", "has the columns none"),
+        ("t,eta\n0,1\n0.1,x\n", "row 3: '0.1,x' are not 2 finite numbers"),
+        ("t,eta\n0,1\n0.1,nan\n", "row 3"),
+        ("t,eta\n0,1\n0.1\n", "row 3"),
+    ],
+)
+def test_a_file_that_is_no_series_is_refused(tmp_path, text, words):
+    (tmp_path / "sea.csv").write_text(text)
+    (tmp_path / "sea.toml").write_text(SEA_FILE)
+    with pytest.raises(js.CaseError, match=words):
+        js.load_case(tmp_path / "sea.toml")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import difflib
 import importlib.resources
+import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -34,7 +37,7 @@ def load_case(name: str | Path) -> Case:
     path = Path(name)
     if path.suffix == ".toml":
         data = _parsed(path, _text(path))
-        return Case.from_dict({"name": path.stem} | data)
+        return Case.from_dict({"name": path.stem} | _with_series(data, path.parent))
     names = built_in_cases()
     if str(name) not in names:
         near = difflib.get_close_matches(str(name), names, n=1)
@@ -45,6 +48,59 @@ def load_case(name: str | Path) -> Case:
         )
     resource = importlib.resources.files("jaxsph").joinpath("cases", f"{name}.toml")
     return Case.from_dict({"name": str(name)} | _parsed(path, resource.read_text(encoding="utf-8")))
+
+
+def _with_series(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Keys of a case with the series of `waves.file` (from the case's own folder) in its place: a run's file
+    then has all that the run needs."""
+    waves = data.get("waves")
+    if not isinstance(waves, dict) or "file" not in waves:
+        return data
+    if waves.get("kind") != "recorded":
+        raise CaseError('waves.file: belongs to waves.kind = "recorded"')
+    series = read_series(folder / str(waves["file"]))
+    return data | {"waves": series | {key: value for key, value in waves.items() if key != "file"}}
+
+
+def read_series(path: str | Path) -> dict[str, list[float]]:
+    """Columns t (s) and eta or X (m) of a CSV file with a header, by their names.
+
+    **Raises** CaseError for a file that cannot be read, other columns or units, and what is no number.
+    """
+    lines = _text(Path(path)).splitlines()
+    rows = [[cell.strip() for cell in row] for row in csv.reader(lines) if any(cell.strip() for cell in row)]
+    header = [_column(path, name) for name in rows[0]] if rows else []
+    if sorted(header) not in (["eta", "t"], ["X", "t"]):
+        raise CaseError(
+            f"{path}: has the columns {', '.join(rows[0]) if rows else 'none'}: must be t (s), and eta (m; "
+            "elevations) or X (m; the paddle's displacement), named in the first line"
+        )
+    found: dict[str, list[float]] = {name: [] for name in header}
+    for number, row in enumerate(rows[1:], start=2):
+        for name, cell in zip(header, row, strict=False):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = math.nan
+            if len(row) != len(header) or not math.isfinite(value):
+                raise CaseError(
+                    f"{path}, row {number}: {','.join(row)!r} are not {len(header)} finite numbers"
+                )
+            found[name].append(value)
+    return found
+
+
+UNITS = {"t": "s", "eta": "m", "X": "m"}
+"""Units of a series' columns."""
+
+
+def _column(path: str | Path, title: str) -> str:
+    """Name of a column from its title, such as "eta", "eta (m)", "eta [m]" or "eta_m"."""
+    parts = re.split(r"[\s_(\[]+", title.strip(" )]"), maxsplit=1)
+    name, unit = parts[0], parts[1] if len(parts) > 1 else ""
+    if name in UNITS and unit and unit != UNITS[name]:
+        raise CaseError(f"{path}: {title}: must be in {UNITS[name]}; convert the column and its title")
+    return name
 
 
 def _text(path: Path) -> str:

@@ -1,0 +1,126 @@
+"""A JONSWAP sea of 100 waves against its spectrum, and a recorded series made again at a gauge."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import stats
+
+import jaxsph as js
+from experiments.common import Report, solved
+from jaxsph.waves import second_order, spectra
+
+HS, TP, D = 0.04, 1.4, 0.5
+WAVES = 100
+GAUGES = (2.6, 2.8, 3.1, 3.5, 4.0)
+"""Places of the gauges, m: at the middle of a flume of 7 m before its sponge."""
+START = 15.0
+"""Time at which the shortest waves that count have reached the gauges, s."""
+BAND = 8
+"""Number of neighbouring frequencies that a value of the spectrum is the mean of."""
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs the sea and the series, or what of them is not there yet."""
+    duration = WAVES * TP
+    base = {
+        "dx": dx,
+        "tank": {"length": 10.0, "depth": D},
+        "scheme": {"kind": "incompressible"},
+        "sponge": {"length": 3.0},
+        "output": {"sample_dt": 0.02, "snapshot_dt": 20.0},
+    }
+    sea = {"kind": "irregular", "Hs": HS, "Tp": TP, "duration": duration, "seed": 1}
+    case = js.Case.from_dict(
+        base | {"name": "sea_state", "t1": START + duration, "waves": sea, "probes": {"gauges": list(GAUGES)}}
+    )
+    t, asked = _series()
+    record = {"kind": "recorded", "t": list(t), "eta": list(asked), "x": GAUGES[2]}
+    again = js.Case.from_dict(
+        base | {"name": "sea_record", "t1": 45.0, "waves": record, "probes": {"gauges": [GAUGES[2]]}}
+    )
+    file, other = solved(case, f"sea_state_{dx:g}"), solved(again, f"sea_record_{dx:g}")
+    with Report(f"sea_state_{dx:g}", "A JONSWAP sea of 100 waves, and a recorded series", dx) as report:
+        report.seconds = sum(one.results()["wall_seconds"] for one in (file, other))
+        spectrum = spectra.JONSWAP(HS, TP)
+        f, incident, reflected = two_way(file.series(), duration)
+        S, edges = banded(f, incident)
+        height = 4.0 * np.sqrt(np.sum(incident) * f[1])
+        report.row(
+            "significant height", height, "m", theory=HS, bar="5 %", passes=abs(height / HS - 1) < 0.05
+        )
+        peak = np.sum(S**4) / np.sum(edges * S**4)
+        report.row("peak period", peak, "s", theory=TP, bar="3 %", passes=abs(peak / TP - 1) < 0.03)
+        among = (edges > 0.6 / TP) & (edges < 2.0 / TP)
+        low, high = (2 * BAND / stats.chi2.ppf(q, 2 * BAND) for q in (0.95, 0.05))
+        expected = banded(f, spectrum.density(f))[0]
+        inside = float(np.mean((low * S < expected)[among] & (expected < high * S)[among]))
+        report.row(
+            "bins of 0.6 to 2 fp whose 90 % band has the spectrum", inside, bar="0.9", passes=inside >= 0.9
+        )
+        back = float(np.sqrt(np.sum(reflected) / np.sum(incident)))
+        report.row("reflection", back, bar="0.1", passes=back < 0.1)
+        series = other.series()
+        there = np.interp(series["time"], t, asked)
+        later = series["time"] > 12.0
+        same = float(np.corrcoef(there[later], series["eta"][later, 0])[0, 1])
+        report.row("recorded series: correlation", same, bar="0.97", passes=same > 0.97)
+        ratio = float(np.std(series["eta"][later, 0]) / np.std(there[later]))
+        report.row("recorded series: standard deviation over the asked", ratio)
+        report.picture(
+            _picture((edges, S, low, high, expected), (series["time"], there, series["eta"][:, 0]))
+        )
+
+
+def _series() -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and elevations (m) of a sea of Bretschneider's spectrum, as a gauge has them."""
+    a, omega = spectra.draw_sea(spectra.Bretschneider(0.05, 1.5), 60.0, 7)
+    t = np.arange(0.0, 60.0, 0.05)
+    return t.round(6), second_order.Harmonics(a, omega, omega).at(t).round(6)
+
+
+def two_way(series: dict[str, np.ndarray], duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies (Hz), and spectra (m2/Hz) of incident and reflected waves over one repetition of the sea.
+
+    Least squares over the gauges at every frequency (Mansard and Funke 1980): the sea repeats, so its waves
+    have the frequencies of the transform, without a window.
+    """
+    t = series["time"]
+    last = t > t[-1] - duration + 1e-6
+    eta = np.float64(series["eta"][last])
+    n = len(eta)
+    A = 2.0 * np.fft.rfft(eta - eta.mean(axis=0), axis=0) / n
+    f = np.arange(len(A)) / duration
+    use = (f > 0.4 / TP) & (f < 3.0 / TP)
+    incident, reflected = np.zeros(len(f)), np.zeros(len(f))
+    k = second_order.wavenumbers(2.0 * np.pi * f[use], D, 9.81)
+    for place, number in zip(np.flatnonzero(use), k, strict=True):
+        basis = np.exp(1j * number * np.outer(np.array(GAUGES), [-1.0, 1.0]))
+        there = np.linalg.lstsq(basis, A[place], rcond=None)[0]
+        incident[place], reflected[place] = 0.5 * np.abs(there) ** 2 * duration
+    return f, incident, reflected
+
+
+def banded(f: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of a spectrum over bands of `BAND` frequencies, and the middle frequencies of the bands (Hz)."""
+    count = len(f) // BAND
+    return tuple(a[: count * BAND].reshape(count, BAND).mean(axis=1) for a in (S, f))
+
+
+def _picture(spectrum: tuple, series: tuple) -> Figure:
+    f, S, low, high, expected = spectrum
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    shown = (f > 0.3 / TP) & (f < 3.0 / TP)
+    left.fill_between(f[shown], 1e4 * low * S[shown], 1e4 * high * S[shown], alpha=0.3, label="90 % band")
+    left.plot(f[shown], 1e4 * S[shown], label="incident, here")
+    left.plot(f[shown], 1e4 * expected[shown], "k--", label="JONSWAP")
+    left.set(xlabel="f, Hz", ylabel="S, cm2/Hz")
+    left.legend()
+    t, asked, found = series
+    some = (t > 20.0) & (t < 32.0)
+    right.plot(t[some], 1e3 * asked[some], "k--", label="recorded")
+    right.plot(t[some], 1e3 * found[some], label="here")
+    right.set(xlabel="t, s", ylabel="eta, mm")
+    right.legend()
+    return figure
