@@ -25,7 +25,8 @@ LAYERS = (
 )
 """Rooms from the bottom up: a room imports those below it, and its own files."""
 LEAVES = {"errors", "analysis"}
-"""Files that anyone above `model` may import; `errors` imports nothing of the package."""
+"""A file and a room that anyone above `model` may import; `errors` imports nothing of the package, and
+`analysis` the theory of waves."""
 RECORDS = {
     "run": {"output.run_file", "output.hdf5"},
     "study": {"output.run_file", "output.sweep_file", "output.hdf5"},
@@ -58,7 +59,7 @@ def _imported(tree):
     """Files of the package that a file imports; the package itself counts as the facade."""
     for module, names in _imports(tree):
         if module == "jaxsph":
-            yield from (name if name in SOURCES else FACADE for name in names or (FACADE,))
+            yield from (name if name in {*SOURCES, *LEAVES} else FACADE for name in names or (FACADE,))
         elif module.startswith("jaxsph."):
             path = module.removeprefix("jaxsph.")
             if path in SOURCES:
@@ -73,12 +74,12 @@ def _room(file):
 
 def _allowed(file, imported):
     room, other = _room(file), _room(imported)
-    if imported == "errors" or (imported == "analysis" and HEIGHT.get(room, 99) > HEIGHT["model"]):
+    if imported == "errors" or (other == "analysis" and HEIGHT.get(room, 99) > HEIGHT["model"]):
         return True
     if imported == FACADE:
         return room == "cli"
-    if file == "analysis":
-        return imported == "waves.theory"
+    if room == "analysis":
+        return imported == "waves.theory" or other == room
     if room == other:
         return room not in LEAVES
     if imported in RECORDS.get(room, ()):

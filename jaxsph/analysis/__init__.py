@@ -1,0 +1,51 @@
+"""Analysis of recorded series on the host: numpy in, numpy out; nothing here is traced."""
+
+from jaxsph.analysis.energy import energy_budget, takers
+from jaxsph.analysis.extrema import Extrema, extrema, mae_amplitude, mae_phase, matched_extrema
+from jaxsph.analysis.oscillation import (
+    DampedOscillation,
+    decay_per_wavelength,
+    fit_damped_oscillation,
+    oscillation_period,
+)
+from jaxsph.analysis.periods import Efficiency, efficiency, phase_average, whole_periods
+from jaxsph.analysis.reflection import Reflection, TwoWaySea, fundamental, reflection, two_way_sea
+from jaxsph.analysis.spectrum import (
+    Mean,
+    Spectrum,
+    ZeroCrossingWaves,
+    mean_with_error,
+    rayleigh_exceedance,
+    spectrum,
+    zero_crossing_waves,
+)
+
+__all__ = [
+    "DampedOscillation",
+    "Efficiency",
+    "Extrema",
+    "Mean",
+    "Reflection",
+    "Spectrum",
+    "TwoWaySea",
+    "ZeroCrossingWaves",
+    "decay_per_wavelength",
+    "efficiency",
+    "energy_budget",
+    "extrema",
+    "fit_damped_oscillation",
+    "fundamental",
+    "mae_amplitude",
+    "mae_phase",
+    "matched_extrema",
+    "mean_with_error",
+    "oscillation_period",
+    "phase_average",
+    "rayleigh_exceedance",
+    "reflection",
+    "spectrum",
+    "takers",
+    "two_way_sea",
+    "whole_periods",
+    "zero_crossing_waves",
+]

@@ -1,0 +1,50 @@
+"""The energy budget of a run's series."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+
+def takers(series: Iterable[str]) -> list[str]:
+    """Names of what takes energy from the water besides power take-offs, by the series `power_<name>`."""
+    powers = [name for name in series if name.startswith("power_")]
+    return [n.removeprefix("power_") for n in powers if not n.startswith(("power_paddle", "power_pto"))]
+
+
+def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
+    """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it went.
+
+    Keys: `paddle` (work of paddles and driven bodies), `stored` (change of kinetic, potential and compression
+    energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, and the energies of all other
+    series `power_`, such as `sponge`, `contact`, `projection` (each taken from the water); `residual` (the
+    imbalance) and `residual_share` (its ratio to the paddle's work, or to the largest kinetic energy where
+    that is larger).
+    Powers called `power_` are means over the interval before their sample; the losses called `loss_` are
+    values at their sample, and integrated by the trapezoidal rule.
+    """
+    t = series["time"]
+    dt = np.diff(t)
+
+    def work(name: str) -> float:
+        return float(np.sum(series[name][1:] * dt)) if name in series else 0.0
+
+    def loss(name: str) -> float:
+        return float(np.trapezoid(series[name], t)) if name in series else 0.0
+
+    total = series["kinetic"] + series["potential"] + series["compression"]
+    budget = {
+        "paddle": work("power_paddle"),
+        "stored": float(total[-1] - total[0]),
+        "pto": sum((work(name) for name in series if name.startswith("power_pto")), 0.0),
+        "sponge": work("power_sponge"),
+        "viscous": loss("loss_viscous"),
+        "diffusive": loss("loss_diffusive"),
+    }
+    budget |= {taker: work(f"power_{taker}") for taker in takers(series)}
+    spent = sum(v for k, v in budget.items() if k != "paddle")
+    budget["residual"] = budget["paddle"] - spent
+    scale = max(abs(budget["paddle"]), float(np.max(np.abs(series["kinetic"]))), 1e-12)
+    budget["residual_share"] = budget["residual"] / scale
+    return budget

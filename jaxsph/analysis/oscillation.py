@@ -1,0 +1,115 @@
+"""Periods and decay: of oscillations in time, and of waves along a tank."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from jaxsph.analysis.periods import Series, checked
+
+
+class DampedOscillation(NamedTuple):
+    """Damped oscillation y = offset + amplitude exp(-decay_rate s) cos(omega s + phase), s = t - t[0]."""
+
+    offset: float
+    """Final value, in the unit of y."""
+    amplitude: float
+    """Amplitude at t[0], positive, in the unit of y."""
+    decay_rate: float
+    """Decay rate, 1/s; negative where the oscillation grows."""
+    omega: float
+    """Damped angular frequency, rad/s."""
+    phase: float
+    """Phase at t[0], rad, in (-pi, pi]."""
+
+
+def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
+    """Period of an oscillation, s, from the upward crossings of its mean over all its periods.
+
+    For a clean series of several periods: use `fit_damped_oscillation` where the oscillation
+    decays to another level or carries noise. **Raises** ValueError for fewer than two
+    crossings.
+    """
+    t, y = checked(t, y)
+    y = y - np.mean(y)
+    i = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
+    if i.size < 2:
+        raise ValueError(f"{i.size} upward crossings of the mean do not give a period")
+    crossings = t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
+    return float((crossings[-1] - crossings[0]) / (i.size - 1))
+
+
+def _damped_basis(s: Series, decay_rate: float, omega: float) -> Series:
+    """Columns 1, exp(-decay_rate s) cos(omega s) and exp(-decay_rate s) sin(omega s) (-)."""
+    envelope = np.exp(np.clip(-decay_rate * s, -700.0, 700.0))
+    return np.stack([np.ones_like(s), envelope * np.cos(omega * s), envelope * np.sin(omega * s)], axis=-1)
+
+
+def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
+    """Damped oscillation fitted to a series by least squares, about its final value.
+
+    The search is over the decay rate and omega alone; offset, amplitude and phase are linear
+    and follow (variable projection, Golub and Pereyra 1973). The start is the best of a grid
+    of half a cycle to 60 cycles in the record. **Raises** ValueError for under 8 samples, a
+    constant series, or one that a damped cosine does not describe (under half of its
+    variance).
+    """
+    t, y = checked(t, y)
+    variance = np.var(y)
+    if t.size < 8 or variance <= (1e-12 * np.max(np.abs(y))) ** 2:
+        raise ValueError("a damped oscillation needs 8 samples that are not constant")
+    s, duration = t - t[0], t[-1] - t[0]
+
+    def solve(p: Series, s: Series, y: Series) -> tuple[Series, Series]:
+        basis = _damped_basis(s, p[0], p[1])
+        solution = np.linalg.lstsq(basis, y, rcond=None)[0]
+        return solution, basis @ solution - y
+
+    # Half a cycle to at most a quarter of the samples, a third of a cycle apart: inside
+    # the main lobe of the spectrum, from where the descent cannot miss the minimum.
+    cycles = np.arange(0.5, max(1.0, min(60.0, t.size / 4.0)), 1.0 / 3.0)
+    stride = max(1, t.size // 1000)
+    grid = [(b / duration, 2.0 * np.pi * c / duration) for c in cycles for b in (0.0, 1.0, 4.0)]
+    start = min(grid, key=lambda p: np.sum(solve(p, s[::stride], y[::stride])[1] ** 2))
+    scale = np.array([1.0, 2.0 * np.pi]) / duration
+    result = least_squares(lambda q: solve(q * scale, s, y)[1], np.array(start) / scale)
+    decay_rate, omega = result.x * scale
+    (offset, c, sn), residual = solve((decay_rate, omega), s, y)
+    if np.mean(residual**2) > 0.5 * variance:
+        raise ValueError("a damped cosine describes under half of the series' variance")
+    phase = np.arctan2(-np.sign(omega) * sn, c)
+    return DampedOscillation(
+        float(offset), float(np.hypot(c, sn)), float(decay_rate), float(abs(omega)), float(phase)
+    )
+
+
+def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) -> float:
+    """Share of a wave's amplitude lost over one wavelength (-), beside the wave reflected at the tank's end.
+
+    `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m).
+    Fitted to them, by least squares: a wave that decays along x, whose wavenumber may be a few per cent off
+    that of the `wavelength` (m), and one that comes back. Without the second its nodes look like a decay or a
+    growth. The share is negative where the wave grows. **Raises** ValueError for under four positions, less
+    than half a wavelength, or no waves.
+    """
+    x, found = np.asarray(x, np.float64), np.asarray(amplitude, np.complex128)
+    if x.ndim != 1 or x.size < 4 or x.shape != found.shape or np.ptp(x) < 0.5 * wavelength:
+        raise ValueError("a decay needs amplitudes at four positions at least, over half a wavelength")
+    size = float(np.max(np.abs(found)))
+    if not size > 0.0:
+        raise ValueError("a decay needs waves: all amplitudes are zero")
+    k, along = 2.0 * np.pi / wavelength, x - x[0]
+
+    def rest(parameters):
+        *parts, decay, shift = parameters
+        incident, reflected = complex(*parts[:2]), complex(*parts[2:])
+        there = incident * np.exp(-(1j * k * (1.0 + shift) + decay) * along)
+        off = there + reflected * np.exp(1j * k * along) - found / size
+        return np.concatenate([off.real, off.imag])
+
+    first = found[0] / size
+    decay = least_squares(rest, [first.real, first.imag, 0.0, 0.0, 0.0, 0.0]).x[4]
+    return float(-np.expm1(-decay * wavelength))

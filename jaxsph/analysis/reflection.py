@@ -1,0 +1,168 @@
+"""Incident and reflected waves from a row of gauges."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from jaxsph.analysis.periods import checked, whole_periods
+from jaxsph.analysis.spectrum import BANDS, TAPER, Spectrum, banded, even_step
+from jaxsph.waves import theory
+
+
+class Reflection(NamedTuple):
+    """Amplitudes of an incident and a reflected wave, and their ratio: the result of `reflection`."""
+
+    incident: float
+    """Amplitude of the incident wave, along +x, m."""
+    reflected: float
+    """Amplitude of the reflected wave, along -x, m."""
+    coefficient: float
+    """Reflection coefficient, reflected / incident (-)."""
+
+
+_MIN_SAMPLES_PER_PERIOD = 8
+"""Least number of samples per period for `reflection`."""
+
+
+_MAX_CONDITION = 10.0
+"""Largest condition number of the gauges' equations for `reflection` (-)."""
+
+
+def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
+    """Complex amplitudes B of series at the period T (s), in the unit of y, by least squares.
+
+    y ~ mean + Re(B exp(i 2 pi t / T)) + second harmonic. Shapes: `t` [times] (s), `y` [..., times], B [...].
+    The angle of B1 / B2 is the lead in phase of the first series over the second.
+    """
+    t, y = checked(t, y)
+    phase = 2.0 * np.pi / T * t
+    columns = [np.ones_like(t)]
+    for n in (1, 2):  # over near-whole periods, a fitted harmonic cannot leak into B
+        columns += [np.cos(n * phase), np.sin(n * phase)]
+    solution = np.linalg.lstsq(np.stack(columns, axis=-1), y.reshape(-1, t.size).T, rcond=None)[0]
+    return (solution[1] - 1j * solution[2]).reshape(y.shape[:-1])
+
+
+def reflection(
+    eta: ArrayLike,
+    x: ArrayLike,
+    t: ArrayLike,
+    T: float,
+    d: float,
+    g: float = theory.GRAVITY,
+    periods: int | None = None,
+) -> Reflection:
+    """Amplitudes of the incident and the reflected wave (m) at the frequency 1 / T, from a row of gauges.
+
+    Least squares over the gauges after Mansard and Funke (1980), with linear wavenumbers; the gauges should
+    stand a wavelength from paddle and device.
+
+    **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges] (m); `t`
+    [times] (s); period `T` (s); depth `d` (m); `periods`: number of last periods to use, all by default.
+
+    **Raises** ValueError for fewer than two gauges, a record under one period, fewer than 8
+    samples per period, and for distances that cannot tell the waves apart (all near a
+    multiple of half a wavelength: condition number over 10, a distance within about
+    0.03 wavelengths of it).
+    """
+    t, eta = checked(t, eta)
+    x = np.asarray(x, np.float64)
+    if eta.ndim != 2 or x.shape != eta.shape[:1]:
+        raise ValueError(f"eta of shape {eta.shape} is not [gauges, times] for x of {x.shape}")
+    if x.size < 2:
+        raise ValueError(f"{x.size} gauges: two at least tell incident from reflected waves")
+    periods = periods or int((t[-1] - t[0]) / T * (1.0 + 1e-6))
+    mask = whole_periods(t, T, max(periods, 1))
+    if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
+        raise ValueError(f"fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")
+    k = float(theory.wavenumber(2.0 * np.pi / T, d, g))
+    B = fundamental(t[mask], eta[:, mask], T)
+    (incident,), (reflected,), (condition,) = separated(np.array([k]), x, B[None])
+    if not condition < _MAX_CONDITION:
+        raise ValueError(
+            f"gauges at {x.tolist()} m are singular (condition {condition:.3g}) for a wavelength "
+            f"of {2.0 * np.pi / k:.4g} m: keep a distance from multiples of half of it"
+        )
+    incident, reflected = abs(incident), abs(reflected)
+    if incident == 0.0:
+        raise ValueError("there is no incident wave at this period")
+    return Reflection(float(incident), float(reflected), float(reflected / incident))
+
+
+def separated(
+    k: NDArray[np.float64], x: NDArray[np.float64], B: NDArray[np.complex128]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
+    """Complex amplitudes at x[0] of the waves along +x and -x, and the condition of their equations (-).
+
+    Least squares over gauges at `x` (m, `[G]`) for every wavenumber k (rad/m, `[F]`), of the complex
+    amplitudes B `[F, G]` that they have, in the unit of B (Mansard and Funke 1980).
+    """
+    basis = np.exp(1j * k[:, None, None] * (x - x[0])[None, :, None] * np.array([-1.0, 1.0]))
+    both = (np.linalg.pinv(basis) @ B[..., None])[..., 0]
+    return both[:, 0], both[:, 1], np.linalg.cond(basis)
+
+
+class TwoWaySea(NamedTuple):
+    """Incident and reflected sea in front of a device or a beach: the result of `two_way_sea`."""
+
+    incident: Spectrum
+    """Spectrum of the waves along +x."""
+    reflected: Spectrum
+    """Spectrum of the waves along -x."""
+    coefficient: float
+    """Reflection coefficient of the whole sea, the root of the ratio of the variances (-)."""
+    left_out: float
+    """Share of the frequencies at which the gauges cannot tell the two apart (-); their neighbours count."""
+
+
+def two_way_sea(
+    eta: ArrayLike,
+    x: ArrayLike,
+    t: ArrayLike,
+    d: float,
+    g: float = theory.GRAVITY,
+    *,
+    f: tuple[float, float],
+    bands: int = BANDS,
+) -> TwoWaySea:
+    """Incident and reflected spectrum of a sea from a row of gauges, frequency by frequency.
+
+    Least squares after Mansard and Funke (1980), with linear wavenumbers. Gauges at uneven distances leave
+    few frequencies out.
+
+    **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges (m); `t`: times (s),
+    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz), outside of which there
+    are bound waves and noise; `bands`: number of frequencies that a value of a spectrum is the mean of.
+
+    **Raises** ValueError for fewer than three gauges, a short record, and a sea of which the gauges leave
+    out more than half.
+    """
+    t, eta = checked(t, eta)
+    x = np.asarray(x, np.float64)
+    if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
+        raise ValueError(f"eta of shape {eta.shape} and x of {x.shape} are not of three gauges or more")
+    step = even_step(t)
+    fade = signal.windows.tukey(t.size, TAPER)
+    rest = (eta - eta.mean(axis=1, keepdims=True)) * fade / np.sqrt(np.mean(fade**2))
+    B = 2.0 * np.fft.rfft(rest, axis=1) / t.size
+    every = np.fft.rfftfreq(t.size, step)
+    use = np.flatnonzero((every > f[0]) & (every < f[1]))
+    if use.size < 4 * bands:
+        raise ValueError(f"{use.size} frequencies between {f[0]:g} and {f[1]:g} Hz: the record is too short")
+    k = np.asarray(theory.wavenumber(2.0 * np.pi * every[use], d, g), np.float64)
+    incident, reflected, condition = separated(k, x, B[:, use].T)
+    sound = condition < _MAX_CONDITION
+    if np.mean(sound) < 0.5:
+        raise ValueError(
+            f"gauges at {x.tolist()} m cannot tell incident from reflected waves at {np.mean(~sound):.0%} of "
+            "the frequencies: place them at uneven distances of a tenth to a third of a wavelength"
+        )
+    both = np.zeros((2, every.size))
+    # of half the square of an amplitude, over the distance of the frequencies
+    both[:, use] = np.where(sound, 0.5 * np.abs([incident, reflected]) ** 2 * t.size * step, np.nan)
+    coefficient = float(np.sqrt(np.nansum(both[1]) / np.nansum(both[0])))
+    return TwoWaySea(*(banded(every, S, bands) for S in both), coefficient, float(np.mean(~sound)))
