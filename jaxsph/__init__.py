@@ -14,7 +14,7 @@ _ROOMS = {
     "case.case": ("Case",),
     "case.files": ("built_in_cases", "load_case"),
     "case.initial": ("still_water",),
-    "case.linear": ("incident_power", "linear_check", "linear_owc"),
+    "case.linear": ("incident_power", "linear_check", "linear_owc", "linear_sea"),
     "case.report": ("check", "make_probes"),
     "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "model.forces": ("CentralForce",),
@@ -28,6 +28,7 @@ _ROOMS = {
     "parts.driven": ("AbstractPath", "DrivenSolid"),
     "parts.paddle": ("AbsorbingMotion", "AbstractGivenMotion", "Paddle", "WaveMotion"),
     "parts.pto": ("PneumaticPTO", "PrescribedPressure", "RotationalPTO"),
+    "parts.relaxation": ("FlowMotion", "RelaxationZone"),
     "parts.sponge": ("Sponge",),
     "probes.default": ("default_probes",),
     "probes.devices": ("ChamberProbe",),
@@ -46,6 +47,7 @@ _ROOMS = {
     "study.base": ("Derivative",),
     "study.derivative": ("derivative",),
     "study.ensemble": ("Ensemble",),
+    "study.matrix": ("PowerMatrix", "ScatterTable", "power_matrix"),
     "study.optimise": ("Maximum", "maximise"),
     "study.sweep": ("Sweep", "read_sweep", "sweep"),
     "study.tangents": ("Exact", "Filtered"),
@@ -56,7 +58,10 @@ _ROOMS = {
         "linear_response",
         "radiation_and_scattering",
     ),
+    "waves.linear_sea": ("LinearSea", "integrated_sea_response", "linear_sea_response"),
     "waves.regular": ("RegularWaves", "SecondOrderPiston"),
+    "waves.seas": ("Sea",),
+    "waves.spectra": ("JONSWAP", "Bretschneider", "draw_group", "draw_sea"),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

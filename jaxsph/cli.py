@@ -51,8 +51,13 @@ RESULTS = {
     "capture_width": ("capture width", "m"),
     "xi": ("hydrodynamic efficiency", ""),
     "xi_scatter": ("  from period to period", ""),
+    "xi_error": ("  standard error", ""),
+    "xi_measured": ("  of the measured incident power", ""),
     "reflection": ("reflection coefficient", ""),
     "incident_height": ("incident wave height", "m"),
+    "Hm0": ("significant height of the incident waves", "m"),
+    "Te": ("energy period of the incident waves", "s"),
+    "P_inc_measured": ("measured incident power", "W/m"),
 }
 """Labels and units of the scalar results in two dimensions, in the order of the table."""
 
@@ -61,7 +66,7 @@ CLUSTER_TIMEOUT = 10
 """Time in which a cluster's scheduler has to answer, s."""
 
 
-PER_METRE = ("P_inc",)
+PER_METRE = ("P_inc", "P_inc_measured")
 """Names of the results that are per metre of width in three dimensions too."""
 
 
@@ -233,6 +238,54 @@ def sweep(
         for place, text in done.failures.items():
             typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
         if done.failures:
+            raise typer.Exit(1)
+
+
+@app.command()
+def matrix(
+    case: CaseName,
+    heights: Annotated[
+        str,
+        typer.Option("--hs", metavar="VALUES", help="Significant heights, m: 0.02,0.04 or first:last:count."),
+    ],
+    periods: Annotated[
+        str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
+    ],
+    seeds: Annotated[int, typer.Option(help="Seas of every state, with the seeds after the case's.")] = 1,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual mean."),
+    ] = None,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_matrix.h5"),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the seas.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Power matrix: mean power in irregular seas of every height and period, and over a scatter table."""
+    import jaxsph as js
+
+    with _messages(), _cluster(scheduler) as executor:
+        loaded = _load(case, settings)
+        scatter = None if table is None else js.ScatterTable.read(table)
+        Hs, Tp = (
+            _values(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
+        )
+        out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
+        done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
+        _table(_matrix_rows(done, scatter))
+        typer.echo(f"recorded in {out}")
+        if not quiet:
+            from jaxsph.output.plot.matrix import plot_matrix
+
+            typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
+        for place, text in done.sweep.failures.items():
+            typer.echo(f"failed: {_place(done.sweep, place)}: {text.splitlines()[0]}", err=True)
+        if done.sweep.failures:
             raise typer.Exit(1)
 
 
@@ -428,7 +481,7 @@ def _setting(text: str) -> tuple[str, Any]:
         return key, value
 
 
-def _values(text: str) -> tuple[str, list[float]]:
+def _values(text: str, option: str = "--grid") -> tuple[str, list[float]]:
     """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"."""
     key, equals, value = (part.strip() for part in text.partition("="))
     try:
@@ -441,7 +494,7 @@ def _values(text: str) -> tuple[str, list[float]]:
     except ValueError:
         values = []
     if not key or not equals or not values:
-        raise CaseError(f"--grid {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
+        raise CaseError(f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
     return key, values
 
 
@@ -502,6 +555,21 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
     label = RESULTS[name][0].strip()
     places = sorted(set(done.members) - set(done.failures))
     return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
+
+
+def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
+    """A line per sea state, and one of the year where there is a scatter table."""
+    unit, rows = "W/m" if done.sweep.case.tank.width is None else "W", []
+    for i, height in enumerate(done.Hs):
+        for j, period in enumerate(done.Tp):
+            linear = done.linear[i, j]
+            theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: it has none
+            value = f"{done.P[i, j]:.3g} +- {done.error[i, j]:.1g} {unit} (xi {done.xi[i, j]:.3g}){theory}"
+            rows.append((f"Hs = {height:g} m, Tp = {period:g} s", value))
+    if scatter is not None:
+        mean = done.annual(scatter)
+        rows.append(("mean over the year", f"{mean.value:.3g} +- {mean.error:.1g} {unit}"))
+    return rows
 
 
 def _place(done: Any, place: tuple[int, ...]) -> str:

@@ -178,6 +178,7 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
     "cli.optimise": "an argument for each option of the command",
+    "cli.matrix": "an argument for each option of the command",
     "cli.run": "an argument for each option of the command",
     "cli.slope": "an argument for each option of the command",
     "cli.sweep": "an argument for each option of the command",

@@ -231,7 +231,10 @@ def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
             {"kind": "irregular", "Hs": 0.5, "Tp": 3.0},
             r"waves.Hs = 0.5 m: waves of Tp = 3 s .* break above 0.39",
         ),
-        ({"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "duration": 9.0}, r"duration = 9 s: must be 16 peak"),
+        (
+            {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "duration": 9.0},
+            r"duration = 9 s: must be 16 to 500 peak",
+        ),
         (
             {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "spectrum": "bretschneider", "gamma": 2.0},
             "only spectrum",

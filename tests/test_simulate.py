@@ -27,6 +27,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.run import chunks, host, recorder, simulate
 from jaxsph.run.results import flume_gauges, run_results, settled_periods
 from jaxsph.waves import theory
+from jaxsph.waves.second_order import Harmonics, wavenumbers
 
 CHUNK = 0.05
 """Seconds from checkpoint to checkpoint in these tests."""
@@ -407,6 +408,37 @@ def test_a_run_that_has_ended_does_not_die_in_its_results(gauges, message):
     results, notices = run_results(case, solution, 1.0, 100)
     assert "reflection" not in results and {"xi", "P_inc", "energy_pto"} <= set(results)
     assert len(notices) == 1 and re.search(message, notices[0])
+
+
+def test_efficiency_is_of_the_asked_and_of_the_measured_waves():
+    """The gauges have waves of amplitude 0.02 m, which are those that the case asks for."""
+    results, _ = run_results(*_ended(js.load_case("owc"), [2.0, 2.3, 2.75]), 1.0, 100)
+    assert results["P_inc_measured"] == pytest.approx(results["P_inc"], rel=1e-4)
+    assert results["xi_measured"] == pytest.approx(results["xi"], rel=1e-4)
+    assert "xi_error" not in results
+
+
+def test_results_of_a_sea_have_errors_and_its_measured_height():
+    """A whole repetition of a sea at five gauges, without reflection: height and power to the taper's 4 %."""
+    sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
+    changes = {"waves": sea, "t1": 90.0, "probes.gauges": [2.0, 2.2, 2.5, 2.9, 3.4]}
+    case = js.load_case("owc").replace(changes)
+    a, omega = case.waves.sum_of_waves(case.tank.depth, case.g)
+    k, t = wavenumbers(omega, case.tank.depth, case.g), np.arange(0.0, 90.0, 0.02)
+    gauges = [Harmonics(a * np.exp(-1j * k * x), omega, k).at(t) for x in case.probes.gauges]
+    ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
+    power = 0.5 + 0.5 * np.random.default_rng(0).normal(size=len(t))
+    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1)
+    state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
+    series = {"time": t, "eta": np.transpose(gauges), "power_pto": power} | ones
+    results, notices = run_results(case, js.Solution(series, {}, model, state, case), 1.0, 100)
+    assert not notices and results["periods"] == 40
+    assert results["Hm0"] == pytest.approx(0.04, rel=0.04) and results["reflection"] < 0.03
+    assert results["P_inc_measured"] == pytest.approx(results["P_inc"], rel=0.08)
+    assert results["xi"] == pytest.approx(0.5 / results["P_inc"], rel=0.05)
+    # white noise: its standard deviation over the root of the number of samples, of the 2,800 of 40 periods
+    expected = 0.5 / np.sqrt(2800) / results["P_inc"]
+    assert results["xi_error"] == pytest.approx(expected, rel=0.15)
 
 
 def test_whatever_goes_wrong_in_a_result_is_a_notice():

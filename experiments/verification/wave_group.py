@@ -24,7 +24,7 @@ GROUP = 1.0 / (1.0 / T[0] - 1.0 / T[1])
 """Period of the group, s: the shorter wave's front reaches the last gauge after 7.9 s."""
 
 
-def main(dx: float = 0.02) -> None:
+def main(dx: float = 0.03) -> None:
     """Runs both orders over the same waves and prints the long waves' amplitudes."""
     base = js.Case.from_dict(
         {

@@ -63,17 +63,26 @@ def _with_series(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def read_series(path: str | Path) -> dict[str, list[float]]:
-    """Columns t (s) and eta or X (m) of a CSV file with a header, by their names.
+    """Columns t (s) and eta or X (m) of a CSV file, see `read_columns`."""
+    return read_columns(path, {"t": "s", "eta": "m", "X": "m"}, [{"t", "eta"}, {"t", "X"}])
 
+
+def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]) -> dict[str, list[float]]:
+    """Columns of a CSV file by the names in its first line, such as "eta", "eta (m)", "eta [m]" or "eta_m".
+
+    **Arguments**: `units` of columns by their names; `wanted`: the sets of columns of which it must have one.
     **Raises** CaseError for a file that cannot be read, other columns or units, and what is no number.
     """
     lines = _text(Path(path)).splitlines()
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines) if any(cell.strip() for cell in row)]
-    header = [_column(path, name) for name in rows[0]] if rows else []
-    if sorted(header) not in (["eta", "t"], ["X", "t"]):
+    header = [_column(path, name, units) for name in rows[0]] if rows else []
+    if set(header) not in wanted or len(set(header)) < len(header):
+        sets = " or ".join(
+            ", ".join(f"{name} ({units[name]})" for name in units if name in one) for one in wanted
+        )
         raise CaseError(
-            f"{path}: has the columns {', '.join(rows[0]) if rows else 'none'}: must be t (s), and eta (m; "
-            "elevations) or X (m; the paddle's displacement), named in the first line"
+            f"{path}: has the columns {', '.join(rows[0]) if rows else 'none'}: must be {sets}, named in the "
+            "first line"
         )
     found: dict[str, list[float]] = {name: [] for name in header}
     for number, row in enumerate(rows[1:], start=2):
@@ -90,16 +99,12 @@ def read_series(path: str | Path) -> dict[str, list[float]]:
     return found
 
 
-UNITS = {"t": "s", "eta": "m", "X": "m"}
-"""Units of a series' columns."""
-
-
-def _column(path: str | Path, title: str) -> str:
-    """Name of a column from its title, such as "eta", "eta (m)", "eta [m]" or "eta_m"."""
+def _column(path: str | Path, title: str, units: dict[str, str]) -> str:
+    """Name of a column from its title. **Raises** CaseError where that has another unit."""
     parts = re.split(r"[\s_(\[]+", title.strip(" )]"), maxsplit=1)
     name, unit = parts[0], parts[1] if len(parts) > 1 else ""
-    if name in UNITS and unit and unit != UNITS[name]:
-        raise CaseError(f"{path}: {title}: must be in {UNITS[name]}; convert the column and its title")
+    if name in units and unit and unit != units[name]:
+        raise CaseError(f"{path}: {title}: must be in {units[name]}; convert the column and its title")
     return name
 
 

@@ -14,6 +14,7 @@ from jaxsph.waves.linear_owc import (
     linear_response,
     radiation_and_scattering,
 )
+from jaxsph.waves.linear_sea import LinearSea, linear_sea_response
 
 
 def incident_power(case: Case) -> float:
@@ -40,11 +41,33 @@ def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
         raise CaseError(
             f"{missing}: linear theory of an OWC needs a device in waves with a damping, over a flat bed"
         )
+    water = radiation_and_scattering(_chamber(case), 2.0 * np.pi / case.waves.T, case.g)
+    return linear_response(water, case.waves.H, case.pto.K_dm, case.fluid.rho0, lip_loss)
+
+
+def sea_is_linear(case: Case) -> bool:
+    """Whether linear theory of a sea covers a case: an OWC with a quadratic damping over a flat bed."""
+    return case.waves is not None and case.waves.kind != "regular" and _missing(case, seas=True) is None
+
+
+def linear_sea(case: Case) -> LinearSea:
+    """Linear theory of a case's device in its sea, by stochastic linearisation of its turbine.
+
+    **Raises** CaseError for a case without a device, a sea or pto.K_dm, or with a platform.
+    """
+    if not sea_is_linear(case):
+        regular = case.waves is not None and case.waves.kind == "regular"
+        why = 'waves.kind = "regular": take linear_owc' if regular else _missing(case, seas=True)
+        raise CaseError(f"{why}: linear theory of a sea needs a device with a damping, over a flat bed")
+    a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
+    return linear_sea_response(_chamber(case), a, omega, case.pto.K_dm, case.fluid.rho0, case.g)
+
+
+def _chamber(case: Case) -> ChamberGeometry:
+    """Section of a case's chamber with the lengths that the lattice gives it."""
     tank = Geometry.of(case)
     lengths = (tank.depth, tank.chamber_length, tank.depth - tank.plate.tip, tank.plate.thickness)
-    geometry = ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
-    water = radiation_and_scattering(geometry, 2.0 * np.pi / case.waves.T, case.g)
-    return linear_response(water, case.waves.H, case.pto.K_dm, case.fluid.rho0, lip_loss)
+    return ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
 
 
 def linear_check(case: Case) -> list[tuple[str, str]]:
@@ -61,13 +84,13 @@ def linear_check(case: Case) -> list[tuple[str, str]]:
     ]
 
 
-def _missing(case: Case) -> str | None:
-    """Key for which linear theory has no answer; None where it has one."""
+def _missing(case: Case, seas: bool = False) -> str | None:
+    """Key for which linear theory has no answer, of regular waves or of seas; None where it has one."""
     if case.device is None:
         return "device is not given"
     if case.waves is None:
         return "waves is not given"
-    if case.waves.kind != "regular":
+    if not seas and case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
     if case.pto is None or case.pto.K_dm is None:
         return "pto.K_dm is not given"

@@ -20,6 +20,11 @@ Period = Annotated[float, Field(ge=1e-3, le=1e4)]
 Waves = tuple[NDArray[np.complex128], NDArray[np.float64]]
 """Complex amplitudes (m) of waves at the paddle, and their angular frequencies (rad/s)."""
 
+MOST_PERIODS = 500
+"""Largest number of peak periods after which a sea repeats: the second order of all pairs of its waves then
+takes half a minute."""
+MOST_WAVES = 600
+"""Largest number of waves of a recorded series: its highest are taken."""
 MOST_SAMPLES = 20_000
 """Largest number of samples of a recorded series: its text is in every file of its runs."""
 
@@ -214,9 +219,10 @@ class IrregularWavesSection(_SpectralSection):
                 if grown
                 else f'spectrum = "{self.spectrum}" needs waves.Hs'
             )
-        if self.repeats < 16.0 * self.Tp:
+        if not 16.0 * self.Tp <= self.repeats <= MOST_PERIODS * self.Tp:
             raise ValueError(
-                f"duration = {self.duration:g} s: must be 16 peak periods at least ({16.0 * self.Tp:g} s)"
+                f"duration = {self.duration:g} s: must be 16 to {MOST_PERIODS} peak periods "
+                f"({16.0 * self.Tp:g} to {MOST_PERIODS * self.Tp:g} s)"
             )
         return self
 
@@ -247,6 +253,12 @@ class FocusedWavesSection(_SpectralSection):
     """Place of the crest, m from the paddle."""
     t: Time
     """Time of the crest, s."""
+
+    @model_validator(mode="after")
+    def _soon(self) -> FocusedWavesSection:
+        if self.t > 0.25 * MOST_PERIODS * self.Tp:
+            raise ValueError(f"t = {self.t:g} s: must be at most {0.25 * MOST_PERIODS:g} peak periods")
+        return self
 
     @property
     def height(self):
@@ -317,8 +329,10 @@ class RecordedWavesSection(AbstractWavesSection):
         mean = float(np.sum(energy * omega[1:-1]) / np.sum(energy))
         # longer waves than these are no waves of a tank, and shorter ones no piston makes
         keep = (omega > 0.3 * mean) & (omega < 3.5 * mean) & (np.arange(len(a)) < len(a) - 1)
-        large = np.abs(a) > 1e-3 * np.max(np.abs(a[keep]))
-        return a[keep & large], omega[keep & large]
+        sizes = np.abs(a[keep])
+        least = max(1e-3 * np.max(sizes), np.sort(sizes)[-MOST_WAVES:][0])
+        keep &= np.abs(a) >= least
+        return a[keep], omega[keep]
 
     @property
     def left_out(self) -> float:

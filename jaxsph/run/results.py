@@ -46,6 +46,8 @@ def run_results(
         except Exception as error:  # whatever it is: the series are worth more than any scalar
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             notices.append(f"no result for the {name}: {kind}{error}")
+    if {"xi", "P_inc_measured"} <= set(results):
+        results["xi_measured"] = results["xi"] * results["P_inc"] / results["P_inc_measured"]
     return results, tuple(notices)
 
 
@@ -108,15 +110,19 @@ def _power(case: Case, solution: Solution) -> Scalars:
         return results
     efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
     results["P_owc" if chamber else "P_pto"] = efficiency.xi * P_inc
-    if case.tank.width is None:
-        return results | {"xi": efficiency.xi, "xi_scatter": float(np.std(efficiency.per_period))}
-    return results | {"capture_width": efficiency.xi}  # power over power per width
+    if case.tank.width is not None:
+        return results | {"capture_width": efficiency.xi}  # power over power per width
+    results |= {"xi": efficiency.xi, "xi_scatter": float(np.std(efficiency.per_period))}
+    if case.waves.repeats is not None:
+        settled = analysis.whole_periods(t, T, periods)
+        results["xi_error"] = analysis.mean_with_error(solution["power_pto"][settled]).error / P_inc
+    return results
 
 
 def _reflection(case: Case, solution: Solution) -> Scalars:
-    """Incident and reflected wave from the gauges of the free flume."""
+    """Incident and reflected waves, and the power of the incident ones, by the gauges of the free flume."""
     periods = settled_periods(case, float(solution.t[-1]))
-    if periods < 1 or "eta" not in solution.series or case.waves.kind != "regular":
+    if periods < 1 or "eta" not in solution.series:
         return {}
     chosen = flume_gauges(case)
     x = np.asarray(Geometry.of(case).gauges)[chosen]
@@ -126,11 +132,22 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
             f"it needs three gauges or more between x = {first:g} and {last:g} m, where the waves are free, "
             f"and there are {len(x)}: see probes.gauges"
         )
-    depth = float(solution.model.depth)
-    found = analysis.reflection(
-        solution["eta"][:, chosen].T, x, solution.t, case.waves.T, depth, g=case.g, periods=periods
-    )
-    return {"reflection": found.coefficient, "incident_height": 2 * found.incident}
+    depth, eta, waves = float(solution.model.depth), solution["eta"][:, chosen].T, case.waves
+    if waves.kind == "regular":
+        found = analysis.reflection(eta, x, solution.t, waves.T, depth, g=case.g, periods=periods)
+        height = 2 * found.incident
+        power = float(theory.incident_power(height, waves.T, depth, case.fluid.rho0, case.g))
+        return {"reflection": found.coefficient, "incident_height": height, "P_inc_measured": power}
+    _, omega = waves.sum_of_waves(depth, case.g)
+    f = 0.9 * float(np.min(omega)) / (2 * np.pi), 1.1 * float(np.max(omega)) / (2 * np.pi)
+    settled = analysis.whole_periods(solution.t, waves.cycle, periods)
+    sea = analysis.two_way_sea(eta[:, settled], x, solution.t[settled], depth, case.g, f=f, bands=4)
+    return {
+        "reflection": sea.coefficient,
+        "Hm0": sea.incident.Hm0,
+        "Te": sea.incident.Te,
+        "P_inc_measured": sea.incident.power(depth, case.fluid.rho0, case.g),
+    }
 
 
 def flume_gauges(case: Case) -> list[int]:

@@ -33,6 +33,8 @@ MODES = 16
 The wave's corner with the piston makes the sum over modes J converge as 1/J only: at 16 it is 8 % off for
 T = 1.2 s on a depth of 0.5 m, and 0.1 % once the sums of 8 and 16 are extrapolated.
 """
+MANY = 100
+"""Number of waves above which half of the modes will do: 0.3 % off in a sea of 160, four times as fast."""
 
 
 class Harmonics(NamedTuple):
@@ -104,6 +106,8 @@ def second_order_displacement(
     **Arguments**: complex amplitudes a (m) of the progressive waves at the piston, their angular frequencies
     (rad/s), depth d (m). Sums and differences of the frequencies; none of frequency zero.
     """
+    if len(omega) > MANY:
+        modes = min(modes, MODES // 2)
     coarse, fine = (_with_modes(a, omega, d, g, count) for count in (modes // 2, modes))
     return fine._replace(amplitude=2.0 * fine.amplitude - coarse.amplitude)
 

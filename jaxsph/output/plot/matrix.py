@@ -1,0 +1,46 @@
+"""Picture of a power matrix: the mean power of every sea state as a number, beside linear theory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxsph.output.plot.style import STYLE, WIDTH, in_style
+from jaxsph.study.matrix import PowerMatrix
+
+
+def plot_matrix(matrix: PowerMatrix, folder: str | Path) -> Path:
+    """Writes the picture of a power matrix into a folder and returns its path."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "matrix.png"
+    draw_matrix(matrix).savefig(path, dpi=STYLE["savefig.dpi"])
+    return path
+
+
+@in_style
+def draw_matrix(matrix: PowerMatrix) -> Figure:
+    """Mean power with its standard error, and, where linear theory covers the case, its prediction."""
+    panels = [("mean power", matrix.P, matrix.error)]
+    if np.any(np.isfinite(matrix.linear)):
+        panels.append(("linear theory", matrix.linear, np.zeros(matrix.linear.shape)))
+    unit = "W/m" if matrix.sweep.case.tank.width is None else "W"
+    figure = Figure(figsize=(0.6 * WIDTH * len(panels), 4.0), layout="constrained")
+    known = [values[np.isfinite(values)] for _, values, _ in panels]
+    most = max((float(np.max(values)) for values in known if values.size), default=1.0)
+    for ax, (title, values, error) in zip(np.ravel(figure.subplots(1, len(panels))), panels, strict=True):
+        ax.imshow(values, origin="lower", aspect="auto", cmap="viridis", vmin=0.0, vmax=most)
+        for i, j in np.ndindex(values.shape):
+            there = bool(np.isfinite(values[i, j]))
+            text = f"{values[i, j]:.3g}" if there else "failed"
+            if there and error[i, j] > 0.0:
+                text += f"\n+- {error[i, j]:.1g}"
+            dark = there and values[i, j] < 0.6 * most
+            ax.text(j, i, text, ha="center", va="center", color="w" if dark else "k")
+        ax.set_xticks(range(len(matrix.Tp)), [f"{T:g}" for T in matrix.Tp])
+        ax.set_yticks(range(len(matrix.Hs)), [f"{H:g}" for H in matrix.Hs])
+        ax.set(xlabel="Tp, s", ylabel="Hs, m", title=f"{title}, {unit}")
+        ax.grid(visible=False)
+    return figure

@@ -1,0 +1,180 @@
+"""Power matrix: mean power over significant heights and peak periods, and its mean over a scatter table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from jaxsph.analysis import Mean
+from jaxsph.case.case import Case
+from jaxsph.case.files import read_columns
+from jaxsph.case.linear import linear_sea, sea_is_linear
+from jaxsph.errors import CaseError
+from jaxsph.study.sweep import Sweep, sweep
+
+HOURS = 8766.0
+"""Hours of a year, leap years counted."""
+
+
+@dataclass(frozen=True)
+class ScatterTable:
+    """Sea states of a place by their share of the year."""
+
+    Hs: NDArray[np.float64]
+    """Significant wave heights, m."""
+    Tp: NDArray[np.float64]
+    """Peak periods, s."""
+    share: NDArray[np.float64]
+    """Shares of the year (-), which sum to 1."""
+
+    @classmethod
+    def read(cls, path: str | Path) -> ScatterTable:
+        """Table of a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h).
+
+        **Raises** CaseError for other columns, and shares that are negative or do not sum to 1.
+        """
+        units = {"Hs": "m", "Tp": "s", "share": "-", "hours": "h"}
+        found = read_columns(path, units, [{"Hs", "Tp", "share"}, {"Hs", "Tp", "hours"}])
+        columns = {name: np.array(values) for name, values in found.items()}
+        kind = "share" if "share" in columns else "hours"
+        weight = columns[kind]
+        if np.any(weight < 0.0) or not np.sum(weight) > 0.0:
+            raise CaseError(f"{path}: {kind}: must not be negative, and not all be zero")
+        if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
+            raise CaseError(
+                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; give hours where they are counts"
+            )
+        return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight))
+
+
+@dataclass(frozen=True)
+class PowerMatrix:
+    """Mean absorbed power of a device over sea states, with its standard error, beside linear theory."""
+
+    Hs: NDArray[np.float64]
+    """Significant wave heights, m."""
+    Tp: NDArray[np.float64]
+    """Peak periods, s."""
+    P: NDArray[np.float64]
+    """Mean absorbed power, `[Hs, Tp]`, W (W/m in 2-D), a mean over the seeds; NaN where none ended."""
+    error: NDArray[np.float64]
+    """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D)."""
+    xi: NDArray[np.float64]
+    """Hydrodynamic efficiency, `[Hs, Tp]` (-)."""
+    linear: NDArray[np.float64]
+    """Mean power by linear theory, `[Hs, Tp]`, W/m; NaN where the theory does not cover the case."""
+    sweep: Sweep
+    """The runs."""
+
+    def annual(self, table: ScatterTable) -> Mean:
+        """Mean power over a year of a scatter table and its standard error, W (W/m in 2-D).
+
+        Between the matrix's sea states the power is interpolated linearly. **Raises** CaseError for sea
+        states beyond the matrix, and for a matrix with cells that failed.
+        """
+        weight = self._weights(table)
+        if np.any(~np.isfinite(self.P) & (weight > 0.0)):
+            raise CaseError("the matrix has sea states whose runs failed: run it again, or leave them out")
+        P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
+        return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
+
+    def _weights(self, table: ScatterTable) -> NDArray[np.float64]:
+        """Weight of every cell in the mean over a scatter table, `[Hs, Tp]`."""
+        used = table.share > 0.0
+        for name, axis, values in (("Hs", self.Hs, table.Hs[used]), ("Tp", self.Tp, table.Tp[used])):
+            outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
+            if np.any(outside):
+                raise CaseError(
+                    f"the table has {name} = {values[outside][0]:g}: beyond the matrix, which has "
+                    f"{np.min(axis):g} to {np.max(axis):g}"
+                )
+        places = np.stack([table.Hs[used], table.Tp[used]], axis=1)
+        weights = np.zeros((len(self.Hs), len(self.Tp)))
+        for cell in np.ndindex(weights.shape):
+            one = np.zeros(weights.shape)
+            one[cell] = 1.0
+            weights[cell] = np.sum(table.share[used] * _interpolated(self.Hs, self.Tp, one, places))
+        return weights
+
+
+def _interpolated(Hs: NDArray, Tp: NDArray, values: NDArray, places: NDArray) -> NDArray[np.float64]:
+    """Values between sea states, linear; an axis of one value has no between."""
+    axes, at, kept = [], [], values
+    for axis, points in enumerate((Hs, Tp)):
+        if len(points) > 1:
+            axes.append(points)
+            at.append(np.clip(places[:, axis], points[0], points[-1]))
+        else:
+            kept = np.take(kept, 0, axis=axis - (values.ndim - kept.ndim))
+    if not axes:
+        return np.full(len(places), float(kept))
+    return RegularGridInterpolator(axes, kept)(np.stack(at, axis=1))
+
+
+def power_matrix(
+    case: Case,
+    Hs: Sequence[float],
+    Tp: Sequence[float],
+    out: str | Path,
+    *,
+    seeds: int = 1,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: bool = True,
+) -> PowerMatrix:
+    """Mean power of a case's device in every sea state of a grid, each with so many `seeds`.
+
+    **Arguments**: significant heights `Hs` (m) and peak periods `Tp` (s), ascending; `out`: the file of the
+    runs, a sweep's, which goes on where it was interrupted; `workers`, `executor`: see `sweep`. The error of
+    a cell is that between its seeds, or that of its runs' means where it is larger. **Raises** CaseError for
+    a case without irregular waves or a power take-off, and for a sea state that the tank cannot have.
+    """
+    if case.waves is None or case.waves.kind != "irregular":
+        raise CaseError('a power matrix needs waves.kind = "irregular", whose Hs, Tp and seed it varies')
+    if seeds < 1:
+        raise CaseError(f"seeds = {seeds}: must be 1 or more")
+    axes = {"Hs": np.asarray(Hs, float), "Tp": np.asarray(Tp, float)}
+    for name, values in axes.items():
+        if values.ndim != 1 or not values.size or np.any(np.diff(values) <= 0.0):
+            raise CaseError(f"{name} = {list(values)}: must be one value or more, ascending")
+    first = case.waves.seed
+    over = {
+        "waves.Hs": axes["Hs"],
+        "waves.Tp": axes["Tp"],
+        "waves.seed": np.arange(first, first + seeds),
+    }
+    done = sweep(case, over, out, workers=workers, executor=executor, progress=progress)
+    return matrix_of(done)
+
+
+def matrix_of(done: Sweep) -> PowerMatrix:
+    """Power matrix of a sweep over waves.Hs, waves.Tp and waves.seed. **Raises** CaseError for another."""
+    if [*done.axes] != ["waves.Hs", "waves.Tp", "waves.seed"]:
+        raise CaseError(
+            f"a power matrix is a sweep over waves.Hs, Tp and seed, not over {', '.join(done.axes)}"
+        )
+    named = [name for name in ("P_owc", "P_pto") if name in done.results]
+    if not named:
+        raise CaseError(
+            "the runs have no absorbed power: is there a device with a damping, and t1 long enough?"
+        )
+    powers, within = done.results[named[0]], done.results["xi_error"] * done.results["P_inc"]
+    count = np.sum(np.isfinite(powers), axis=2)
+    known = np.maximum(count, 1)
+    P = np.where(count > 0, np.nansum(powers, axis=2) / known, np.nan)
+    between = np.sqrt(np.nansum((powers - P[..., None]) ** 2, axis=2) / np.maximum(count - 1, 1) / known)
+    of_runs = np.sqrt(np.nansum(within**2, axis=2)) / known
+    Hs, Tp = (np.asarray(done.axes[name], float) for name in ("waves.Hs", "waves.Tp"))
+    linear = np.full(P.shape, np.nan)
+    if sea_is_linear(done.case):
+        for i, j in np.ndindex(P.shape):
+            linear[i, j] = linear_sea(done.case.replace({"waves.Hs": Hs[i], "waves.Tp": Tp[j]})).P_owc
+    xi = np.where(count > 0, np.nansum(done.results["xi"], axis=2) / known, np.nan)
+    error = np.where(count > 0, np.maximum(between, of_runs), np.nan)
+    return PowerMatrix(Hs, Tp, P, error, xi, linear, done)

@@ -1,0 +1,193 @@
+"""Linear theory of an oscillating water column in an irregular sea, with a quadratic turbine.
+
+The water is linear, wave by wave (`linear_owc`); the turbine, P_a = K_dm^2 |q| q, is not. Two ways to it:
+
+- stochastic linearisation: for a Gaussian flow the linear resistance of the same mean power is
+  K_dm^2 sqrt(8 / pi) sigma_q, with sigma_q the flow's standard deviation that follows from it;
+- integration: the flow that fulfils both the linear water and the quadratic turbine at every time, of a sea
+  that repeats.
+
+Host numpy in double precision; time goes as exp(-i omega t), as in `linear_owc`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from jaxsph.waves import theory
+from jaxsph.waves.linear_owc import ChamberGeometry, radiation_and_scattering
+
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+
+_GAUSSIAN = np.sqrt(8.0 / np.pi)
+"""Ratio of E|q|^3 to sigma_q^3 for a Gaussian flow (-)."""
+_NODES = 80
+"""Number of frequencies at which the water's equations are solved: for 0.5 to 2.8 peak frequencies, 1e-5."""
+_HARMONICS = 4
+"""Frequencies over the sea's highest up to which the turbine's pressure is kept."""
+
+
+@dataclass(frozen=True)
+class LinearSea:
+    """Response of a chamber to an irregular sea in linear theory."""
+
+    sigma_q: float
+    """Standard deviation of the flow of air out of the chamber per unit width, m2/s."""
+    sigma_P_a: float
+    """Standard deviation of the air's pressure, Pa."""
+    sigma_level: float
+    """Standard deviation of the mean elevation in the chamber, m."""
+    P_owc: float
+    """Mean absorbed power, W/m."""
+    P_inc: float
+    """Mean incident power, W/m."""
+
+    @property
+    def xi(self) -> float:
+        """Hydrodynamic efficiency (-)."""
+        return self.P_owc / self.P_inc
+
+
+@dataclass(frozen=True)
+class _Water:
+    """Linear water at the frequencies of a sea: flow of the open chamber, and admittance."""
+
+    omega: Real
+    q_open: Complex
+    Z: Complex
+    P_inc: float
+    length: float
+
+
+def linear_sea_response(
+    geometry: ChamberGeometry,
+    amplitude: Complex,
+    omega: Real,
+    K_dm: float,
+    rho0: float = 1000.0,
+    g: float = theory.GRAVITY,
+) -> LinearSea:
+    """Response of a chamber to a sea by stochastic linearisation of its quadratic turbine.
+
+    **Arguments**: complex amplitudes (m) of the sea's waves and their angular frequencies (rad/s); damping
+    `K_dm` (kg^0.5 m^-2.5, >= 0). **Raises** ValueError for a damping below zero.
+    """
+    water = _water(geometry, np.abs(amplitude), omega, rho0, g, K_dm)
+
+    def flow(resistance: float) -> Complex:
+        return water.q_open / (1.0 + water.Z * resistance)
+
+    def sigma(resistance: float) -> float:
+        return float(np.sqrt(0.5 * np.sum(np.abs(flow(resistance)) ** 2)))
+
+    # resistance to flow falls with the flow that it leaves: one root, at most that of the open chamber
+    most = K_dm**2 * _GAUSSIAN * sigma(0.0)
+    resistance = 0.0
+    if most > 0.0:
+        resistance = brentq(lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most)
+    found = sigma(resistance)
+    level = np.abs(flow(resistance)) / (water.omega * water.length)
+    return LinearSea(
+        sigma_q=found,
+        # of K_dm^2 |q| q for a Gaussian flow: E q^4 = 3 sigma^4
+        sigma_P_a=float(K_dm**2 * np.sqrt(3.0) * found**2),
+        sigma_level=float(np.sqrt(0.5 * np.sum(level**2))),
+        P_owc=resistance * found**2,
+        P_inc=water.P_inc,
+    )
+
+
+def integrated_sea_response(
+    geometry: ChamberGeometry,
+    amplitude: Complex,
+    omega: Real,
+    K_dm: float,
+    duration: float,
+    rho0: float = 1000.0,
+    g: float = theory.GRAVITY,
+) -> LinearSea:
+    """Response of a chamber to a sea that repeats after `duration` (s), with the quadratic turbine itself.
+
+    The flow q(t) of one repetition fulfils q = q_open - Z P_a at every frequency, of which there are four
+    times as many as the sea has, and P_a = K_dm^2 |q| q at every time. It is found by iteration about the
+    linearised turbine. **Raises** ValueError for waves at other frequencies than multiples of 1/duration, and
+    where the iteration does not end.
+    """
+    turns = omega * duration / (2.0 * np.pi)
+    index = np.round(turns).astype(int)
+    if np.max(np.abs(turns - index)) > 1e-6:
+        raise ValueError(f"duration = {duration:g} s: the sea does not repeat after it")
+    linear = linear_sea_response(geometry, amplitude, omega, K_dm, rho0, g)
+    last = _HARMONICS * int(index.max())
+    every = 2.0 * np.pi * np.arange(last + 1) / duration
+    q_open = np.zeros(last + 1, complex)
+    water = _water(geometry, amplitude, omega, rho0, g, K_dm)
+    q_open[index] = water.q_open
+    Z = np.zeros(last + 1, complex)
+    Z[1:] = _of_frequency(geometry, every[1:], g)[1] / rho0
+    resistance = linear.P_owc / max(linear.sigma_q**2, 1e-300)
+    n = 4 * last  # samples of a repetition: |q| q has no bounded spectrum
+
+    def in_time(a: Complex) -> Real:
+        return np.fft.irfft(np.conj(a), n) * n / 2.0  # of exp(-i omega t); twice a real's spectrum
+
+    def in_frequency(y: Real) -> Complex:
+        return 2.0 / n * np.conj(np.fft.rfft(y))[: last + 1]
+
+    q = q_open / (1.0 + Z * resistance)
+    for _ in range(400):
+        there = in_time(q)
+        rest = in_frequency(K_dm**2 * np.abs(there) * there) - resistance * q
+        new = (q_open - Z * rest) / (1.0 + Z * resistance)
+        change = float(np.linalg.norm(new - q) / np.linalg.norm(q))
+        q = 0.5 * (q + new)
+        if change < 1e-8:
+            break
+    else:
+        raise ValueError(f"the iteration does not end at K_dm = {K_dm:g} (change {change:.1g})")
+    flow = in_time(q)
+    pressure = K_dm**2 * np.abs(flow) * flow
+    level = np.abs(q[1:]) / (every[1:] * water.length)
+    return LinearSea(
+        sigma_q=float(np.std(flow)),
+        sigma_P_a=float(np.std(pressure)),
+        sigma_level=float(np.sqrt(0.5 * np.sum(level**2))),
+        P_owc=float(np.mean(pressure * flow)),
+        P_inc=water.P_inc,
+    )
+
+
+def _water(
+    geometry: ChamberGeometry, amplitude: Complex, omega: Real, rho0: float, g: float, K_dm: float
+) -> _Water:
+    if not K_dm >= 0.0:
+        raise ValueError(f"K_dm = {K_dm}: must not be negative")
+    q_S, Z = _of_frequency(geometry, omega, g)
+    speed = np.asarray(theory.group_velocity(omega, geometry.depth, g), float)
+    return _Water(
+        omega=np.asarray(omega, float),
+        q_open=q_S * amplitude,
+        Z=Z / rho0,
+        P_inc=float(0.5 * rho0 * g * np.sum(np.abs(amplitude) ** 2 * speed)),
+        length=geometry.length,
+    )
+
+
+def _of_frequency(geometry: ChamberGeometry, omega: Real, g: float) -> tuple[Complex, Complex]:
+    """Flow of the open chamber per metre of amplitude (m/s), and rho0 times the admittance (m2/s Pa kg/m3).
+
+    Splines through `_NODES` frequencies: both are smooth, and a sea has hundreds.
+    """
+    if len(omega) <= _NODES:
+        exact = [radiation_and_scattering(geometry, float(w), g) for w in omega]
+        return np.array([one.q_S for one in exact]), np.array([one.Z(1.0) for one in exact])
+    nodes = np.geomspace(0.999 * np.min(omega), 1.001 * np.max(omega), _NODES)
+    at = [radiation_and_scattering(geometry, float(w), g) for w in nodes]
+    q_S, Z = (CubicSpline(nodes, a)(omega) for a in ([one.q_S for one in at], [one.Z(1.0) for one in at]))
+    return q_S, Z

@@ -1,0 +1,207 @@
+"""Power matrices, scatter tables, and linear theory in irregular seas."""
+
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import jaxsph as js
+from jaxsph.cli import app
+from jaxsph.output.plot.matrix import draw_matrix
+from jaxsph.study.matrix import matrix_of
+from jaxsph.waves import second_order, spectra
+from jaxsph.waves.linear_owc import ChamberGeometry, linear_response, radiation_and_scattering
+from jaxsph.waves.linear_sea import integrated_sea_response, linear_sea_response
+
+CHAMBER = ChamberGeometry(0.42, 0.13, 0.16, 0.02)
+DURATION = 128 * 1.4
+SEA = spectra.draw_sea(spectra.JONSWAP(0.04, 1.4), DURATION, 1)
+CASE = js.load_case("owc").replace({"waves": {"kind": "irregular", "Hs": 0.04, "Tp": 1.4}})
+
+# --- linear theory
+
+
+def test_a_sea_of_one_wave_has_a_gaussian_turbine_of_its_own():
+    """The linearised resistance of a sine is 8/(3 pi) K^2 |q|, of a Gaussian flow 2/sqrt(pi) K^2 |q| of the
+    same amplitude: by 1.33 more damping the two are one, to rounding."""
+    a, omega = np.array([0.02 + 0j]), np.array([2.0 * np.pi / 1.2])
+    ratio = np.sqrt(8.0 / (3.0 * np.pi) / (2.0 / np.sqrt(np.pi)))
+    sea = linear_sea_response(CHAMBER, a, omega, 500.0 * ratio)
+    regular = linear_response(radiation_and_scattering(CHAMBER, omega[0]), 0.04, 500.0)
+    assert sea.xi == pytest.approx(float(regular.xi), rel=1e-6)
+    assert sea.P_inc == pytest.approx(float(regular.P_inc), rel=1e-5)  # the group velocity in float32
+    assert sea.sigma_q * np.sqrt(2.0) == pytest.approx(abs(regular.q), rel=1e-6)
+
+
+def test_integrated_response_of_a_sine_is_near_its_describing_function():
+    """They differ by the third harmonic of |q| q, a fifth of the first: its square at most, 1 % here."""
+    a, omega = np.array([0.02 + 0j]), np.array([2.0 * np.pi / 1.2])
+    whole = integrated_sea_response(CHAMBER, a, omega, 500.0, 1.2)
+    regular = linear_response(radiation_and_scattering(CHAMBER, omega[0]), 0.04, 500.0)
+    assert whole.xi == pytest.approx(float(regular.xi), rel=0.01)
+
+
+@pytest.mark.parametrize(("K_dm", "bar"), [(150.0, 0.05), (534.66, 0.03), (1500.0, 0.05)])
+def test_stochastic_linearisation_has_the_turbine_s_mean_power(K_dm, bar):
+    """In a sea of 128 waves, at the built-in damping 2.5 %; farther off the flow is less Gaussian."""
+    linear = linear_sea_response(CHAMBER, *SEA, K_dm)
+    whole = integrated_sea_response(CHAMBER, *SEA, K_dm, DURATION)
+    assert whole.P_owc == pytest.approx(linear.P_owc, rel=bar)
+    assert whole.P_inc == pytest.approx(linear.P_inc)
+
+
+def test_integrated_response_conserves_energy_in_the_open_and_closed_chamber():
+    """Nothing is absorbed without damping, and next to nothing by a wall."""
+    assert linear_sea_response(CHAMBER, *SEA, 0.0).P_owc == 0.0
+    assert linear_sea_response(CHAMBER, *SEA, 1e6).xi < 0.01
+    with pytest.raises(ValueError, match="does not repeat"):
+        integrated_sea_response(CHAMBER, *SEA, 500.0, 100.0)
+    with pytest.raises(ValueError, match="must not be negative"):
+        linear_sea_response(CHAMBER, *SEA, -1.0)
+
+
+def test_linear_theory_of_a_case_s_sea():
+    found = js.linear_sea(CASE)
+    assert 0.4 < found.xi < 0.7 and found.P_inc == pytest.approx(js.incident_power(CASE), rel=1e-4)
+    with pytest.raises(js.CaseError, match="take linear_owc"):
+        js.linear_sea(js.load_case("owc"))
+    with pytest.raises(js.CaseError, match="waves is not given"):
+        js.linear_sea(js.load_case("vessel"))
+    with pytest.raises(js.CaseError, match=r'waves.kind = "irregular"'):
+        js.linear_owc(CASE)
+
+
+# --- matrices
+
+
+def a_sweep(powers, errors=0.1):
+    """A sweep of two heights, three periods and two seeds, without its runs."""
+    axes = {
+        "waves.Hs": np.array([0.02, 0.04]),
+        "waves.Tp": np.array([1.2, 1.4, 1.6]),
+        "waves.seed": np.arange(2),
+    }
+    P_inc = np.full((2, 3, 2), 2.0)
+    results = {
+        "P_owc": powers,
+        "xi": powers / 2.0,
+        "xi_error": np.full((2, 3, 2), errors / 2.0),
+        "P_inc": P_inc,
+    }
+    failures = {tuple(map(int, i)): "lost" for i in np.argwhere(np.isnan(powers))}
+    return js.Sweep(CASE, axes, results, failures, {})
+
+
+POWERS = np.arange(12.0).reshape(2, 3, 2)
+
+
+def test_a_cell_is_the_mean_over_its_seeds_with_their_error():
+    """Two seeds one apart: the mean's standard error is a half, larger than 0.1/sqrt(2) of the runs' own."""
+    matrix = matrix_of(a_sweep(POWERS))
+    np.testing.assert_allclose(matrix.P, POWERS.mean(axis=2))
+    np.testing.assert_allclose(matrix.error, 0.5)
+    np.testing.assert_allclose(matrix_of(a_sweep(POWERS, 3.0)).error, 3.0 / np.sqrt(2.0))
+    np.testing.assert_allclose(matrix.xi, matrix.P / 2.0)
+    assert matrix.linear[1, 1] == pytest.approx(js.linear_sea(CASE).P_owc)
+    assert np.all(np.diff(matrix.linear, axis=0) > 0.0)
+
+
+def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
+    """Of cells, and of a state in the middle of four of them."""
+    matrix = matrix_of(a_sweep(POWERS))
+    (tmp_path / "a.csv").write_text("Hs (m),Tp (s),share\n0.02,1.2,0.5\n0.04,1.6,0.5\n")
+    year = matrix.annual(js.ScatterTable.read(tmp_path / "a.csv"))
+    assert year.value == pytest.approx(0.5 * (POWERS[0, 0].mean() + POWERS[1, 2].mean()))
+    assert year.error == pytest.approx(0.5 * np.hypot(0.5, 0.5))
+    (tmp_path / "b.csv").write_text("hours,Hs,Tp\n8766,0.03,1.3\n0,9,9\n")
+    year = matrix.annual(js.ScatterTable.read(tmp_path / "b.csv"))
+    assert year.value == pytest.approx(POWERS[:, :2].mean()) and year.error == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("Hs,Tp,share\n0.02,1.2,0.5\n", "the shares sum to 0.5: must be 1"),
+        ("Hs,Tp,hours\n0.02,1.2,-5\n", "hours: must not be negative"),
+        ("Hs,Tp\n0.02,1.2\n", "must be Hs"),
+        ("Hs (ft),Tp,share\n0.02,1.2,1\n", r"Hs \(ft\): must be in m"),
+        ("Hs,Tp,share\n0.06,1.2,1\n", "the table has Hs = 0.06: beyond the matrix, which has 0.02 to 0.04"),
+        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7: beyond"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(tmp_path, text, words):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(js.CaseError, match=words):
+        matrix_of(a_sweep(POWERS)).annual(js.ScatterTable.read(tmp_path / "a.csv"))
+
+
+def test_cells_that_failed_are_not_averaged_away(tmp_path):
+    powers = POWERS.copy()
+    powers[0, 0, 1] = np.nan
+    assert matrix_of(a_sweep(powers)).P[0, 0] == powers[0, 0, 0]
+    powers[0, 0, 0] = np.nan
+    matrix = matrix_of(a_sweep(powers))
+    assert np.isnan(matrix.P[0, 0])
+    table = js.ScatterTable(np.array([0.02]), np.array([1.2]), np.array([1.0]))
+    with pytest.raises(js.CaseError, match="whose runs failed"):
+        matrix.annual(table)
+    beside = js.ScatterTable(np.array([0.04]), np.array([1.6]), np.array([1.0]))
+    assert matrix.annual(beside).value == POWERS[1, 2].mean()
+    figure = draw_matrix(matrix)
+    assert "failed" in [text.get_text() for text in figure.axes[0].texts]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["mean power, W/m", "linear theory, W/m"]
+
+
+def test_what_makes_no_matrix_is_refused(tmp_path):
+    out = tmp_path / "m.h5"
+    with pytest.raises(js.CaseError, match='needs waves.kind = "irregular"'):
+        js.power_matrix(js.load_case("owc"), [0.04], [1.4], out)
+    with pytest.raises(js.CaseError, match="seeds = 0"):
+        js.power_matrix(CASE, [0.04], [1.4], out, seeds=0)
+    with pytest.raises(js.CaseError, match="ascending"):
+        js.power_matrix(CASE, [0.04, 0.02], [1.4], out)
+    with pytest.raises(js.CaseError, match=r"waves.Tp = 0.7 s"):
+        js.power_matrix(CASE, [0.04], [0.7], out)
+
+
+def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
+    """Its arguments reach `power_matrix`; the year's mean and the picture come out."""
+    asked = {}
+
+    def power_matrix(case, Hs, Tp, out, **options):
+        asked.update(case=case, Hs=Hs, Tp=Tp, out=out, **options)
+        return matrix_of(a_sweep(POWERS))
+
+    monkeypatch.setattr(js, "power_matrix", power_matrix, raising=False)
+    (tmp_path / "sea.toml").write_text(CASE.to_toml())
+    (tmp_path / "table.csv").write_text("Hs,Tp,share\n0.02,1.2,1\n")
+    arguments = [
+        "matrix",
+        str(tmp_path / "sea.toml"),
+        "--hs",
+        "0.02,0.04",
+        "--tp",
+        "1.2:1.6:3",
+        "--seeds",
+        "2",
+    ]
+    arguments += ["--table", str(tmp_path / "table.csv"), "--out", str(tmp_path / "m.h5")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    assert (
+        asked["Hs"] == [0.02, 0.04] and asked["Tp"] == pytest.approx([1.2, 1.4, 1.6]) and asked["seeds"] == 2
+    )
+    assert "Hs = 0.04 m, Tp = 1.6 s" in done.output and "linear theory" in done.output
+    assert re.search(r"mean over the year +0.5 \+- 0.5 W/m", done.output)
+    assert (tmp_path / "m_plots" / "matrix.png").exists()
+
+
+def test_second_order_wavenumbers_are_the_theory_s():
+    """The host's double precision against the traced float32."""
+    omega = 2.0 * np.pi / np.array([0.8, 1.4, 5.0])
+    from jaxsph.waves import theory
+
+    np.testing.assert_allclose(
+        second_order.wavenumbers(omega, 0.5, 9.81), theory.wavenumber(omega, 0.5), rtol=1e-6
+    )
