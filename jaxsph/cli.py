@@ -482,7 +482,7 @@ def _setting(text: str) -> tuple[str, Any]:
 
 
 def _values(text: str, option: str = "--grid") -> tuple[str, list[float]]:
-    """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"."""
+    """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"; whole numbers where all are written so."""
     key, equals, value = (part.strip() for part in text.partition("="))
     try:
         if value.count(":") == 2:
@@ -495,6 +495,8 @@ def _values(text: str, option: str = "--grid") -> tuple[str, list[float]]:
         values = []
     if not key or not equals or not values:
         raise CaseError(f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
+    if "." not in value and all(one.is_integer() and abs(one) < 2**53 for one in values):
+        values = [int(one) for one in values]  # a seed must be one
     return key, values
 
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jaxsph as js
-from jaxsph.cli import _setting, app
+from jaxsph.cli import _setting, _values, app
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
@@ -270,6 +270,24 @@ def test_optimise_prints_the_way_and_the_best(calls, monkeypatch):
     assert method.members == 5 and evaluations == 10
     bad = _jaxsph("optimise", "owc", "--over", "pto.K_dm")
     assert bad.exit_code == 2 and "must be KEY=LOW:HIGH" in bad.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("1,2", [1, 2]),
+        ("1:4:4", [1, 2, 3, 4]),
+        ("1,2.5", [1.0, 2.5]),
+        ("1.0,2", [1.0, 2.0]),
+        ("1:2:3", [1, 1.5, 2]),
+    ],
+)
+def test_values_of_a_grid_are_whole_where_they_are_written_so(text, values):
+    """A seed must be a whole number; a damping may be."""
+    key, found = _values(f"waves.seed={text}")
+    assert key == "waves.seed" and found == values
+    whole = all(float(one).is_integer() for one in values) and "." not in text
+    assert all(isinstance(one, int) == whole for one in found)
 
 
 def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
