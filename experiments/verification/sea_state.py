@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy import stats
 
 import jaxsph as js
 from experiments.common import Report, solved
+from jaxsph import analysis
 from jaxsph.waves import second_order, spectra
 
 HS, TP, D = 0.04, 1.4, 0.5
@@ -16,7 +16,7 @@ GAUGES = (2.6, 2.8, 3.1, 3.5, 4.0)
 """Places of the gauges, m: at the middle of a flume of 7 m before its sponge."""
 START = 15.0
 """Time at which the shortest waves that count have reached the gauges, s."""
-BAND = 8
+BANDS = 8
 """Number of neighbouring frequencies that a value of the spectrum is the mean of."""
 
 
@@ -42,24 +42,23 @@ def main(dx: float = 0.02) -> None:
     file, other = solved(case, f"sea_state_{dx:g}"), solved(again, f"sea_record_{dx:g}")
     with Report(f"sea_state_{dx:g}", "A JONSWAP sea of 100 waves, and a recorded series", dx) as report:
         report.seconds = sum(one.results()["wall_seconds"] for one in (file, other))
-        spectrum = spectra.JONSWAP(HS, TP)
-        f, incident, reflected = two_way(file.series(), duration)
-        S, edges = banded(f, incident)
-        height = 4.0 * np.sqrt(np.sum(incident) * f[1])
+        sea = incident_sea(file.series(), duration)
+        S = sea.incident
+        height = S.Hm0
         report.row(
             "significant height", height, "m", theory=HS, bar="5 %", passes=abs(height / HS - 1) < 0.05
         )
-        peak = np.sum(S**4) / np.sum(edges * S**4)
-        report.row("peak period", peak, "s", theory=TP, bar="3 %", passes=abs(peak / TP - 1) < 0.03)
-        among = (edges > 0.6 / TP) & (edges < 2.0 / TP)
-        low, high = (2 * BAND / stats.chi2.ppf(q, 2 * BAND) for q in (0.95, 0.05))
-        expected = banded(f, spectrum.density(f))[0]
-        inside = float(np.mean((low * S < expected)[among] & (expected < high * S)[among]))
+        report.row("peak period", S.Tp, "s", theory=TP, bar="3 %", passes=abs(S.Tp / TP - 1) < 0.03)
+        # the mean of the spectrum over every band, which is as wide as the peak
+        within = (np.arange(BANDS) - 0.5 * (BANDS - 1)) / duration
+        expected = spectra.JONSWAP(HS, TP).density(S.f[:, None] + within).mean(axis=1)
+        low, high = S.band(0.9)
+        among = (S.f > 0.6 / TP) & (S.f < 2.0 / TP)
+        inside = float(np.mean(((low < expected) & (expected < high))[among]))
         report.row(
             "bins of 0.6 to 2 fp whose 90 % band has the spectrum", inside, bar="0.9", passes=inside >= 0.9
         )
-        back = float(np.sqrt(np.sum(reflected) / np.sum(incident)))
-        report.row("reflection", back, bar="0.1", passes=back < 0.1)
+        report.row("reflection", sea.coefficient, bar="0.1", passes=sea.coefficient < 0.1)
         series = other.series()
         there = np.interp(series["time"], t, asked)
         later = series["time"] > 12.0
@@ -68,7 +67,7 @@ def main(dx: float = 0.02) -> None:
         ratio = float(np.std(series["eta"][later, 0]) / np.std(there[later]))
         report.row("recorded series: standard deviation over the asked", ratio)
         report.picture(
-            _picture((edges, S, low, high, expected), (series["time"], there, series["eta"][:, 0]))
+            _picture((S.f, S.S, low, high, expected), (series["time"], there, series["eta"][:, 0]))
         )
 
 
@@ -79,32 +78,12 @@ def _series() -> tuple[np.ndarray, np.ndarray]:
     return t.round(6), second_order.Harmonics(a, omega, omega).at(t).round(6)
 
 
-def two_way(series: dict[str, np.ndarray], duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies (Hz), and spectra (m2/Hz) of incident and reflected waves over one repetition of the sea.
-
-    Least squares over the gauges at every frequency (Mansard and Funke 1980): the sea repeats, so its waves
-    have the frequencies of the transform, without a window.
-    """
+def incident_sea(series: dict[str, np.ndarray], duration: float) -> analysis.TwoWaySea:
+    """Incident and reflected sea at the gauges over one repetition."""
     t = series["time"]
     last = t > t[-1] - duration + 1e-6
-    eta = np.float64(series["eta"][last])
-    n = len(eta)
-    A = 2.0 * np.fft.rfft(eta - eta.mean(axis=0), axis=0) / n
-    f = np.arange(len(A)) / duration
-    use = (f > 0.4 / TP) & (f < 3.0 / TP)
-    incident, reflected = np.zeros(len(f)), np.zeros(len(f))
-    k = second_order.wavenumbers(2.0 * np.pi * f[use], D, 9.81)
-    for place, number in zip(np.flatnonzero(use), k, strict=True):
-        basis = np.exp(1j * number * np.outer(np.array(GAUGES), [-1.0, 1.0]))
-        there = np.linalg.lstsq(basis, A[place], rcond=None)[0]
-        incident[place], reflected[place] = 0.5 * np.abs(there) ** 2 * duration
-    return f, incident, reflected
-
-
-def banded(f: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means of a spectrum over bands of `BAND` frequencies, and the middle frequencies of the bands (Hz)."""
-    count = len(f) // BAND
-    return tuple(a[: count * BAND].reshape(count, BAND).mean(axis=1) for a in (S, f))
+    eta, x = np.float64(series["eta"][last]).T, np.array(GAUGES)
+    return analysis.two_way_sea(eta, x, t[last], D, f=(0.4 / TP, 3.0 / TP), bands=BANDS)
 
 
 def _picture(spectrum: tuple, series: tuple) -> Figure:
