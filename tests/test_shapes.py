@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from jaxsph.model.state import Tally
 from jaxsph.output.plot.particles import _move
 from jaxsph.parts.body import BodyMotion, RigidBody
-from jaxsph.parts.pto import FreeHinge, RotationalPTO
+from jaxsph.parts.rotational import FreeHinge, RotationalPTO
 from jaxsph.solids import placement
 from jaxsph.solids.shapes import Block, Disc, Polygon, _along
 

@@ -18,15 +18,9 @@ from jaxsph.model.interfaces import AbstractPTO
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.chamber import BodyForceGrip, Chamber, SurfaceGrip
 from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
-from jaxsph.parts.pto import (
-    AbstractRotationalPTO,
-    FreeHinge,
-    PhasedPTO,
-    PneumaticPTO,
-    PrescribedPressure,
-    RotationalPTO,
-)
+from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
 from jaxsph.parts.relaxation import FlowMotion, RelaxationZone
+from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge, RotationalPTO
 from jaxsph.parts.sponge import Sponge
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves.absorption import ActiveAbsorption

@@ -20,7 +20,7 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
 from jaxsph.model.state import Tally
 from jaxsph.parts.pose import PosedSolid, turn
-from jaxsph.parts.pto import AbstractRotationalPTO, FreeHinge
+from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["BodyMotion", "RigidBody", "advance_body"]
@@ -70,7 +70,7 @@ class RigidBody(PosedSolid, AbstractBody):
     release: Scalar
     """Time from which the body is free, s."""
     pto: AbstractRotationalPTO
-    """Power take-off, spring and stops on the pitch; `parts.pto.FreeHinge` for none."""
+    """Power take-off, spring and stops on the pitch; `parts.rotational.FreeHinge` for none."""
     rows: tuple[int, int] = eqx.field(static=True)
     """Index of the body's first ghost, and of the one after its last: an entry of `Ghosts.dummies`."""
     initial_velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))

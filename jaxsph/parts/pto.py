@@ -1,4 +1,4 @@
-"""Power take-offs: of a chamber's air (pressure against flow) and of a body's pitch (moment against angle).
+"""Power take-offs of a chamber's air: pressure against flow.
 
 Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
 out of the chamber, positive when the water column rises; the PTO takes the power P_a q from the water, which
@@ -7,25 +7,12 @@ for a turbine is never negative.
 
 from __future__ import annotations
 
-import abc
-from collections.abc import Mapping
-from typing import Any
-
-import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractPTO, Entry, Exchange
+from jaxsph.model.interfaces import AbstractPTO
 
-__all__ = [
-    "AbstractRotationalPTO",
-    "FreeHinge",
-    "PhasedPTO",
-    "PneumaticPTO",
-    "PrescribedPressure",
-    "RotationalPTO",
-]
+__all__ = ["PhasedPTO", "PneumaticPTO", "PrescribedPressure"]
 
 
 class PneumaticPTO(AbstractPTO):
@@ -88,117 +75,3 @@ class PrescribedPressure(AbstractPTO):
         """See `AbstractPTO`."""
         del q_free, compliance
         return self.P_a * jnp.clip(t / jnp.maximum(self.ramp, 1e-6), 0.0, 1.0)
-
-
-# --------------------------------------------------------------------------- of a body's pitch
-
-
-class AbstractRotationalPTO(eqx.Module):
-    """Power take-off of a body's pitch: the moments about its pivot of dampers, springs and stops."""
-
-    @abc.abstractmethod
-    def entries(self, name: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, for a body of this name."""
-
-    @abc.abstractmethod
-    def moment(self, angle: Scalar, omega: Scalar) -> Scalar:
-        """Moment at the pitch `angle` (rad) and its velocity `omega` (rad/s), N m (per metre in 2-D).
-
-        The linear damping is not in it.
-        """
-
-    @abc.abstractmethod
-    def linear_damping(self, zero: Scalar) -> Scalar:
-        """Linear damping coefficient of the pitch, N m s/rad; `zero` is 0 in the state's precision."""
-
-    @abc.abstractmethod
-    def absorbed(self, old: Scalar, new: Scalar, dt: Scalar) -> Scalar:
-        """Energy taken by damping in a step of dt (s) from the pitch velocity `old` to `new` (rad/s), J."""
-
-    @abc.abstractmethod
-    def stored(self, angle: Scalar) -> Scalar:
-        """Energy stored in springs and stops at the pitch `angle` (rad), J."""
-
-
-class FreeHinge(AbstractRotationalPTO):
-    """Hinge without any moment: no power take-off, spring or stops."""
-
-    def entries(self, name):
-        """See `AbstractRotationalPTO`."""
-        del name
-        return {}
-
-    def moment(self, angle, omega):
-        """See `AbstractRotationalPTO`."""
-        del omega
-        return jnp.zeros_like(angle)
-
-    def linear_damping(self, zero):
-        """See `AbstractRotationalPTO`."""
-        return zero
-
-    def absorbed(self, old, new, dt):
-        """See `AbstractRotationalPTO`."""
-        del old, new
-        return jnp.zeros_like(dt)
-
-    def stored(self, angle):
-        """See `AbstractRotationalPTO`."""
-        return jnp.zeros_like(angle)
-
-
-class RotationalPTO(AbstractRotationalPTO):
-    """Power take-off of a flap's pitch: linear and Coulomb damping, a spring, and end stops.
-
-    Yeylaghi et al. 2016, Eq. 21.
-    """
-
-    damping: Scalar
-    """Linear damping coefficient, N m s/rad."""
-    coulomb: Scalar
-    """Moment of the Coulomb damping, N m, reached smoothly within a hundredth of a rad/s."""
-    spring: Scalar
-    """Stiffness of the spring about the upright, N m/rad."""
-    stop: Scalar
-    """Angle to either side at which the end stops begin, rad."""
-    stop_stiffness: Scalar
-    """Stiffness of the end stops, N m/rad."""
-
-    @classmethod
-    def of(
-        cls, damping=0.0, coulomb=0.0, spring=0.0, stop=np.pi, stop_stiffness=0.0, dtype: Any = jnp.float32
-    ):
-        """Builds a power take-off from plain numbers, in the units of the fields."""
-        return cls(*(jnp.asarray(a, dtype) for a in (damping, coulomb, spring, stop, stop_stiffness)))
-
-    def entries(self, name):
-        """See `AbstractRotationalPTO`."""
-        return {"pto" + name.removeprefix("body"): Entry(f"power take-off of the {name}", Exchange.HARVESTED)}
-
-    def friction(self, omega: Scalar) -> Scalar:
-        """Moment of the Coulomb damping at the pitch's velocity omega (rad/s), N m."""
-        return -self.coulomb * jnp.tanh(omega / 0.01)
-
-    def restoring(self, angle: Scalar) -> Scalar:
-        """Moment of the spring and the end stops at the pitch `angle` (rad), N m."""
-        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0) * jnp.sign(angle)
-        return -self.spring * angle - self.stop_stiffness * beyond
-
-    def moment(self, angle, omega):
-        """See `AbstractRotationalPTO`."""
-        return self.friction(omega) + self.restoring(angle)
-
-    def linear_damping(self, zero):
-        """See `AbstractRotationalPTO`."""
-        del zero
-        return self.damping
-
-    def absorbed(self, old, new, dt):
-        """See `AbstractRotationalPTO`."""
-        mean = 0.5 * (old + new)
-        return dt * mean * (self.damping * new - self.friction(old))
-
-    def stored(self, angle):
-        """See `AbstractRotationalPTO`."""
-        beyond = jnp.maximum(jnp.abs(angle) - self.stop, 0.0)
-        return 0.5 * (self.spring * angle**2 + self.stop_stiffness * beyond**2)
