@@ -91,7 +91,7 @@ def _picture(spectrum: tuple, series: tuple) -> Figure:
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
     shown = (f > 0.3 / TP) & (f < 3.0 / TP)
-    left.fill_between(f[shown], 1e4 * low * S[shown], 1e4 * high * S[shown], alpha=0.3, label="90 % band")
+    left.fill_between(f[shown], 1e4 * low[shown], 1e4 * high[shown], alpha=0.3, label="90 % band")
     left.plot(f[shown], 1e4 * S[shown], label="incident, here")
     left.plot(f[shown], 1e4 * expected[shown], "k--", label="JONSWAP")
     left.set(xlabel="f, Hz", ylabel="S, cm2/Hz")
