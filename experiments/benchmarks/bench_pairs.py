@@ -64,7 +64,7 @@ def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repea
 def right_hand_side(given: dict[str, np.ndarray]):
     """A call that evaluates the solver's own two passes, and what they give in the inputs' order."""
     h, dx, c0, rho0 = (float(given[name]) for name in ("h", "dx", "c0", "rho0"))
-    smoothing = Smoothing(Gaussian(), jnp.float32(h))
+    smoothing = Smoothing(Gaussian(float(given["radius"]) / float(h)), jnp.float32(h))
     scheme = DeltaSPH(
         smoothing=smoothing,
         c0=jnp.float32(c0),
