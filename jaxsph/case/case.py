@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from jaxsph.case.air_sections import LAWS
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits, limit_notices
 from jaxsph.case.section import Section, kind_of
@@ -37,7 +38,7 @@ class Case(Sections):
         """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`.
 
         None removes a field. Another `scheme.kind` or `waves.kind` starts from that kind's defaults: the
-        numbers of one scheme mean nothing in the other. `pto.K_dm` removes `pto.P_a`, and the reverse.
+        numbers of one scheme mean nothing in the other. A law of `pto` removes the one before.
         **Raises** CaseError as `from_dict`.
         """
         data = self.model_dump(exclude_none=True, mode="json")
@@ -56,14 +57,10 @@ class Case(Sections):
                     raise CaseError(f"{key}: {part} is a value, not a section")
             if value is None:
                 place.pop(last, None)
-            elif key == "pto.K_dm":
-                place.pop("P_a", None)
-                place[last] = value
-            elif key == "pto.P_a":
-                place.pop("K_dm", None)
-                place.pop("phase", None)
-                place[last] = value
             else:
+                if path == ["pto"] and last in LAWS:
+                    for gone in place.keys() - {last, *LAWS[last]}:
+                        place.pop(gone)
                 place[last] = value
         return Case.from_dict(data)
 

@@ -37,7 +37,7 @@ def load_case(name: str | Path) -> Case:
     path = Path(name)
     if path.suffix == ".toml":
         data = _parsed(path, _text(path))
-        return Case.from_dict({"name": path.stem} | _with_series(data, path.parent))
+        return Case.from_dict({"name": path.stem} | _with_files(data, path.parent))
     names = built_in_cases()
     if str(name) not in names:
         near = difflib.get_close_matches(str(name), names, n=1)
@@ -50,16 +50,25 @@ def load_case(name: str | Path) -> Case:
     return Case.from_dict({"name": str(name)} | _parsed(path, resource.read_text(encoding="utf-8")))
 
 
-def _with_series(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Keys of a case with the series of `waves.file` (from the case's own folder) in its place: a run's file
-    then has all that the run needs."""
-    waves = data.get("waves")
-    if not isinstance(waves, dict) or "file" not in waves:
-        return data
-    if waves.get("kind") != "recorded":
-        raise CaseError('waves.file: belongs to waves.kind = "recorded"')
-    series = read_series(folder / str(waves["file"]))
-    return data | {"waves": series | {key: value for key, value in waves.items() if key != "file"}}
+def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Keys of a case with the contents of its CSV files, `waves.file` and `pto.file`, in their place.
+
+    Their names start from the case's own folder. A run's file then has all that the run needs.
+    """
+    data, waves, pto = dict(data), data.get("waves"), data.get("pto")
+    if isinstance(waves, dict) and "file" in waves:
+        if waves.get("kind") != "recorded":
+            raise CaseError('waves.file: belongs to waves.kind = "recorded"')
+        data["waves"] = read_series(folder / str(waves["file"])) | _without_file(waves)
+    if isinstance(pto, dict) and "file" in pto:
+        columns = read_columns(folder / str(pto["file"]), {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
+        points = zip(columns["q"], columns["P_a"], strict=True)
+        data["pto"] = {"curve": [list(point) for point in points]} | _without_file(pto)
+    return data
+
+
+def _without_file(section: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in section.items() if key != "file"}
 
 
 def read_series(path: str | Path) -> dict[str, list[float]]:
@@ -101,8 +110,10 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
 
 def _column(path: str | Path, title: str, units: dict[str, str]) -> str:
     """Name of a column from its title. **Raises** CaseError where that has another unit."""
-    parts = re.split(r"[\s_(\[]+", title.strip(" )]"), maxsplit=1)
-    name, unit = parts[0], parts[1] if len(parts) > 1 else ""
+    title = title.strip()
+    known = [name for name in units if re.match(rf"{re.escape(name)}(?![A-Za-z0-9])", title)]
+    name = max(known, key=len, default=title)
+    unit = title.removeprefix(name).strip(" _()[]")
     if name in units and unit and unit != units[name]:
         raise CaseError(f"{path}: {title}: must be in {units[name]}; convert the column and its title")
     return name

@@ -289,7 +289,17 @@ def _asked(waves: AbstractWavesSection) -> str:
 
 
 def _check_air(case: Sections, geometry: Geometry) -> None:
-    """Refuses an air pressure that blows out under the plate, or lifts the column over its chamber."""
+    """Refuses an air pressure that blows out under the plate, or lifts the column over its chamber, and a
+    volume of air that the water may fill."""
+    if case.air is not None:
+        if case.pto is None or not case.pto.is_turbine:
+            raise CaseError("air: is between water and a turbine; give [pto] with one, or leave out [air]")
+        rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
+        if case.air.volume < geometry.chamber_length * rise:
+            raise CaseError(
+                f"air.volume = {case.air.volume:g} m2: waves of {rise:.3g} m may fill it; at least "
+                f"{geometry.chamber_length * rise:.3g} m2 over a chamber of {geometry.chamber_length:g} m"
+            )
     if case.pto is None or not case.pto.P_a:
         return
     asked = f"pto.P_a = {case.pto.P_a:g} Pa"

@@ -10,6 +10,7 @@ from jaxsph.errors import CaseError
 from jaxsph.waves import theory
 from jaxsph.waves.linear_owc import (
     ChamberGeometry,
+    LinearAir,
     LinearOWC,
     linear_response,
     radiation_and_scattering,
@@ -32,9 +33,10 @@ def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
     """Linear theory of a case's device in its waves, with the lengths that the lattice gives the case.
 
     `lip_loss` is the coefficient zeta (-) of the head lost at the front wall's lip, see `linear_response`.
-    The incident wave is the linear one, of amplitude waves.H / 2. The water's part is remembered: to sweep
+    Compressible air and a linear turbine are in it. The incident wave is the linear one, of amplitude
+    waves.H / 2. The water's part is remembered: to sweep
     the damping or the height, call this for each changed case, or `linear_response` with arrays.
-    **Raises** CaseError for a case without a device, waves or pto.K_dm, or with a platform.
+    **Raises** CaseError for a case without a device, waves or turbine, or with a platform.
     """
     missing = _missing(case)
     if missing is not None:
@@ -42,11 +44,13 @@ def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
             f"{missing}: linear theory of an OWC needs a device in waves with a damping, over a flat bed"
         )
     water = radiation_and_scattering(_chamber(case), 2.0 * np.pi / case.waves.T, case.g)
-    return linear_response(water, case.waves.H, case.pto.K_dm, case.fluid.rho0, lip_loss)
+    return linear_response(
+        water, case.waves.H, case.pto.quadratic or 0.0, case.fluid.rho0, lip_loss, air=_linear_air(case)
+    )
 
 
 def sea_is_linear(case: Case) -> bool:
-    """Whether linear theory of a sea covers a case: an OWC with a quadratic damping over a flat bed."""
+    """Whether linear theory of a sea covers a case: an OWC, linear or quadratic turbine, over a flat bed."""
     return case.waves is not None and case.waves.kind != "regular" and _missing(case, seas=True) is None
 
 
@@ -60,7 +64,14 @@ def linear_sea(case: Case) -> LinearSea:
         why = 'waves.kind = "regular": take linear_owc' if regular else _missing(case, seas=True)
         raise CaseError(f"{why}: linear theory of a sea needs a device with a damping, over a flat bed")
     a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
-    return linear_sea_response(_chamber(case), a, omega, case.pto.K_dm, case.fluid.rho0, case.g)
+    K_dm, air = case.pto.quadratic or 0.0, _linear_air(case)
+    return linear_sea_response(_chamber(case), a, omega, K_dm, case.fluid.rho0, case.g, air)
+
+
+def _linear_air(case: Case) -> LinearAir:
+    """Linear part of a case's turbine, and its air's compliance."""
+    give = 0.0 if case.air is None else case.air.give
+    return LinearAir(case.pto.resistance or 0.0, give)
 
 
 def _chamber(case: Case) -> ChamberGeometry:
@@ -76,7 +87,9 @@ def linear_check(case: Case) -> list[tuple[str, str]]:
     if _missing(case) is not None:
         return []
     found = linear_owc(case)
-    best = f"at most {found.eta_max:.3g}, at K_dm = {found.K_dm_best:.4g}"
+    best = f"at most {found.eta_max:.3g}"
+    if case.pto.quadratic is not None:
+        best += f", at K_dm = {found.K_dm_best:.4g}"
     return [
         ("linear efficiency", f"{found.xi:.3g} ({best})"),
         ("linear pressure", f"{abs(found.P_a):.4g} Pa amplitude, {found.P_a_peak:.4g} Pa at its peaks"),
@@ -92,8 +105,10 @@ def _missing(case: Case, seas: bool = False) -> str | None:
         return "waves is not given"
     if not seas and case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
-    if case.pto is None or case.pto.K_dm is None:
+    if case.pto is None or not case.pto.is_turbine:
         return "pto.K_dm is not given"
+    if case.pto.curve is not None or case.pto.has_relief:
+        return "pto.curve is neither linear nor quadratic" if case.pto.curve else "pto has a relief valve"
     if case.pto.phase is not None:
         return "pto.phase lets the damping vary over the wave"
     if case.device.platform_height:

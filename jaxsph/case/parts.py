@@ -15,10 +15,19 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 from jaxsph.model.background import Background
 from jaxsph.model.interfaces import AbstractPTO
+from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.chamber import BodyForceGrip, Chamber, SurfaceGrip
 from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
-from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
+from jaxsph.parts.pto import (
+    AbstractTurbine,
+    CharacteristicCurve,
+    LinearTurbine,
+    PhasedPTO,
+    PneumaticPTO,
+    PrescribedPressure,
+    ReliefValve,
+)
 from jaxsph.parts.relaxation import FlowMotion, RelaxationZone
 from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge, RotationalPTO
 from jaxsph.parts.sponge import Sponge
@@ -104,20 +113,12 @@ def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, .
     """Chamber of a case's device; none without one."""
     if case.device is None or case.pto is None:
         return ()
-    pto: AbstractPTO
-    if case.pto.K_dm is None:
-        pto = PrescribedPressure(leaf(case.pto.P_a), leaf(case.pto.ramp))
-    elif case.pto.phase is None:
-        pto = PneumaticPTO(leaf(case.pto.K_dm))
-    else:
-        omega = 2.0 * np.pi / case.waves.period
-        pto = PhasedPTO(leaf(case.pto.K_dm), leaf(case.pto.phase), leaf(omega))
     plate = geometry.plate
     draught = geometry.depth - plate.tip
     grip = BodyForceGrip() if case.scheme.kind == "incompressible" else SurfaceGrip()
     return (
         Chamber(
-            pto=pto,
+            pto=make_pto(case, leaf),
             x0=leaf(plate.x1),
             x1=leaf(geometry.length),
             fade_low=leaf(plate.tip),
@@ -125,8 +126,38 @@ def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, .
             still=leaf(geometry.depth),
             beyond=leaf(0.5 * case.dx),  # a particle deeper in the end wall ends the run
             grip=grip,
+            air=make_air(case, leaf),
         ),
     )
+
+
+def make_pto(case: Case, leaf: Any) -> AbstractPTO:
+    """Power take-off of a case's chamber."""
+    section = case.pto
+    if not section.is_turbine:
+        return PrescribedPressure(leaf(section.P_a), leaf(section.ramp))
+    turbine: AbstractTurbine | PhasedPTO
+    if section.phase is not None:
+        omega = 2.0 * np.pi / case.waves.period
+        turbine = PhasedPTO(leaf(section.K_dm), leaf(section.phase), leaf(omega))
+    elif section.quadratic is not None:
+        turbine = PneumaticPTO(leaf(section.quadratic))
+    elif section.resistance is not None:
+        turbine = LinearTurbine(leaf(section.resistance))
+    else:
+        q, P_a = np.array(section.points).T
+        turbine = CharacteristicCurve(leaf(q), leaf(P_a))
+    if not section.has_relief:
+        return turbine
+    over, under = (np.inf if p is None else p for p in (section.relief, section.suction))
+    return ReliefValve(turbine, leaf(over), leaf(under))
+
+
+def make_air(case: Case, leaf: Any) -> AbstractAirLaw:
+    """Air of a case's chamber."""
+    if case.air is None:
+        return IncompressibleAir()
+    return IsentropicAir(leaf(case.air.volume), leaf(case.air.pressure), leaf(case.air.gamma))
 
 
 def make_background(case: Case, geometry: Geometry, leaf: Any) -> tuple[Background, ...]:

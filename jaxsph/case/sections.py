@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from jaxsph.case.air_sections import AirSection, PTOSection
 from jaxsph.case.section import (
     MOST_POINTS,
     Coefficient,
@@ -198,32 +199,6 @@ class Device(Section):
         return self
 
 
-class PTOSection(Section):
-    """Power take-off of the chamber's air: a quadratic damping or a prescribed pressure."""
-
-    K_dm: float | None = Field(None, ge=0, le=1.0e6)
-    """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
-    phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
-        None, min_length=2, max_length=100
-    )
-    """Fourier coefficients of ln(K_dm(t)/K_dm) over the waves' phase, a cosine's and a sine's for each
-    harmonic: [a1, b1, a2, b2]."""
-    P_a: float | None = Field(None, ge=-1e9, le=1e9)
-    """Prescribed gauge pressure, Pa."""
-    ramp: Duration = 0.0
-    """Time in which a prescribed pressure grows from zero, s."""
-
-    @model_validator(mode="after")
-    def _one_law(self) -> PTOSection:
-        if (self.K_dm is None) == (self.P_a is None):
-            raise ValueError("give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure)")
-        if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
-            raise ValueError(
-                f"pto.phase = {list(self.phase)}: needs pto.K_dm, and a cosine and a sine for every harmonic"
-            )
-        return self
-
-
 class BlockSection(Section):
     """A box with faces across the axes, at rest."""
 
@@ -372,6 +347,7 @@ class Sections(Section):
     sponge: SpongeSection | None = None
     device: Device | None = None
     pto: PTOSection | None = None
+    air: AirSection | None = None
     start: StandingWave | None = None
     body: BodySection | None = None
     probes: ProbesSection = ProbesSection()

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar
@@ -92,6 +93,23 @@ class AbstractPTO(eqx.Module):
         **Arguments**: `q_free`: flow out of the chamber (m2/s) were P_a zero over the step;
         `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; t (s).
         """
+
+    def at(self, own: Air, t: Scalar) -> AbstractPTO:
+        """Power take-off as it is in one step, for the chamber's `own` air at the step's begin and t (s)."""
+        del own, t
+        return self
+
+    def relieved(self, P_a: Scalar, q: Scalar) -> Scalar:
+        """Part of the flow q (m2/s), at the pressure P_a (Pa), that a relief valve lets past the turbine."""
+        del P_a
+        return jnp.zeros_like(q)
+
+    def entries(self, suffix: str) -> Mapping[str, Entry]:
+        """Energies that the power take-off books, for a chamber's `suffix`, by the names before the suffix.
+
+        "pto" is the power take-off's own, and "relief" that of what is relieved.
+        """
+        return {"pto": Entry(f"power take-off of the chamber{suffix}", Exchange.HARVESTED)}
 
 
 class AbstractForce(eqx.Module):
@@ -410,7 +428,9 @@ class Air(eqx.Module):
     q: Scalar
     """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
     driven: Tally
-    """Volume of air that has left the chamber, m3 (m2 in 2-D)."""
+    """Volume of air that has left the chamber, or its room's loss, m3 (m2 in 2-D)."""
+    confined: Any = ()
+    """State of air that can be compressed (`parts.air.Confined`)."""
 
 
 class Kick(NamedTuple):
@@ -426,6 +446,10 @@ class Kick(NamedTuple):
     """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
     slabs: Slabs
     """Devices that share the particles."""
+    pto: AbstractPTO
+    """Power take-off as it is in the step."""
+    pressed: Scalar
+    """Flow through the power take-off by its law, m3/s (m2/s in 2-D)."""
 
 
 class AbstractChamber(eqx.Module):
@@ -435,6 +459,14 @@ class AbstractChamber(eqx.Module):
     """Key of the chamber's air in `State.own`."""
     pto: eqx.AbstractVar[AbstractPTO]
     """Power take-off of the chamber."""
+
+    @abc.abstractmethod
+    def readings(self) -> Mapping[str, Reading]:
+        """Meaning of the readings of `read`."""
+
+    @abc.abstractmethod
+    def read(self, own: Air) -> Mapping[str, Scalar]:
+        """Readings of the chamber's air besides pressure and flow."""
 
     @property
     @abc.abstractmethod
@@ -467,6 +499,7 @@ class AbstractChamber(eqx.Module):
     @abc.abstractmethod
     def kick(
         self,
+        own: Air,
         scheme: AbstractScheme,
         water: Particles,
         sources: Sources,
@@ -477,14 +510,14 @@ class AbstractChamber(eqx.Module):
     ) -> Kick:
         """Velocities of the water (m/s) after the air's force over a step of dt (s), and its pressure (Pa).
 
-        u: velocities (m/s) that already include every other explicit force.
+        `own`: air at the begin of the step; u: velocities (m/s) that have every other explicit force.
         """
 
     @abc.abstractmethod
     def finish(
         self, own: Air, kick: Kick, before: Float[Array, "N D"], after: Float[Array, "N D"], dt: Scalar
-    ) -> tuple[Air, Scalar]:
-        """Air at the end of a step of dt (s), and the energy that it took from the water, J (J/m in 2-D).
+    ) -> tuple[Air, Mapping[str, Scalar]]:
+        """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water by name.
 
         **Arguments**: `before`, `after`: velocities of the water at both ends of the step, m/s.
         """
@@ -575,7 +608,7 @@ class Model(eqx.Module):
 
     def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Acceleration by the body forces beside g at x (m), m/s2."""
-        total = jax.numpy.zeros_like(x)
+        total = jnp.zeros_like(x)
         for force in self.forces:
             total = total + force.acceleration(x)
         return total

@@ -17,8 +17,9 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
 from jaxsph.core.pairs import Law
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractChamber, AbstractPTO, Air, Entry, Exchange, Kick
+from jaxsph.model.interfaces import AbstractChamber, AbstractPTO, Air, Kick
 from jaxsph.model.state import Tally
+from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
 
 __all__ = ["AbstractGrip", "BodyForceGrip", "Chamber", "SurfaceGrip"]
 
@@ -122,6 +123,8 @@ class Chamber(AbstractChamber):
     """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts."""
     grip: AbstractGrip = SurfaceGrip()
     """Coupling of the air's pressure to the water."""
+    air: AbstractAirLaw = IncompressibleAir()
+    """Air between the water and the power take-off."""
     name: str = eqx.field(static=True, default="chamber", kw_only=True)
 
     @classmethod
@@ -134,6 +137,7 @@ class Chamber(AbstractChamber):
         level: float,
         dx: float,
         grip: AbstractGrip | None = None,
+        air: AbstractAirLaw | None = None,
         name: str = "chamber",
         dtype: Any = jnp.float32,
     ) -> Chamber:
@@ -141,27 +145,43 @@ class Chamber(AbstractChamber):
 
         **Arguments**: `between`: inner faces of its front and back wall, m; `tip`: level of the front wall's
         tip, and `level` of still water, m; `dx`: spacing, m; `grip`: `SurfaceGrip` for the weakly
-        compressible scheme (the default), `BodyForceGrip` for the incompressible one. There is an argument
-        for each property of the chamber.
+        compressible scheme (the default), `BodyForceGrip` for the incompressible one; `air`: such as
+        `IsentropicAir`, or incompressible (the default). There is an argument for
+        each property of the chamber.
         """
         numbers = {"x0": between[0], "x1": between[1], "still": level, "beyond": 0.5 * dx}
         numbers |= {"fade_low": tip, "fade_high": tip + 0.5 * (level - tip)}
         leaves = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
-        return cls(pto=pto, grip=SurfaceGrip() if grip is None else grip, name=name, **leaves)
+        grip = SurfaceGrip() if grip is None else grip
+        air = IncompressibleAir() if air is None else air
+        return cls(pto=pto, grip=grip, air=air, name=name, **leaves)
 
     def start(self, dtype: Any) -> Air:
         """See `AbstractChamber`: air at rest."""
         zero = jnp.zeros((), dtype)
-        return Air(zero, zero, Tally.zero(dtype))
+        return Air(zero, zero, Tally.zero(dtype), self.air.start(dtype))
+
+    @property
+    def _suffix(self) -> str:
+        return self.name.removeprefix("chamber")
 
     @property
     def energy(self) -> str:
         """Name in the ledger of the energy that the PTO takes."""
-        return "pto" + self.name.removeprefix("chamber")
+        return "pto" + self._suffix
 
     def entries(self):
         """See `AbstractChamber`."""
-        return {self.energy: Entry(f"power take-off of the {self.name}", Exchange.HARVESTED)}
+        found = {**self.pto.entries(self._suffix), **self.air.entries(self._suffix)}
+        return {name + self._suffix: entry for name, entry in found.items()}
+
+    def readings(self):
+        """See `AbstractChamber`."""
+        return self.air.readings()
+
+    def read(self, own):
+        """See `AbstractChamber`."""
+        return self.air.read(own)
 
     @property
     def length(self) -> Scalar:
@@ -185,7 +205,7 @@ class Chamber(AbstractChamber):
         index = jnp.nonzero(may, size=capacity, fill_value=x.shape[0])[0]
         return index.astype(jnp.int32), jnp.sum(may)
 
-    def kick(self, scheme, water, sources, u, tables, t, dt):
+    def kick(self, own, scheme, water, sources, u, tables, t, dt):
         """See `AbstractChamber`."""
         index, n = tables.chambers[self.name], u.shape[0]
         slabs, i = tables.fluid.slabs, jnp.minimum(index, n - 1)
@@ -200,19 +220,26 @@ class Chamber(AbstractChamber):
 
         force = self.grip.force(self, x, V, around)
         q_free = -jnp.sum(dot(force, fields["u"]))
-        compliance = self._compliance(dt * jnp.sum(dot(force, force) / m), q_free, t)
-        P_a = self.pto.pressure(q_free, compliance, t)
-        change = stack([dt * P_a * f / m for f in force])
-        return Kick(slabs.add(u, index, change), P_a, index, force, slabs)
+        pto = self.pto.at(own, t)
 
-    def _compliance(self, alone: Scalar, q_free: Scalar, t: Scalar) -> Scalar:
+        def press(compliance: Scalar) -> tuple[Scalar, Scalar]:
+            return self.air.press(pto, own, q_free, compliance, t, dt)
+
+        compliance = self._compliance(press, dt * jnp.sum(dot(force, force) / m), q_free)
+        P_a, pressed = press(compliance)
+        change = stack([dt * P_a * f / m for f in force])
+        return Kick(slabs.add(u, index, change), P_a, index, force, slabs, pto, pressed)
+
+    def _compliance(
+        self, press: Callable[[Scalar], tuple[Scalar, Scalar]], alone: Scalar, q_free: Scalar
+    ) -> Scalar:
         """Compliance -dq/dP_a of the water in a step (m2/s/Pa), from that of the water in the force's reach.
 
         All water that moves with it counts where the air is soft. A nearly closed chamber, whose pressure
         would more than stop the water in reach, has the compliance of that alone: too large, and stable.
         """
         # A flow of 1e-8 m2/s is none. A derivative divides by the bound's square, which float32 must hold.
-        gain2 = (self.pto.pressure(q_free, jnp.zeros_like(alone), t) * alone) ** 2 / (q_free**2 + 1e-16)
+        gain2 = (press(jnp.zeros_like(alone))[0] * alone) ** 2 / (q_free**2 + 1e-16)
         share = self.grip.inertia(self)
         return alone * (share + (1.0 - share) * gain2 / (1.0 + gain2))
 
@@ -221,8 +248,18 @@ class Chamber(AbstractChamber):
         i = jnp.minimum(kick.index, before.shape[0] - 1)
         both = kick.slabs.take((columns(before), columns(after)), i)
         old, q = (-jnp.sum(dot(kick.force, u)) for u in both)
+        mean = 0.5 * (old + q)
+        passed = self.air.passed(kick.pressed, mean)
+        head, relieved = self.air.head(kick.P_a), kick.pto.relieved(kick.P_a, passed)
         # force times mean velocity over the step: exactly the kinetic energy that the force takes
-        return Air(kick.P_a, q, own.driven.add(dt * q)), dt * kick.P_a * 0.5 * (old + q)
+        amounts = {
+            "pto": dt * head * (passed - relieved),
+            "relief": dt * head * relieved,
+            "air": dt * (kick.P_a * mean - head * passed),
+        }
+        names = {name.removesuffix(self._suffix): name for name in self.entries()}
+        air = Air(kick.P_a, q, own.driven.add(dt * q), self.air.finish(own, passed, mean, dt))
+        return air, {full: amounts[name] for name, full in names.items()}
 
     def water_pressure(self, own, x):
         """See `AbstractChamber`."""

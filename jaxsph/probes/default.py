@@ -25,7 +25,8 @@ def default_probes(model: Model, state: State, sample_dt: float) -> tuple[Abstra
     found: list[AbstractProbe] = [EnergyProbe.over(model, state, every), NoiseProbe()]
     found += [PaddleProbe(wall.name) for wall in model.moving if isinstance(wall, Paddle)]
     for k, chamber in enumerate(model.chambers):
-        found.append(ChamberProbe(every, k, chamber.name.removeprefix("chamber")))
+        suffix, further = chamber.name.removeprefix("chamber"), tuple(chamber.readings().items())
+        found.append(ChamberProbe(every, k, suffix, further))
     for k, body in enumerate(model.bodies):
         found.append(BodyProbe(every, k, body.name.removeprefix("body"), len(model.g)))
     found += [RimProbe(rim.name, len(model.g)) for rim in model.outlets if isinstance(rim, Rim)]

@@ -20,6 +20,8 @@ class ChamberProbe(AbstractProbe):
     """Index of the chamber in `Model.chambers`."""
     suffix: str = eqx.field(static=True, default="")
     """End of the readings' names, where there are several chambers."""
+    further: tuple[tuple[str, Reading], ...] = eqx.field(static=True, default=())
+    """Readings of the chamber's air besides pressure and flow: names and meanings."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
@@ -33,6 +35,7 @@ class ChamberProbe(AbstractProbe):
             "flow": air.q,
             "flow_mean": air.driven.recent / self.sample_dt,
             "power_pto": taken / self.sample_dt,
+            **chamber.read(air),
         }
         return {name + self.suffix: value for name, value in readings.items()}
 
@@ -45,6 +48,7 @@ class ChamberProbe(AbstractProbe):
             "flow": Reading("m2 s-1", "flow of air out of the chamber per unit width"),
             "flow_mean": Reading("m2 s-1", "flow out of the chamber, mean since the last sample"),
             "power_pto": Reading("W m-1", "power taken by the PTO, mean since the last sample"),
+            **dict(self.further),
         }
         return {name + self.suffix: reading for name, reading in found.items()}
 

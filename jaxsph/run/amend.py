@@ -27,7 +27,12 @@ CHANGEABLE = (
     "output.snapshot_dt",
     "output.periods",
     "pto.K_dm",
+    "pto.resistance",
+    "pto.area",
+    "pto.discharge",
     "pto.P_a",
+    "pto.relief",
+    "pto.suction",
     "body.pto.damping",
     "body.pto.coulomb",
     "sponge.strength",
@@ -52,6 +57,7 @@ REASONS = {
     "fluid": "the particles' masses and pressures hold it",
     "tank": "it moves the walls that the water stands against",
     "waves": "the paddle would jump",
+    "air": "the air that is in the chamber follows from it",
     "device": "it moves the walls that the water stands against",
     "body": "it moves the body, or its mass, under the water's forces",
     "probes": "the series in the file have the columns of its probes",
@@ -103,9 +109,11 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
                 f"change one of {', '.join(CHANGEABLE)}"
             )
     new = case.replace(dict(changes))
-    old_law, law = ((c.pto is not None and c.pto.K_dm is not None) for c in (case, new))
+    old_law, law = ((c.pto is not None and c.pto.is_turbine) for c in (case, new))
     if old_law != law:
-        raise CaseError("pto: cannot change from a damping to a pressure in the course of a run, nor back")
+        raise CaseError("pto: cannot change from a turbine to a pressure in the course of a run, nor back")
+    if case.pto is not None and case.pto.has_relief != new.pto.has_relief:
+        raise CaseError("pto.relief: cannot be added in the course of a run, nor removed: it books energy")
     height, before = Geometry.of(new).height, Geometry.of(case).height
     if "tank.height" in changes and not height > before:
         raise CaseError(

@@ -104,7 +104,7 @@ def _power(case: Case, solution: Solution) -> Scalars:
         return {}
     P_inc = incident_power(case)
     results = {"periods": float(periods), "P_inc": P_inc}
-    chamber = case.pto is not None and case.pto.K_dm is not None
+    chamber = case.pto is not None and case.pto.is_turbine
     body = case.body is not None and case.body.pto is not None
     if "power_pto" not in solution.series or not (chamber or body):
         return results

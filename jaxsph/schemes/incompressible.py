@@ -328,7 +328,8 @@ class ISPH(AbstractParticleScheme):
         """Velocities (m/s) after the force of the chambers' air, and each chamber's change by its name."""
         kicks = {}
         for chamber in model.chambers:
-            kick = chamber.kick(self, state.particles, water, u, tables, interval.t, interval.dt)
+            own = state.own[chamber.name]
+            kick = chamber.kick(own, self, state.particles, water, u, tables, interval.t, interval.dt)
             kicks[chamber.name], u = kick, kick.u
         return u, kicks
 
@@ -378,7 +379,7 @@ class ISPH(AbstractParticleScheme):
         for chamber in model.chambers:
             air, kick = state.own[chamber.name], kicks[chamber.name]
             own[chamber.name], taken = chamber.finish(air, kick, p.u, changes.u, dt)
-            amounts |= {name: taken for name in chamber.entries()}
+            amounts |= taken
         mean = 0.5 * (changes.u + p.u)
         contact, lost = (
             -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)

@@ -237,9 +237,9 @@ def _with_air(
     """
     airs, taken = {}, {}
     for chamber in model.chambers:
-        kick = chamber.kick(scheme, at.particles, sources, u, tables, interval.t, interval.dt)
         own = interval.before[chamber.name]
-        airs[chamber.name], amount = chamber.finish(own, kick, before, kick.u, interval.dt)
-        taken |= {name: amount for name in chamber.entries()}
+        kick = chamber.kick(own, scheme, at.particles, sources, u, tables, interval.t, interval.dt)
+        airs[chamber.name], amounts = chamber.finish(own, kick, before, kick.u, interval.dt)
+        taken |= amounts
         u = kick.u
     return u, airs, taken

@@ -18,7 +18,13 @@ from jaxsph.run.results import settled_periods
 
 SMOOTH = (
     "pto.K_dm",
+    "pto.resistance",
+    "pto.area",
+    "pto.discharge",
     "pto.P_a",
+    "pto.relief",
+    "pto.suction",
+    "air.volume",
     "waves.H",
     "fluid.nu",
     "fluid.rho0",
@@ -81,9 +87,9 @@ def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], f
 
     **Raises** CaseError for a result that the case does not have.
     """
-    column = case.pto is not None and case.pto.K_dm is not None
+    column = case.pto is not None and case.pto.is_turbine
     if not column and (case.body is None or case.body.pto is None):
-        raise CaseError(f"of = {of!r} needs a device with a damping: pto.K_dm, or a body with body.pto")
+        raise CaseError(f"of = {of!r} needs a turbine, such as pto.K_dm, or a body with body.pto")
     if of == "energy_pto":
         # a reading is the mean since the one before it: none for the first
         return lambda _, power: float(np.sum(power) * case.output.sample_dt)

@@ -148,6 +148,25 @@ class RadiationAndScattering:
 
 
 @dataclass(frozen=True)
+class LinearAir:
+    """Linear part of a turbine, and compliance of the air between it and the water; none by default."""
+
+    resistance: float = 0.0
+    """Resistance of a linear turbine, Pa s/m2: P_a = resistance q + K_dm^2 |q| q."""
+    give: float = 0.0
+    """Compliance of the air, volume over gamma p0, m2/Pa; 0 of incompressible air."""
+
+    def __post_init__(self) -> None:
+        """**Raises** ValueError for a value below zero."""
+        if not (self.resistance >= 0.0 and self.give >= 0.0):
+            raise ValueError(f"resistance = {self.resistance} and give = {self.give} must not be negative")
+
+
+IDEAL_AIR = LinearAir()
+"""Incompressible air in front of a turbine without a linear part."""
+
+
+@dataclass(frozen=True)
 class LinearOWC:
     """Linear response of a chamber to regular waves, with a turbine of the quadratic law P_a = K_dm^2 |q| q.
 
@@ -183,6 +202,13 @@ class LinearOWC:
     """Loss coefficient zeta of the lip, of the column's mean velocity (-)."""
     P_lip: NDArray
     """Mean power lost at the lip, W/m."""
+    air: LinearAir
+    """Linear part of the turbine, and compliance of the air."""
+    q_pto: NDArray
+    """Flow through the turbine per unit width, complex, m2/s; q where the air is incompressible."""
+    eta_max: NDArray
+    """Largest efficiency that any linear turbine reaches behind this air at this period, where the lip costs
+    nothing (-)."""
 
     @property
     def omega(self) -> float:
@@ -210,19 +236,15 @@ class LinearOWC:
         return self.water.nu
 
     @property
-    def eta_max(self) -> float:
-        """Largest efficiency that any damping reaches at this period where the lip costs nothing (-)."""
-        return self.water.eta_max
-
-    @property
     def xi(self) -> NDArray:
         """Hydrodynamic efficiency xi (-); without a lip loss 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
         return self.P_owc / self.P_inc
 
     @property
     def P_a_peak(self) -> NDArray:
-        """Peak pressure of the air by the quadratic law of the sinusoidal flow, Pa: 3 pi/8 |P_a|."""
-        return self.K_dm**2 * np.abs(self.q) ** 2
+        """Peak pressure of the air by the turbine's law of a sinusoidal flow, Pa: 3 pi/8 |P_a| of a K_dm."""
+        size = np.abs(self.q_pto)
+        return (self.K_dm**2 * size + self.air.resistance) * size
 
 
 def linear_response(
@@ -231,6 +253,7 @@ def linear_response(
     K_dm: ArrayLike,
     rho0: float = 1000.0,
     lip_loss: ArrayLike = 0.0,
+    air: LinearAir = IDEAL_AIR,
 ) -> LinearOWC:
     """Linear response of a chamber to regular waves of height H (m), with a quadratic turbine.
 
@@ -243,42 +266,72 @@ def linear_response(
     wall, v = q / b being the column's mean velocity (see the head of this file). Both laws are quadratic
     in q: K_dm^2 + rho0 zeta / (2 b^2) takes the place of K_dm^2, and each has its share of the drop.
 
+    With a linear turbine's resistance r and air of the compliance c in `air`, q_t = q + i omega c p flows
+    through the turbine, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t: Z - i omega c takes the place of Z.
+
     **Arguments**: `H` (m, > 0), `K_dm` (kg^0.5 m^-2.5, >= 0) and `lip_loss` (-, >= 0) broadcast; `rho0`
     density, kg/m3.
-    **Raises** ValueError for values out of range.
+    **Raises** ValueError for values out of range, and for a lip loss together with `air`.
     """
     H, K_dm, lip_loss = np.broadcast_arrays(*(np.asarray(a, float) for a in (H, K_dm, lip_loss)))
-    if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
-        raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
-    Z = water.Z(rho0)
+    _check_response(H, K_dm, rho0, lip_loss, air)
+    Z = water.Z(rho0) - 1j * water.omega * air.give
     q_open = water.q_S * 0.5 * H
-    series = K_dm**2 + 0.5 * rho0 * lip_loss / water.geometry.length**2
-    total = _resistance(8.0 / (3.0 * np.pi) * series * np.abs(q_open), Z)
-    resistance = total * np.divide(K_dm**2, series, out=np.zeros_like(series), where=series > 0.0)
-    q = q_open / (1.0 + Z * total)
-    P_a = resistance * q
+    lip = 0.5 * rho0 * lip_loss / water.geometry.length**2
+    resistance, total = _resistances(q_open, Z, K_dm**2, lip, air.resistance)
+    q_pto = q_open / (1.0 + Z * total)
+    q = q_pto * (1.0 - 1j * water.omega * air.give * resistance)
     # Lambda = |Z| is best; there |q| = |q_S| A / |1 + Z/|Z||.
     best_q = np.abs(q_open) / abs(1.0 + Z / abs(Z))
+    weight = rho0 * water.g * water.group_velocity
+    P_inc = 0.125 * weight * H**2
     with np.errstate(divide="ignore"):  # an open chamber has no resistance: Lambda is inf
         Lambda = 1.0 / resistance
         K_dm_best = np.sqrt(3.0 * np.pi / 8.0 / (best_q * abs(Z)))
-    weight = rho0 * water.g * water.group_velocity
     return LinearOWC(
         water=water,
         H=H[()],
         K_dm=K_dm[()],
         Lambda=Lambda[()],
         q=q[()],
-        P_a=P_a[()],
+        P_a=(resistance * q_pto)[()],
         level=(1j * q / (water.omega * water.geometry.length))[()],  # d(level)/dt = q / b
-        P_owc=(0.5 * resistance * np.abs(q) ** 2)[()],
-        P_inc=(0.125 * weight * H**2)[()],
+        P_owc=(0.5 * resistance * np.abs(q_pto) ** 2)[()],
+        P_inc=P_inc[()],
         # Pressure p on the column radiates a wave of amplitude p q_S / (2 rho g c_g), by Haskind's relation.
-        R=(water.R + total * q * water.q_S / (weight * H))[()],
+        R=(water.R + total * q_pto * water.q_S / (weight * H))[()],
         K_dm_best=K_dm_best[()],
         lip_loss=lip_loss[()],
         P_lip=(0.5 * (total - resistance) * np.abs(q) ** 2)[()],
+        air=air,
+        q_pto=q_pto[()],
+        eta_max=(0.5 * best_q**2 / abs(Z) / P_inc)[()],
     )
+
+
+def _check_response(H: NDArray, K_dm: NDArray, rho0: float, lip_loss: NDArray, air: LinearAir) -> None:
+    """Raises ValueError for arguments of `linear_response` that are out of range."""
+    if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
+        raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
+    if air != IDEAL_AIR and np.any(lip_loss > 0.0):
+        raise ValueError("a lip loss goes with incompressible air and a quadratic turbine only")
+
+
+def _resistances(
+    q_open: NDArray, Z: complex, turbine: NDArray, lip: NDArray, linear: float
+) -> tuple[NDArray, NDArray]:
+    """Linear resistances (Pa s/m2) of the same mean power: of the turbine, and of turbine and lip together.
+
+    **Arguments**: flow of the open chamber, m2/s; admittance Z of water and air; coefficients (kg/m5) of the
+    quadratic laws of turbine and lip; resistance of the linear turbine.
+    """
+    series = turbine + lip
+    # the quadratic laws see water, air and linear turbine together
+    softened = 1.0 + Z * linear
+    drive = 8.0 / (3.0 * np.pi) * series * np.abs(q_open / softened)
+    quadratic = _resistance(drive, complex(Z / softened))
+    share = np.divide(turbine, series, out=np.zeros_like(series), where=series > 0.0)
+    return linear + quadratic * share, linear + quadratic
 
 
 def _resistance(drive: NDArray, Z: complex) -> NDArray:

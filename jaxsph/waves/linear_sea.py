@@ -1,6 +1,7 @@
 """Linear theory of an oscillating water column in an irregular sea, with a quadratic turbine.
 
-The water is linear, wave by wave (`linear_owc`); the turbine, P_a = K_dm^2 |q| q, is not. Two ways to it:
+The water is linear, wave by wave (`linear_owc`), and so are compressible air and a linear turbine; a
+quadratic one, P_a = K_dm^2 |q| q, is not. Two ways to it:
 
 - stochastic linearisation: for a Gaussian flow the linear resistance of the same mean power is
   K_dm^2 sqrt(8 / pi) sigma_q, with sigma_q the flow's standard deviation that follows from it;
@@ -20,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from jaxsph.waves import theory
-from jaxsph.waves.linear_owc import ChamberGeometry, radiation_and_scattering
+from jaxsph.waves.linear_owc import IDEAL_AIR, ChamberGeometry, LinearAir, radiation_and_scattering
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -72,35 +73,45 @@ def linear_sea_response(
     K_dm: float,
     rho0: float = 1000.0,
     g: float = theory.GRAVITY,
+    air: LinearAir = IDEAL_AIR,
 ) -> LinearSea:
     """Response of a chamber to a sea by stochastic linearisation of its quadratic turbine.
 
     **Arguments**: complex amplitudes (m) of the sea's waves and their angular frequencies (rad/s); damping
-    `K_dm` (kg^0.5 m^-2.5, >= 0). **Raises** ValueError for a damping below zero.
+    `K_dm` (kg^0.5 m^-2.5, >= 0); `air`: a linear turbine's resistance, and the compliance of the air.
+    **Raises** ValueError for a damping below zero.
     """
     water = _water(geometry, np.abs(amplitude), omega, rho0, g, K_dm)
+    softness = 1j * water.omega * air.give  # as of the water by pressure, but by its rate
 
-    def flow(resistance: float) -> Complex:
-        return water.q_open / (1.0 + water.Z * resistance)
+    def passed(quadratic: float) -> Complex:
+        return water.q_open / (1.0 + (water.Z - softness) * (air.resistance + quadratic))
 
-    def sigma(resistance: float) -> float:
-        return float(np.sqrt(0.5 * np.sum(np.abs(flow(resistance)) ** 2)))
+    def sigma(quadratic: float) -> float:
+        return _deviation(passed(quadratic))
 
     # resistance to flow falls with the flow that it leaves: one root, at most that of the open chamber
     most = K_dm**2 * _GAUSSIAN * sigma(0.0)
-    resistance = 0.0
+    quadratic = 0.0
     if most > 0.0:
-        resistance = brentq(lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most)
-    found = sigma(resistance)
-    level = np.abs(flow(resistance)) / (water.omega * water.length)
+        quadratic = brentq(lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most)
+    found, resistance = sigma(quadratic), air.resistance + quadratic
+    q = passed(quadratic) * (1.0 - softness * resistance)
+    # P_a = r q + K_dm^2 |q| q of a Gaussian flow: E |q|^3 = sqrt(8/pi) sigma^3, E q^4 = 3 sigma^4
+    r, K2 = air.resistance, K_dm**2
+    variance = (r * found) ** 2 + 2.0 * r * K2 * _GAUSSIAN * found**3 + 3.0 * (K2 * found**2) ** 2
     return LinearSea(
-        sigma_q=found,
-        # of K_dm^2 |q| q for a Gaussian flow: E q^4 = 3 sigma^4
-        sigma_P_a=float(K_dm**2 * np.sqrt(3.0) * found**2),
-        sigma_level=float(np.sqrt(0.5 * np.sum(level**2))),
+        sigma_q=_deviation(q),
+        sigma_P_a=float(np.sqrt(variance)),
+        sigma_level=_deviation(q / (water.omega * water.length)),
         P_owc=resistance * found**2,
         P_inc=water.P_inc,
     )
+
+
+def _deviation(a: Complex) -> float:
+    """Standard deviation of a sum of waves of the complex amplitudes a."""
+    return float(np.sqrt(0.5 * np.sum(np.abs(a) ** 2)))
 
 
 def integrated_sea_response(
@@ -116,8 +127,8 @@ def integrated_sea_response(
 
     The flow q(t) of one repetition fulfils q = q_open - Z P_a at every frequency, of which there are four
     times as many as the sea has, and P_a = K_dm^2 |q| q at every time. It is found by iteration about the
-    linearised turbine. **Raises** ValueError for waves at other frequencies than multiples of 1/duration, and
-    where the iteration does not end.
+    linearised turbine; it knows no linear turbine and no compressible air. **Raises** ValueError for waves at
+    other frequencies than multiples of 1/duration, and where the iteration does not end.
     """
     turns = omega * duration / (2.0 * np.pi)
     index = np.round(turns).astype(int)

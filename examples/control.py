@@ -1,0 +1,43 @@
+"""A turbine that a function of the chamber's state controls, with compressible air, and the function's slope.
+
+The control closes the turbine as pressure or suction grows. The energy taken is a differentiable function of
+its gain.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+import jaxsph as js
+
+
+def closing(gain, own, t):  # the turbine of the next step, for the chamber's air `own` at the time t
+    return js.PneumaticPTO(300.0 * jnp.exp(gain * jnp.tanh((own.P_a / 100.0) ** 2)))
+
+
+case = js.load_case("owc").replace(
+    {
+        "dx": 0.04,  # m, the spacing of the particles
+        "tank.length": 1.2,
+        "device.wall_thickness": 0.04,
+        "probes": {"gauges": [0.5]},
+        "waves.ramp_periods": 0.5,
+        "air.volume": 0.2,  # m2 per metre of width
+    }
+)
+model, state = js.build(case)
+model = eqx.tree_at(lambda m: m.chambers[0].pto, model, js.ControlledPTO.of(closing, jnp.float32(0.5)))
+probes = js.make_probes(case, model, state)
+solution = js.march(model, state, 2.4, case.output.sample_dt, probes)
+print(f"largest pressure {solution['P_a'].max():.1f} Pa, taken {solution.state.ledger['pto'].total:.3f} J/m")
+
+
+def energy(gain):  # J/m that the turbine takes in the next 0.1 s
+    controlled = js.ControlledPTO.of(closing, gain)
+    changed = eqx.tree_at(lambda m: m.chambers[0].pto, solution.model, controlled)
+    new, _ = js.simulate(changed, solution.state, n_steps=20)
+    return new.ledger["pto"].total - solution.state.ledger["pto"].total
+
+
+value, slope = jax.jit(jax.value_and_grad(energy))(jnp.float32(0.5))
+print(f"energy of the next 0.1 s: {value:.4f} J/m, its slope over the gain {slope:.4f} J/m")

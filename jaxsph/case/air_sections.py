@@ -1,0 +1,129 @@
+"""Sections of a chamber's air: the power take-off, and air that can be compressed."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from jaxsph.case.section import Density, Duration, Section
+from jaxsph.parts.pto import orifice_damping
+
+VALVE = ("relief", "suction")
+LAWS: dict[str, tuple[str, ...]] = {
+    "K_dm": ("phase", *VALVE),
+    "resistance": VALVE,
+    "area": ("discharge", "density", *VALVE),
+    "curve": VALVE,
+    "P_a": ("ramp",),
+}
+"""Laws of a power take-off by the key that each is given by, and the further keys that it has."""
+
+Reading = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+class PTOSection(Section):
+    """Power take-off of the chamber's air: one of a quadratic damping, a linear turbine, an orifice, a
+    characteristic curve and a prescribed pressure; all amounts are per metre of width."""
+
+    K_dm: float | None = Field(None, ge=0, le=1.0e6)
+    """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
+    phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
+        None, min_length=2, max_length=100
+    )
+    """Fourier coefficients of ln(K_dm(t)/K_dm) over the waves' phase, a cosine's and a sine's for each
+    harmonic: [a1, b1, a2, b2]."""
+    resistance: float | None = Field(None, ge=0, le=1e12)
+    """Resistance of a linear turbine, such as of Wells' type, P_a = resistance q, Pa s/m2."""
+    area: float | None = Field(None, ge=1e-6, le=1e3)
+    """Area of an orifice, m2 per metre of width."""
+    discharge: float = Field(0.6, ge=0.1, le=1.0)
+    """Coefficient of discharge of the orifice (-)."""
+    density: Density = 1.2
+    """Density of the ambient air, of which an orifice's damping depends, kg/m3."""
+    curve: tuple[tuple[Reading, Reading], ...] | None = Field(None, min_length=2, max_length=10_000)
+    """Characteristic curve: pairs of flow (m2/s) and pressure (Pa), both rising and through (0, 0). One that
+    begins there holds for inhalation with both signs changed. `pto.file` in its place names a CSV file."""
+    P_a: float | None = Field(None, ge=-1e9, le=1e9)
+    """Prescribed gauge pressure, Pa."""
+    ramp: Duration = 0.0
+    """Time in which a prescribed pressure grows from zero, s."""
+    relief: float | None = Field(None, ge=1e-3, le=1e9)
+    """Pressure over which a relief valve beside the turbine lets no air go, Pa."""
+    suction: float | None = Field(None, ge=1e-3, le=1e9)
+    """Suction beyond which the relief valve lets air in, Pa."""
+
+    @model_validator(mode="after")
+    def _one_law(self) -> PTOSection:
+        given = [key for key in LAWS if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                "give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure), or of pto.resistance (a "
+                "linear turbine), pto.area (an orifice) and pto.curve (a characteristic curve)"
+            )
+        if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
+            raise ValueError(
+                f"pto.phase = {list(self.phase)}: needs pto.K_dm, and a cosine and a sine for every harmonic"
+            )
+        if not self.is_turbine and (self.relief is not None or self.suction is not None):
+            raise ValueError("pto.relief and pto.suction: belong to a turbine, not to a prescribed pressure")
+        if self.curve is not None:
+            _check_curve(self.curve)
+        return self
+
+    @property
+    def is_turbine(self) -> bool:
+        """Whether the power take-off is a turbine, which takes power: all but a prescribed pressure."""
+        return self.P_a is None
+
+    @property
+    def has_relief(self) -> bool:
+        """Whether there is a relief valve beside the turbine."""
+        return self.relief is not None or self.suction is not None
+
+    @property
+    def quadratic(self) -> float | None:
+        """Damping coefficient K_dm (kg^0.5 m^-2.5), given or of the orifice; None for other laws."""
+        if self.area is not None:
+            return orifice_damping(self.area, self.discharge, self.density)
+        return self.K_dm
+
+    @property
+    def points(self) -> tuple[tuple[float, float], ...]:
+        """Characteristic curve for both directions of flow, as pairs of flow (m2/s) and pressure (Pa)."""
+        curve = self.curve or ()
+        if curve and curve[0] == (0.0, 0.0):
+            return (*((-q, -p) for q, p in curve[:0:-1]), *curve)
+        return curve
+
+
+def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
+    """Raises ValueError for a curve that does not rise, or is not through (0, 0)."""
+    for (q, p), (after, higher) in itertools.pairwise(curve):
+        if not (after > q and higher > p):
+            raise ValueError(
+                f"pto.curve: after the flow {q:g} m2/s at {p:g} Pa comes {after:g} m2/s at {higher:g} Pa; "
+                "flow and pressure must both rise from each point to the next: sort the points, and leave "
+                "out those of a stalled turbine"
+            )
+    if (0.0, 0.0) not in curve:
+        raise ValueError(
+            "pto.curve: must have the point (0, 0), without which the turbine would drive the water"
+        )
+
+
+class AirSection(Section):
+    """Compressible air of the chamber, isentropic; without this section air is incompressible."""
+
+    volume: float = Field(ge=1e-6, le=1e9)
+    """Volume of the air over still water, of chamber and ducts, m2 (per metre of width)."""
+    pressure: float = Field(101_325.0, ge=1.0, le=1e9)
+    """Ambient pressure, Pa."""
+    gamma: float = Field(1.4, ge=1.01, le=2.0)
+    """Ratio of the specific heats (-)."""
+
+    @property
+    def give(self) -> float:
+        """Compliance of the air about its ambient state, volume / (gamma pressure), m2/Pa."""
+        return self.volume / (self.gamma * self.pressure)

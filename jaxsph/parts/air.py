@@ -1,0 +1,198 @@
+"""Air of a chamber between the water's surface and the power take-off: incompressible, or a spring.
+
+Signs and flows are those of `parts.pto`. The water works P_a q on the air, q being the flow by which its
+surface rises; the power take-off takes `head` times the flow through it, and the air keeps the rest.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Scalar
+from jaxsph.model.interfaces import AbstractPTO, Air, Entry, Reading
+from jaxsph.model.state import Tally
+
+__all__ = ["AbstractAirLaw", "Confined", "IncompressibleAir", "IsentropicAir"]
+
+
+class AbstractAirLaw(eqx.Module):
+    """Law of a chamber's air: how much of the flow at the water's surface goes through the power take-off."""
+
+    @abc.abstractmethod
+    def start(self, dtype: Any) -> Any:
+        """State of the air at t = 0, to become `Air.confined`."""
+
+    @abc.abstractmethod
+    def entries(self, suffix: str) -> Mapping[str, Entry]:
+        """Energies that the air books besides the power take-off's, for a chamber's `suffix`."""
+
+    @abc.abstractmethod
+    def readings(self) -> Mapping[str, Reading]:
+        """Meaning of the readings of `read`."""
+
+    @abc.abstractmethod
+    def read(self, own: Air) -> Mapping[str, Scalar]:
+        """Readings of the air that an incompressible one does not have."""
+
+    @abc.abstractmethod
+    def press(
+        self, pto: AbstractPTO, own: Air, q_free: Scalar, compliance: Scalar, t: Scalar, dt: Scalar
+    ) -> tuple[Scalar, Scalar]:
+        """Gauge pressure (Pa) over a step of dt (s), and the flow (m2/s) through the power take-off.
+
+        **Arguments** as of `AbstractPTO.pressure`, and the chamber's `own` air at the begin of the step.
+        """
+
+    @abc.abstractmethod
+    def passed(self, pressed: Scalar, mean: Scalar) -> Scalar:
+        """Flow through the power take-off in a step, m2/s.
+
+        **Arguments**: that of `press`, and the flow at the water's surface in the `mean` over the step.
+        """
+
+    @abc.abstractmethod
+    def head(self, P_a: Scalar) -> Scalar:
+        """Energy of air at the gauge pressure P_a (Pa) per volume that leaves it for the ambient air, Pa."""
+
+    @abc.abstractmethod
+    def finish(self, own: Air, passed: Scalar, mean: Scalar, dt: Scalar) -> Any:
+        """State of the air after a step of dt (s), in which these flows (m2/s) left and came."""
+
+
+class IncompressibleAir(AbstractAirLaw):
+    """Incompressible air: all that the water moves goes through the power take-off."""
+
+    def start(self, dtype):
+        """See `AbstractAirLaw`: nothing that evolves."""
+        del dtype
+        return ()
+
+    def entries(self, suffix):
+        """See `AbstractAirLaw`."""
+        del suffix
+        return {}
+
+    def readings(self):
+        """See `AbstractAirLaw`."""
+        return {}
+
+    def read(self, own):
+        """See `AbstractAirLaw`."""
+        del own
+        return {}
+
+    def press(self, pto, own, q_free, compliance, t, dt):
+        """See `AbstractAirLaw`."""
+        del own, dt
+        P_a = pto.pressure(q_free, compliance, t)
+        return P_a, q_free - compliance * P_a
+
+    def passed(self, pressed, mean):
+        """See `AbstractAirLaw`."""
+        del pressed
+        return mean
+
+    def head(self, P_a):
+        """See `AbstractAirLaw`."""
+        return P_a
+
+    def finish(self, own, passed, mean, dt):
+        """See `AbstractAirLaw`."""
+        del own, passed, mean, dt
+        return ()
+
+
+class Confined(eqx.Module):
+    """State of compressible air in a chamber."""
+
+    excess: Tally
+    """Volume of the air at ambient pressure, over that of the room which the water leaves it, m2."""
+    passed: Scalar
+    """Flow through the power take-off in the last step, m2/s."""
+
+
+class IsentropicAir(AbstractAirLaw):
+    """Isentropic air of a given volume, (1 + P_a / p0) = (ambient volume / volume)^gamma.
+
+    What goes through the power take-off is counted at ambient density, and what comes in has the ambient
+    air's entropy (Falcao and Justino 1999, Ocean Engineering 26). Over a step the air is a linear spring
+    about its state, which the power take-off's law meets in closed form; state follows from the volumes
+    that came and went, so that nothing drifts.
+    """
+
+    volume: Scalar
+    """Volume of the air over still water, m2 (per metre of the chamber's width)."""
+    p0: Scalar
+    """Ambient pressure, Pa."""
+    gamma: Scalar
+    """Ratio of the specific heats of air (-)."""
+
+    def start(self, dtype):
+        """See `AbstractAirLaw`: air at ambient pressure."""
+        return Confined(Tally.zero(dtype), jnp.zeros((), dtype))
+
+    def entries(self, suffix):
+        """See `AbstractAirLaw`."""
+        return {"air": Entry(f"compression of the air in the chamber{suffix}")}
+
+    def readings(self):
+        """See `AbstractAirLaw`."""
+        return {"flow_pto": Reading("m2 s-1", "flow through the power take-off per unit width, ambient")}
+
+    def read(self, own):
+        """See `AbstractAirLaw`."""
+        return {"flow_pto": own.confined.passed}
+
+    def pressure(self, own: Air) -> Scalar:
+        """Gauge pressure of the air from its amount and room, Pa."""
+        share = own.confined.excess.total / self._room(own)
+        # a small pressure is a small difference of volumes: by expm1 and log1p single precision holds it
+        return self.p0 * jnp.expm1(self.gamma * jnp.log1p(jnp.maximum(share, -0.9)))
+
+    def _room(self, own: Air) -> Scalar:
+        """Volume that the water leaves to the air, m2: two hundredths of the whole at least."""
+        return jnp.maximum(self.volume - own.driven.total, 0.02 * self.volume)
+
+    def press(self, pto, own, q_free, compliance, t, dt):
+        """See `AbstractAirLaw`.
+
+        The flow at the surface counts in the middle of the step: the spring then neither gains nor loses.
+        Where the air is too stiff for the step, omega^2 dt^2 = dt compliance / give > 1, the end of the step
+        takes over: nothing rings.
+        """
+        P_n = self.pressure(own)
+        give = self._room(own) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a
+        stiff = dt * compliance / give
+        late = 0.5 + 0.5 * stiff / (1.0 + stiff)
+        spring = give / (late * dt)
+        softer = late * compliance + spring
+        free = (1.0 - late) * own.q + late * q_free + spring * P_n
+        P_a = pto.pressure(free, softer, t)
+        return P_a, free - softer * P_a
+
+    def passed(self, pressed, mean):
+        """See `AbstractAirLaw`: by the power take-off's law, so that a closed one lets nothing through."""
+        del mean
+        return pressed
+
+    def head(self, P_a):
+        """See `AbstractAirLaw`: the drop of enthalpy."""
+        power = (self.gamma - 1.0) / self.gamma
+        return self.p0 / power * jnp.expm1(power * jnp.log1p(P_a / self.p0))
+
+    def finish(self, own, passed, mean, dt):
+        """See `AbstractAirLaw`."""
+        return Confined(own.confined.excess.add(dt * (mean - passed)), passed)
+
+    def stored(self, own: Air) -> Scalar:
+        """Energy stored by the air's compression over the ambient air, J/m."""
+        room = self._room(own)
+        excess = own.confined.excess.total
+        n = self.gamma - 1.0
+        gain = (room + excess) * jnp.expm1(n * jnp.log1p(excess / room)) / n
+        return self.p0 * (gain - excess)
