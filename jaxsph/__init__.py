@@ -60,6 +60,7 @@ _ROOMS = {
     "study.ensemble": ("Ensemble",),
     "study.matrix": ("PowerMatrix", "ScatterTable", "power_matrix"),
     "study.optimise": ("Maximum", "maximise"),
+    "study.over_seas": ("OverSeas",),
     "study.sweep": ("Sweep", "read_sweep", "sweep"),
     "study.tangents": ("Exact", "Filtered"),
     "waves.linear_owc": (

@@ -334,6 +334,10 @@ def optimise(  # of a command the options are the arguments
     members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
     spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
     evaluations: Annotated[int, typer.Option(help="Slopes at most.")] = 10,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours: P_owc over the year."),
+    ] = None,
     settings: Settings = None,
     out: Annotated[
         Path | None,
@@ -349,6 +353,8 @@ def optimise(  # of a command the options are the arguments
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = dict(_bounds(text) for text in over)
         way = method.of(spread, members)
+        if table is not None:
+            of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         for here in found.history:
             _table(

@@ -6,6 +6,7 @@ import abc
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import equinox as eqx
 import numpy as np
@@ -69,6 +70,11 @@ class AbstractMethod(eqx.Module):
     @abc.abstractmethod
     def derivative(self, case: Case, parameter: str, of: str, progress: bool) -> Derivative:
         """Value and slope of a result; arguments and errors are those of `study.derivative`."""
+
+    def kept(self, path: Path) -> AbstractMethod:
+        """The method with its runs kept in a file of this path, where it has many and no path yet."""
+        del path
+        return self
 
 
 def parameter_value(case: Case, parameter: str) -> float:

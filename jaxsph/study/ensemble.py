@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,10 @@ class Ensemble(AbstractMethod):
                 f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} be four "
                 "or more"
             )
+
+    def kept(self, path):
+        """See `AbstractMethod`."""
+        return self if self.out is not None else dataclasses.replace(self, out=path)
 
     def derivative(self, case, parameter, of, progress):
         """See `AbstractMethod`."""

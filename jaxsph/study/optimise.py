@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -110,9 +109,7 @@ def _evaluate(
 ) -> dict[str, float]:
     found = dict(here)
     for name in here:
-        kept = method
-        if isinstance(method, Ensemble) and method.out is None:
-            kept = dataclasses.replace(method, out=stem.with_name(f"{stem.name}_{name}.h5"))
+        kept = method.kept(stem.with_name(f"{stem.name}_{name}.h5"))
         one = derivative(case, name, of, kept, progress)
         found |= {of: one.value, f"slope {name}": one.slope, f"error {name}": one.error or 0.0}
     return found

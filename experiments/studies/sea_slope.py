@@ -1,0 +1,66 @@
+"""Slope of the mean power over the damping in an irregular sea: an ensemble against a fit over other runs."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import RUNS, Report
+from experiments.studies.annual_power import study_case
+
+K_DM = 300.0
+"""Damping of the slope: below the best one, where the mean power rises with it."""
+OTHERS = np.round(np.geomspace(100.0, 900.0, 7), 1)
+"""Dampings of the runs of the fit; none is a member of the ensemble."""
+DURATION = 28.0
+"""Time after which the sea repeats, s: twenty waves."""
+
+
+def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
+    """Runs the ensemble and the runs of the fit, or what of them is not there yet."""
+    case = study_case(dx).replace(
+        {"name": "sea_slope", "waves.duration": DURATION, "t1": 40.0, "pto.K_dm": K_DM}
+    )
+    way = js.Ensemble(members=members, out=RUNS / f"sea_slope_{dx:g}.h5", workers=workers)
+    found = js.derivative(case, "pto.K_dm", "P_owc", way)
+    others = RUNS / f"sea_slope_{dx:g}_fit.h5"
+    runs = js.sweep(case, {"pto.K_dm": list(OTHERS)}, others, workers=workers)
+    y, x = runs["P_owc"], np.log(OTHERS / K_DM)
+    fit, covariance = np.polyfit(x, y, 3, cov=True)
+    slope, error = fit[2] / K_DM, float(np.sqrt(covariance[2, 2])) / K_DM
+    with Report(f"sea_slope_{dx:g}", "Slope of the mean power over K_dm in an irregular sea", dx) as report:
+        report.row("mean power", found.value, "W/m", theory=js.linear_sea(case).P_owc)
+        report.row("1e4 times the slope of a cubic in ln K_dm through seven runs", 1e4 * slope)
+        report.row("1e4 times its standard error", 1e4 * error)
+        report.row("1e4 times the slope by linear theory", 1e4 * _linear_slope(case))
+        apart = abs(found.slope - slope) / np.hypot(found.error, error)
+        report.row(
+            "1e4 times the ensemble's slope",
+            1e4 * found.slope,
+            bar="two errors of the fit's, and its sign",
+            passes=bool(apart < 2.0 and found.slope * slope > 0.0),
+        )
+        report.row("1e4 times its standard error", 1e4 * found.error)
+        report.row("difference over both errors", apart)
+        report.picture(_picture(found, (OTHERS, y, fit)))
+
+
+def _linear_slope(case: js.Case) -> float:
+    low, high = (js.linear_sea(case.replace({"pto.K_dm": K_DM * f})).P_owc for f in (0.99, 1.01))
+    return (high - low) / (0.02 * K_DM)
+
+
+def _picture(found: js.Derivative, fitted: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Figure:
+    K, y, fit = fitted
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    ax = figure.subplots()
+    fine = np.geomspace(K[0], K[-1], 200)
+    ax.plot(K, y, "ko", label="runs of the fit")
+    ax.plot(fine, np.polyval(fit, np.log(fine / K_DM)), "k-", lw=0.8, label="cubic in ln K_dm")
+    ax.plot(found.members["pto.K_dm"], found.members["P_owc"], "C1o", label="ensemble")
+    beside = K_DM * np.array([0.7, 1.3])
+    ax.plot(beside, found.value + found.slope * (beside - K_DM), "C1-", label="its slope")
+    ax.set(xscale="log", xlabel="K_dm", ylabel="mean power, W/m")
+    ax.legend()
+    return figure
