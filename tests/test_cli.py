@@ -253,7 +253,7 @@ def test_slope_is_printed_with_its_error(calls, monkeypatch):
     assert bad.exit_code == 2 and "members = 2" in bad.stderr
 
 
-def test_optimise_prints_the_way_and_the_best(calls, monkeypatch):
+def test_optimise_prints_the_way_and_the_best(calls, monkeypatch, tmp_path):
     def maximise(case, over, out, of, method, evaluations, progress):
         calls.append((over, out, method, evaluations))
         history = [{"pto.K_dm": 300.0, "xi": 0.4}, {"pto.K_dm": 500.0, "xi": 0.5}]
@@ -268,6 +268,9 @@ def test_optimise_prints_the_way_and_the_best(calls, monkeypatch):
     over, out, method, evaluations = calls[0]
     assert over == {"pto.K_dm": (100.0, 2500.0)} and out.as_posix() == "runs/fake_optimum.h5"
     assert method.members == 5 and evaluations == 10
+    (tmp_path / "year.csv").write_text("Hs,Tp,share\n0.03,1.4,0.5\n0.04,1.4,0.5\n")
+    year = _jaxsph("optimise", "owc", "--over", "pto.K_dm=100:2500", "--table", tmp_path / "year.csv")
+    assert isinstance(calls[1][2], js.OverSeas) and calls[1][2].method.members == 9, year.stderr
     bad = _jaxsph("optimise", "owc", "--over", "pto.K_dm")
     assert bad.exit_code == 2 and "must be KEY=LOW:HIGH" in bad.stderr
 
