@@ -38,8 +38,7 @@ def test_the_year_s_slope_is_the_weighted_one_of_its_seas(case):
     found = js.OverSeas(TABLE, _Parabola(seen)).derivative(case, "pto.K_dm", "P_owc", False)
     assert seen == [(0.03, 1.3), (0.04, 1.4)]  # none for a sea that never comes
     seas = (case.replace({"waves.Hs": H}) for H in (0.03, 0.04))
-        for H in (0.03, 0.04)
-    ]
+    each = [_Parabola([]).derivative(sea, "pto.K_dm", "P_owc", False) for sea in seas]
     assert found.value == pytest.approx(0.25 * each[0].value + 0.75 * each[1].value)
     assert found.slope == pytest.approx(0.25 * each[0].slope + 0.75 * each[1].slope)
     assert found.error == pytest.approx(1e-9 * np.hypot(0.25, 0.75))
