@@ -6,11 +6,14 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 
+import jaxsph as js
+from jaxsph import analysis
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.particles import _Tank, animate, particles
 from jaxsph.output.plot.pictures import plot_run
 from jaxsph.output.plot.series import _energy_terms, chamber, energy, gauges
+from jaxsph.output.plot.spectrum import draw_sea
 from jaxsph.output.plot.style import ORANGE
 from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
 from jaxsph.output.run_file import RunFile
@@ -276,3 +279,19 @@ def test_the_grid_s_picture_names_the_largest():
     (axis, _) = _over_grid({"pto.K_dm": K, "waves.H": H}, np.arange(6.0).reshape(3, 2), "xi").axes
     star = axis.lines[-1].get_xydata()
     assert star == pytest.approx(np.array([[600.0, 0.04]])) and "largest, 5" in axis.get_title(loc="left")
+
+
+def test_spectrum_has_both_ways_the_band_and_what_was_asked_for():
+    case = js.load_case("owc_irregular")
+    f = np.arange(1, 60) / 30.0
+    asked = js.JONSWAP(case.waves.Hs, case.waves.Tp).density(f)
+    sea = analysis.TwoWaySea(
+        analysis.Spectrum(f, 0.9 * asked, 8.0), analysis.Spectrum(f, 0.01 * asked, 8.0), 0.1, 0.0
+    )
+    ax = draw_sea(sea, case).axes[0]
+    lines = {line.get_label(): line.get_ydata() for line in ax.lines}
+    assert np.allclose(lines["incident"], 0.9 * asked) and np.allclose(lines["reflected"], 0.01 * asked)
+    # the mean over the band of four frequencies of the sea, which is narrow here
+    shown = f > 0.5
+    assert np.allclose(lines["asked for"][shown], asked[shown], rtol=0.1, atol=1e-5)
+    assert "0.04 m asked for" in ax.get_title(loc="left") + ax.get_title()

@@ -138,16 +138,30 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
         height = 2 * found.incident
         power = float(theory.incident_power(height, waves.T, depth, case.fluid.rho0, case.g))
         return {"reflection": found.coefficient, "incident_height": height, "P_inc_measured": power}
-    _, omega = waves.sum_of_waves(depth, case.g)
-    f = 0.9 * float(np.min(omega)) / (2 * np.pi), 1.1 * float(np.max(omega)) / (2 * np.pi)
-    settled = analysis.whole_periods(solution.t, waves.cycle, periods)
-    sea = analysis.two_way_sea(eta[:, settled], x, solution.t[settled], depth, case.g, f=f, bands=4)
+    sea = two_way_sea(case, solution.t, solution["eta"], depth)
     return {
         "reflection": sea.coefficient,
         "Hm0": sea.incident.Hm0,
         "Te": sea.incident.Te,
         "P_inc_measured": sea.incident.power(depth, case.fluid.rho0, case.g),
     }
+
+
+def two_way_sea(
+    case: Case, t: NDArray[np.floating], eta: NDArray[np.floating], depth: float
+) -> analysis.TwoWaySea:
+    """Incident and reflected sea at the gauges of the free flume, over the settled repetition of the sea.
+
+    **Arguments**: times (s); elevations of all gauges `[T, gauge]` (m); depth (m). **Raises** ValueError for
+    gauges that cannot tell the two apart, or a record that is too short.
+    """
+    chosen = flume_gauges(case)
+    x = np.asarray(Geometry.of(case).gauges)[chosen]
+    _, omega = case.waves.sum_of_waves(depth, case.g)
+    f = 0.9 * float(np.min(omega)) / (2 * np.pi), 1.1 * float(np.max(omega)) / (2 * np.pi)
+    settled = analysis.whole_periods(t, case.waves.cycle, settled_periods(case, float(t[-1])))
+    found = np.float64(eta)[settled][:, chosen].T
+    return analysis.two_way_sea(found, x, t[settled], depth, case.g, f=f, bands=4)
 
 
 def flume_gauges(case: Case) -> list[int]:

@@ -17,6 +17,7 @@ from jaxsph.output.plot.series import (
     gauges,
     pressures,
 )
+from jaxsph.output.plot.spectrum import spectrum
 from jaxsph.output.plot.style import (
     STYLE,
     Overlay,
@@ -43,6 +44,7 @@ def plot_run(
     folder = Path(folder) if folder is not None else run.path.with_name(run.path.stem + "_plots")
     figures = {
         "gauges": gauges(run, overlay),
+        "spectrum": spectrum(run),
         "chamber": chamber(run, linear),
         "body": body(run),
         "pressure_sensors": pressures(run),

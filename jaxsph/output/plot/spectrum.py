@@ -1,0 +1,55 @@
+"""Picture of a sea's spectra: of incident waves with their band, of reflected ones, and the one asked for."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jaxsph import analysis
+from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
+from jaxsph.output.plot.style import BLUE, RED, WIDTH, has_samples, in_style
+from jaxsph.output.run_file import RunFile
+from jaxsph.run.results import two_way_sea
+
+WITHIN = 0.9
+"""Probability with which the band of an incident density has the true one (-)."""
+
+
+@in_style
+def spectrum(run: RunFile) -> Figure | None:
+    """Figure of the spectra (m2/Hz) of a run in an irregular sea; None for other waves, and for a record or
+    gauges that do not tell incident from reflected waves."""
+    keys, series = tomllib.loads(run.case_toml), run.series()
+    if keys.get("waves", {}).get("kind") != "irregular" or not has_samples(series, "eta"):
+        return None
+    case = Case.from_dict(keys)
+    try:
+        sea = two_way_sea(case, series["time"], series["eta"], Geometry.of(case).depth)
+    except ValueError:
+        return None
+    return draw_sea(sea, case)
+
+
+@in_style
+def draw_sea(sea: analysis.TwoWaySea, case: Case) -> Figure:
+    """Incident and reflected spectrum of a sea beside the one that the case asks for."""
+    figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
+    ax, f = figure.subplots(), sea.incident.f
+    low, high = sea.incident.band(WITHIN)
+    ax.fill_between(f, low, high, color=BLUE, alpha=0.25, label=f"{100 * WITHIN:g} % band")
+    ax.plot(f, sea.incident.S, color=BLUE, label="incident")
+    ax.plot(f, sea.reflected.S, color=RED, label="reflected")
+    # the mean over each value's own band, which is as wide as the peak
+    within = (np.arange(4) - 1.5) / case.waves.repeats
+    asked = case.waves.shape(case.waves.height).density(np.maximum(f[:, None] + within, 1e-9)).mean(axis=1)
+    ax.plot(f, asked, "k--", label="asked for")
+    top = 1.05 * max(float(np.max(sea.incident.S)), float(np.max(asked)))
+    ax.set(xlabel="frequency (Hz)", ylabel="variance density (m2/Hz)", ylim=(0.0, 1.5 * top))
+    ax.set(xlim=(0.4 / case.waves.Tp, 2.5 / case.waves.Tp))
+    asked_for = f"Hm0 = {sea.incident.Hm0:.3g} m ({case.waves.height:.3g} m asked for)"
+    ax.set_title(f"{asked_for}, reflection {sea.coefficient:.2g}")
+    ax.legend()
+    return figure
