@@ -248,7 +248,7 @@ def test_grain_sees_what_neighbours_differ_by(a, b, seed):
         ({}, {"parameter": "pto.P_a"}, "pto.P_a is not given in the case"),
         ({}, {"parameter": "pto.K_dm", "of": "eta"}, "of = 'eta': must be 'xi', 'P_owc' or 'energy_pto'"),
         ({"t1": 5.0}, {"parameter": "pto.K_dm"}, "of = 'xi' needs a whole wave period .* raise t1 = 5 s"),
-        ({"pto": None}, {"parameter": "waves.H"}, "needs a device with a damping"),
+        ({"pto": None}, {"parameter": "waves.H"}, "needs a turbine, such as pto.K_dm"),
         ({"pto.K_dm": 0.0}, {"parameter": "pto.K_dm"}, "pto.K_dm = 0: an ensemble spreads"),
     ],
 )

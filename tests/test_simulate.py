@@ -337,7 +337,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
         ({"waves.H": 0.02}, "waves.H: cannot .* the paddle would jump"),
         ({"probes.gauges": [1.0]}, "probes.gauges: cannot .* columns of its probes"),
         ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
-        ({"pto.P_a": 10.0}, "pto: cannot change from a damping to a pressure"),
+        ({"pto.P_a": 10.0}, "pto: cannot change from a turbine to a pressure"),
         ({"pto.k_dm": 10.0}, "did you mean 'pto.K_dm'"),
         ({"output.sample_dt": 0.03}, "output.sample_dt = 0.03 s: the run is at 0.2 s, no multiple"),
     ],
