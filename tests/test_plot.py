@@ -10,12 +10,13 @@ import jaxsph as js
 from jaxsph import analysis
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import Variable
-from jaxsph.output.plot.particles import _Tank, animate, particles
+from jaxsph.output.plot.particles import animate, particles
 from jaxsph.output.plot.pictures import plot_run
-from jaxsph.output.plot.series import _energy_terms, chamber, energy, gauges
+from jaxsph.output.plot.series import chamber, energy, energy_terms, gauges
 from jaxsph.output.plot.spectrum import draw_sea
 from jaxsph.output.plot.style import ORANGE
 from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
+from jaxsph.output.plot.tank import Tank
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.waves.linear_owc import ChamberGeometry, linear_response, radiation_and_scattering
@@ -160,7 +161,7 @@ def test_long_tank_has_strips_and_the_device_enlarged(tmp_path):
 
 def test_plate_is_where_the_case_is_built(tmp_path):
     text = CASE.replace("0.2\n", "0.19\n")
-    tank = _Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
+    tank = Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
     # the faces are where the case puts them; the draught is whole spacings
     assert tank.plate == pytest.approx((2.76, 2.81, 0.2))
     assert tank.platform is None
@@ -169,7 +170,7 @@ def test_plate_is_where_the_case_is_built(tmp_path):
 def test_platform_is_drawn_where_the_case_is_built(tmp_path):
     text = CASE.replace("[device]\n", "[device]\nplatform_length = 0.52\nplatform_height = 0.12\n")
     run = _make(tmp_path / "run.h5", text, snapshots=1)
-    assert _Tank.of(run).platform == pytest.approx((2.5, 0.1))
+    assert Tank.of(run).platform == pytest.approx((2.5, 0.1))
     boxes = [patch.get_bbox() for patch in particles(run).axes[0].patches]
     assert any(box.x0 == pytest.approx(2.5) and box.y1 == pytest.approx(0.1) for box in boxes)
 
@@ -205,7 +206,7 @@ def test_linear_theory_is_drawn_over_the_settled_part(tmp_path, finished, period
 
 def test_energy_areas_end_at_the_budget(tmp_path):
     run = _make(tmp_path / "run.h5")
-    terms = _energy_terms(run.series())
+    terms = energy_terms(run.series())
     from jaxsph import analysis
 
     budget = analysis.energy_budget(run.series())
@@ -219,7 +220,7 @@ def test_every_loss_of_size_is_drawn(tmp_path):
     series = _make(tmp_path / "run.h5").series()
     for name, share in (("hyperviscosity", 0.5), ("friction_of_the_bed", 0.2), ("separation", 1e-4)):
         series[f"power_{name}"] = share * np.abs(series["power_pto"])
-    terms = {label: values[-1] for label, values, _ in _energy_terms(series)}
+    terms = {label: values[-1] for label, values, _ in energy_terms(series)}
     assert terms["lost by hyperviscosity"] == pytest.approx(0.5 * terms["taken by the PTO"])
     assert terms["friction of the bed"] == pytest.approx(0.2 * terms["taken by the PTO"])
     assert terms["the rest"] == pytest.approx(1e-4 * terms["taken by the PTO"])

@@ -5,16 +5,13 @@ Functions take a `RunFile` and give a matplotlib `Figure`, or None where there i
 
 from __future__ import annotations
 
-import itertools
 import shutil
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
@@ -22,11 +19,8 @@ from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
-from jaxsph.output.plot.style import (
-    WALL,
-    WIDTH,
-    in_style,
-)
+from jaxsph.output.plot.style import WALL, WIDTH, in_style
+from jaxsph.output.plot.tank import Tank, cut_in_plane, move, pick_snapshots
 from jaxsph.output.run_file import RunFile
 
 MOST_FRAMES = 200
@@ -48,104 +42,6 @@ PRESSURE = Field("pressure (Pa)", "viridis", lambda s: s["p"])
 SPEED = Field("speed (m/s)", "plasma", lambda s: np.linalg.norm(s["u"], axis=1))
 
 
-@dataclass(frozen=True)
-class _Tank:
-    """What is drawn around the particles; lengths in m, None where the case does not say."""
-
-    name: str
-    dx: float
-    x0: float
-    x1: float
-    depth: float | None
-    top: float
-    """Upper edge of the view."""
-    plate: tuple[float, float, float] | None
-    """Front wall of an OWC: its two faces and the height of its tip."""
-    platform: tuple[float, float] | None
-    """Raised bed under it: its start and its height."""
-    body: tuple[np.ndarray, np.ndarray] | None = None
-    """Outline `[K, 2]` and pivot of a rigid body at rest."""
-
-    @classmethod
-    def of(cls, run: RunFile) -> _Tank:
-        """From the case's text and the snapshots, whatever of the case is there."""
-        case = tomllib.loads(run.case_toml)
-        ends = [run.snapshot(i)["x"] for i in _frames(run, 12)]
-        low, high = (f([f(x, axis=0) for x in ends], axis=0) for f in (np.min, np.max))
-        spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
-        dx = float(case.get("dx", spacing))
-        tank = case.get("tank", {})
-        length = _snap(tank.get("length"), dx)
-        depth = _snap(tank.get("depth"), dx)
-        top = float(max(high[-1], depth or high[-1]))
-        top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
-        x1 = length if length is not None else float(high[0]) + 0.5 * dx
-        return cls(
-            name=str(case.get("name", run.path.stem)),
-            dx=dx,
-            x0=min(0.0, float(low[0]) - 0.5 * dx),
-            x1=x1,
-            depth=depth,
-            top=top,
-            plate=_plate(case.get("device", {}), x1, depth, dx),
-            platform=_platform(case.get("device", {}), x1, dx),
-            body=_outline(case.get("body")),
-        )
-
-    def strips(self) -> list[tuple[float, float]]:
-        """x ranges that cover the tank, each at most eight times as long as high."""
-        margin = 0.01 * (self.x1 - self.x0) + self.dx
-        count = max(1, int(np.ceil((self.x1 - self.x0) / (8.0 * self.top) - 0.3)))
-        edges = np.linspace(self.x0 - margin, self.x1 + margin, count + 1)
-        return list(itertools.pairwise(edges))
-
-    def zoom(self) -> tuple[float, float] | None:
-        """x range of the device, where it would be small in the whole picture."""
-        if self.plate is None or self.x1 - self.x0 < 4.0 * self.top:
-            return None
-        right = self.x1 + 0.05 * self.top
-        return right - 2.6 * self.top, right
-
-
-def _snap(value: float | None, dx: float) -> float | None:
-    """A length on the lattice, as the case is built."""
-    return None if value is None else float(np.floor(value / dx + 0.5 + 1e-9)) * dx
-
-
-def _plate(
-    device: dict[str, Any], end: float, depth: float | None, dx: float
-) -> tuple[float, float, float] | None:
-    names = ("chamber_length", "wall_thickness", "draught")
-    if depth is None or not all(name in device for name in names):
-        return None
-    length, thickness, draught = (device[name] for name in names)
-    return end - length - thickness, end - length, depth - _snap(draught, dx)
-
-
-def _platform(device: dict[str, Any], end: float, dx: float) -> tuple[float, float] | None:
-    if not device.get("platform_height"):
-        return None
-    return end - _snap(device["platform_length"], dx), _snap(device["platform_height"], dx)
-
-
-def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | None:
-    if body is None:
-        return None
-    if "polygon" in body:
-        corners = np.asarray(body["polygon"], float)
-    elif "disc" in body:
-        angle = np.linspace(0.0, 2.0 * np.pi, 60)
-        around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        corners = np.asarray(body["disc"]["centre"]) + body["disc"]["radius"] * around
-    else:
-        low, high = body["block"]["low"], body["block"]["high"]
-        (x0, z0), (x1, z1) = (low[0], low[-1]), (high[0], high[-1])
-        corners = np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
-    centre = shapely.Polygon(corners).centroid
-    pivot = body.get("pivot", body.get("centre", (centre.x, centre.y)))
-    return corners, np.asarray(pivot, float)
-
-
 @in_style
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
     """Figure of the particles of one snapshot, coloured by a field; a long tank in strips, the OWC enlarged.
@@ -155,7 +51,7 @@ def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure 
     if run.snapshot_count == 0:
         return None
     snapshot = run.snapshot(index)
-    picture = _Picture(_Tank.of(run), field, _limits(field, [snapshot]))
+    picture = _Picture(Tank.of(run), field, _limits(field, [snapshot]))
     picture.show(snapshot)
     return picture.figure
 
@@ -163,7 +59,7 @@ def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure 
 class _Picture:
     """A figure of particles whose snapshot can be exchanged, for stills and for animations."""
 
-    def __init__(self, tank: _Tank, field: Field, limits: tuple[float, float]) -> None:
+    def __init__(self, tank: Tank, field: Field, limits: tuple[float, float]) -> None:
         self.tank, self.field = tank, field
         ranges = tank.strips()
         zoom = tank.zoom()
@@ -242,7 +138,7 @@ class _Picture:
 
     def show(self, snapshot: dict[str, Any]) -> list[PathCollection]:
         """Puts a snapshot into the figure."""
-        x, values = _cut(snapshot["x"], self.tank.dx), self.field.values(snapshot)
+        x, values = cut_in_plane(snapshot["x"], self.tank.dx), self.field.values(snapshot)
         for ax, dots, paddle in zip(self.axes, self.dots, self.paddles, strict=True):
             a, b = ax.get_xlim()
             near = x.seen & (x.at[:, 0] > a - self.tank.dx) & (x.at[:, 0] < b + self.tank.dx)
@@ -250,31 +146,9 @@ class _Picture:
             dots.set_array(values[near])
             paddle.set_x(float(snapshot.get("paddle", 0.0)) - 1e3)
         for body in self.bodies:
-            body.set_xy(_move(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
+            body.set_xy(move(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
-
-
-def _move(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """The outline moved by surge, heave and pitch (from z towards x)."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    return (corners - pivot) @ np.array([[c, -s], [s, c]]) + pivot + pose[:2]
-
-
-@dataclass(frozen=True)
-class _Cut:
-    """Particles in the plane of the picture."""
-
-    at: np.ndarray
-    seen: np.ndarray
-
-
-def _cut(x: np.ndarray, dx: float) -> _Cut:
-    seen = np.ones(len(x), bool)
-    if x.shape[1] == 3:
-        middle = 0.5 * (x[:, 1].min() + x[:, 1].max())
-        seen = np.abs(x[:, 1] - middle) < 0.75 * dx
-    return _Cut(x[:, [0, -1]], seen)
 
 
 def _limits(field: Field, snapshots: Sequence[dict[str, Any]]) -> tuple[float, float]:
@@ -293,13 +167,13 @@ def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Pat
 
     **Returns** the files written; none for a run with fewer than two snapshots.
     """
-    frames = _frames(run, MOST_FRAMES)
+    frames = pick_snapshots(run, MOST_FRAMES)
     if len(frames) < 2:
         return []
     stem = Path(stem)
     stem.parent.mkdir(parents=True, exist_ok=True)
     some = [run.snapshot(i) for i in frames[:: max(1, len(frames) // 8)]]
-    picture = _Picture(_Tank.of(run), field, _limits(field, some))
+    picture = _Picture(Tank.of(run), field, _limits(field, some))
     movie = FuncAnimation(
         picture.figure, lambda i: picture.show(run.snapshot(i)), frames=frames, init_func=lambda: []
     )
@@ -313,9 +187,3 @@ def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Pat
         even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
         movie.save(written[1], writer=FFMpegWriter(fps=rate, extra_args=even), dpi=110)
     return written
-
-
-def _frames(run: RunFile, most: int) -> list[int]:
-    """Indices of at most `most` snapshots, evenly over the run."""
-    count = run.snapshot_count
-    return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))

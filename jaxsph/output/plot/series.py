@@ -157,8 +157,8 @@ def energy(run: RunFile) -> Figure | None:
     series = run.series()
     if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None
-    terms = _energy_terms(series)
-    work = _work(series, "power_paddle")
+    terms = energy_terms(series)
+    work = work_of(series, "power_paddle")
     t, figure, axes = series["time"], *stacked_axes(1, 5.2)
     ax = axes[0]
     # Areas lie on one another only where each is a gain; else (a prescribed pressure does work on
@@ -192,7 +192,7 @@ LEAST = 3.0e-3
 """Share of the largest energy in a budget below which one has no area or line of its own."""
 
 
-def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, str]]:
+def energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, str]]:
     """(label, energy since the start, colour), the lasting ones first, the stored one on top."""
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
@@ -202,7 +202,7 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
     ]
     for taker in analysis.takers(series):
         label, colour = LOSSES.get(taker, (taker.replace("_", " "), GREY))
-        terms.append((label, _work(series, f"power_{taker}"), colour))
+        terms.append((label, work_of(series, f"power_{taker}"), colour))
     last = (STORED, stored - stored[0], SKY)
     sizes = [float(np.max(np.abs(values))) for _, values, _ in (*terms, last)]
     large = [size > LEAST * max(sizes) for size in sizes[:-1]]
@@ -216,7 +216,7 @@ def _energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, 
 
 def _of_every_pto(series: dict[str, np.ndarray]) -> np.ndarray:
     """Energy that all power take-offs have taken."""
-    works = [_work(series, name) for name in series if name.startswith("power_pto")]
+    works = [work_of(series, name) for name in series if name.startswith("power_pto")]
     return np.sum([np.zeros_like(series["time"]), *works], axis=0)
 
 
@@ -240,7 +240,7 @@ def _budget_title(series: dict[str, np.ndarray]) -> str:
     return f"energy budget: {percent:+.2f} % of {whole} is not accounted for"
 
 
-def _work(series: dict[str, np.ndarray], name: str) -> np.ndarray:
+def work_of(series: dict[str, np.ndarray], name: str) -> np.ndarray:
     """Energy of a power that is the mean since the last sample (see `analysis.energy_budget`)."""
     if name not in series:
         return np.zeros_like(series["time"])
