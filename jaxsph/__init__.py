@@ -47,6 +47,8 @@ _ROOMS = {
     "probes.gauges": ("WaveGauge",),
     "probes.noise": ("NoiseProbe",),
     "probes.sensors": ("PressureProbe",),
+    "report.page": ("report",),
+    "report.watch": ("Watch",),
     "run.host": ("march", "restore", "resume", "run"),
     "run.simulate": ("simulate",),
     "schemes.incompressible": ("ISPH",),

@@ -1,4 +1,4 @@
-"""The `jaxsph` command: run, sweep, slope, optimise, resume, plot, check, cases."""
+"""The `jaxsph` command: run, sweep, matrix, slope, optimise, resume, plot, report, watch, check, cases."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from jaxsph.errors import CaseError, JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.output.vtk import export_vtkhdf
+from jaxsph.report.labels import in_order, in_words, label_of
 from jaxsph.run import interrupt
 
 app = typer.Typer(
@@ -26,48 +27,8 @@ app = typer.Typer(
 )
 
 
-RESULTS = {
-    "t_end": ("end of the run", "s"),
-    "steps": ("time steps", ""),
-    "wall_seconds": ("wall time", "s"),
-    "particle_steps_per_second": ("particle steps per second", "1/s"),
-    "energy_paddle": ("work of the paddle", "J/m"),
-    "energy_stored": ("  stored in the water", "J/m"),
-    "energy_pto": ("  taken by the PTO", "J/m"),
-    "energy_sponge": ("  taken by the sponge", "J/m"),
-    "energy_viscous": ("  viscous loss", "J/m"),
-    "energy_diffusive": ("  loss by density diffusion", "J/m"),
-    "energy_hyperviscosity": ("  loss by hyperviscosity", "J/m"),
-    "energy_separation": ("  lost where pairs of particles part", "J/m"),
-    "energy_contact": ("  lost by water that meets a solid", "J/m"),
-    "energy_projection": ("  lost in the projection", "J/m"),
-    "energy_residual": ("  not accounted for", "J/m"),
-    "energy_residual_share": ("  not accounted for, share", ""),
-    "noise": ("noise of the particles, of their speed", ""),
-    "periods": ("periods averaged", ""),
-    "P_inc": ("incident power", "W/m"),
-    "P_owc": ("absorbed power", "W/m"),
-    "P_pto": ("absorbed power", "W/m"),
-    "capture_width": ("capture width", "m"),
-    "xi": ("hydrodynamic efficiency", ""),
-    "xi_scatter": ("  from period to period", ""),
-    "xi_error": ("  standard error", ""),
-    "xi_measured": ("  of the measured incident power", ""),
-    "reflection": ("reflection coefficient", ""),
-    "incident_height": ("incident wave height", "m"),
-    "Hm0": ("significant height of the incident waves", "m"),
-    "Te": ("energy period of the incident waves", "s"),
-    "P_inc_measured": ("measured incident power", "W/m"),
-}
-"""Labels and units of the scalar results in two dimensions, in the order of the table."""
-
-
 CLUSTER_TIMEOUT = 10
 """Time in which a cluster's scheduler has to answer, s."""
-
-
-PER_METRE = ("P_inc", "P_inc_measured")
-"""Names of the results that are per metre of width in three dimensions too."""
 
 
 CaseName = Annotated[str, typer.Argument(metavar="CASE", help="A TOML file or a built-in name.")]
@@ -155,6 +116,11 @@ Method = Annotated[
 Pictures = Annotated[bool, typer.Option("--plot/--no-plot", help="Make pictures after the run.")]
 
 
+Page = Annotated[
+    bool, typer.Option("--report/--no-report", help="Write a page for the browser beside the file.")
+]
+
+
 @app.command()
 def run(
     case: CaseName,
@@ -168,6 +134,7 @@ def run(
     devices: Devices = None,
     process: Process = None,
     plot: Pictures = True,
+    report: Page = True,
     quiet: Quiet = False,
 ) -> None:
     """Run a case and record it into one HDF5 file."""
@@ -186,7 +153,7 @@ def run(
                 loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
             )
         if is_first:
-            _report(solution, out, plot, quiet)
+            _report(solution, out, (plot, report), quiet)
 
 
 @app.command()
@@ -216,6 +183,7 @@ def sweep(
             metavar="ADDRESS", help="Dask scheduler whose workers run the members: tcp://host:8786."
         ),
     ] = None,
+    report: Page = True,
     quiet: Quiet = False,
 ) -> None:
     """Run a case for every combination of values, or go on with an interrupted sweep."""
@@ -235,6 +203,7 @@ def sweep(
         if not quiet:
             _table(_sweep_rows(done))
         typer.echo(f"recorded in {out}")
+        _write_page(out, report, quiet)
         for place, text in done.failures.items():
             typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
         if done.failures:
@@ -264,6 +233,7 @@ def matrix(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the seas.")
     ] = None,
+    report: Page = True,
     quiet: Quiet = False,
 ) -> None:
     """Power matrix: mean power in irregular seas of every height and period, and over a scatter table."""
@@ -283,6 +253,7 @@ def matrix(
             from jaxsph.output.plot.matrix import plot_matrix
 
             typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
+        _write_page(out, report, quiet)
         for place, text in done.sweep.failures.items():
             typer.echo(f"failed: {_place(done.sweep, place)}: {text.splitlines()[0]}", err=True)
         if done.sweep.failures:
@@ -343,6 +314,7 @@ def optimise(  # of a command the options are the arguments
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_optimum.h5"),
     ] = None,
+    report: Page = True,
     quiet: Quiet = False,
 ) -> None:
     """Search the values that make a result largest, or go on with an interrupted search."""
@@ -364,6 +336,7 @@ def optimise(  # of a command the options are the arguments
         best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
+        _write_page(out, report, quiet)
 
 
 @app.command()
@@ -374,6 +347,7 @@ def resume(
     devices: Devices = None,
     process: Process = None,
     plot: Pictures = True,
+    report: Page = True,
     quiet: Quiet = False,
 ) -> None:
     """Go on with a run from its last checkpoint."""
@@ -388,7 +362,7 @@ def resume(
         with _resumable(file):
             solution = js.resume(file, t1=t1, progress=not quiet, changes=changes, devices=devices)
         if is_first:
-            _report(solution, file, plot, quiet)
+            _report(solution, file, (plot, report), quiet)
 
 
 @app.command()
@@ -424,6 +398,48 @@ def plot(
             typer.echo(path)
         if vtk is not None:
             typer.echo(export_vtkhdf(opened, vtk))
+
+
+@app.command("report")
+def write_report(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE", help="Files of runs or sweeps, shown side by side.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Default: the first FILE with .html.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--show", help="Open it in the browser.")] = False,
+) -> None:
+    """Write a page for the browser: results, charts, and the particles played back, in one file."""
+    from jaxsph.report.page import report
+
+    with _messages():
+        interrupt.raise_again()
+        page = report(files, out)
+        typer.echo(f"{page} ({page.stat().st_size / 1e6:.1f} MB)")
+        if show:
+            typer.launch(str(page))
+
+
+@app.command()
+def watch(
+    file: RunName,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; default: one that is free.")] = 0,
+    show: Annotated[bool, typer.Option("--show", help="Open it in the browser.")] = False,
+) -> None:
+    """Show a run that goes on in the browser, renewed after every chunk, until Ctrl-C."""
+    import threading
+
+    from jaxsph.report.watch import Watch
+
+    with _messages():
+        interrupt.raise_again()
+        with Watch(file, port) as served:
+            typer.echo(f"{served.address} (end it with Ctrl-C)")
+            if show:
+                typer.launch(served.address)
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Event().wait()
 
 
 @app.command()
@@ -524,7 +540,8 @@ def _match_precision(precision: str | None) -> None:
         jax.config.update("jax_enable_x64", True)
 
 
-def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
+def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -> None:
+    """Results in the terminal, and as pictures and as a page where they are wanted."""
     if not quiet:
         for notice in getattr(solution, "notices", ()):
             typer.echo(f"note: {notice}", err=True)
@@ -532,26 +549,37 @@ def _report(solution: Any, path: Path, pictures: bool, quiet: bool) -> None:
         flat = case is None or case.tank.width is None
         _table(_rows(getattr(solution, "results", None) or {}, flat))
         typer.echo(f"recorded in {path}")
-    if not pictures:
-        return
-    from jaxsph.output.plot.pictures import plot_run
+    pictures, page = wanted
+    if pictures:
+        from jaxsph.output.plot.pictures import plot_run
 
-    written = plot_run(path)
-    if written and not quiet:
-        typer.echo(f"{len(written)} pictures in {written[0].parent}")
+        written = plot_run(path)
+        if written and not quiet:
+            typer.echo(f"{len(written)} pictures in {written[0].parent}")
+    _write_page(path, page, quiet)
+
+
+def _write_page(path: Path, wanted: bool, quiet: bool) -> None:
+    """Page of a file beside it, where it is wanted; without one the results are as good."""
+    if not wanted:
+        return
+    from jaxsph.report.page import report
+
+    try:
+        page = report(path)
+    except JaxsphError as error:
+        typer.echo(f"note: no page for a browser: {error}", err=True)
+        return
+    if not quiet:
+        typer.echo(f"page for a browser: {page}")
 
 
 def _rows(results: dict[str, float], flat: bool) -> list[tuple[str, str]]:
-    """Labels and values in the order of RESULTS; then whatever it does not know. `flat`: in 2-D, where bodies
-    and energies are per metre of width."""
-    names = [name for name in RESULTS if name in results]
-    names += [name for name in results if name not in RESULTS]
+    """Labels and values of results; `flat`: in 2-D, where bodies and energies are per metre of width."""
     rows = []
-    for name in names:
-        label, unit = RESULTS.get(name, (name, ""))
-        if not flat and name not in PER_METRE:
-            unit = unit.removesuffix("/m")
-        rows.append((label, f"{_number(results[name]):>10} {unit}".rstrip()))
+    for name in in_order(results):
+        label = label_of(name, flat)
+        rows.append((label.text, f"{in_words(results[name]):>10} {label.unit}".rstrip()))
     return rows
 
 
@@ -560,7 +588,7 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
     name = "xi" if "xi" in done.results else "energy_residual_share"
     if name not in done.results:
         return []
-    label = RESULTS[name][0].strip()
+    label = label_of(name, flat=True).text.strip()
     places = sorted(set(done.members) - set(done.failures))
     return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
 
@@ -583,12 +611,6 @@ def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
 def _place(done: Any, place: tuple[int, ...]) -> str:
     pairs = zip(done.axes.items(), place, strict=True)
     return ", ".join(f"{key} = {values[k]:g}" for (key, values), k in pairs)
-
-
-def _number(value: float) -> str:
-    if float(value).is_integer() and abs(value) < 1e9:
-        return f"{int(value)}"
-    return f"{value:.4g}"
 
 
 def _table(rows: list[tuple[str, str]]) -> None:

@@ -21,6 +21,7 @@ LAYERS = (
     ("run",),
     ("study",),
     ("output",),
+    ("report",),
     ("cli",),
 )
 """Rooms from the bottom up: a room imports those below it, and its own files."""

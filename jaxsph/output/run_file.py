@@ -2,7 +2,8 @@
 
 Layout (`SCHEMA`):
 
-    attributes             schema, jaxsph_version, case (the whole case as TOML text), run, stage, read
+    attributes             schema, jaxsph_version, case (the whole case as TOML text), machine, run, stage,
+                           read
     settings               attributes: what fixed the arrays' shapes
     numbers                JSON: numbers that decide the run, such as the time step made of the case
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
@@ -124,11 +125,13 @@ class RunFile:
         coordinates: Coordinates,
         overwrite: bool = False,
         numbers: Mapping[str, list[float]] | None = None,
+        machine: str = "",
     ) -> RunFile:
         """New file of a run without samples; folders are made as needed.
 
         **Arguments**: `coordinates`: name -> (dimension, values `[k]`, units, long name), such as
-        "gauge_x": ("gauge", [...], "m", "..."); `numbers`: what decides the run, by name.
+        "gauge_x": ("gauge", [...], "m", "..."); `numbers`: what decides the run, by name; `machine`: what it
+        begins on, in words.
         **Raises** FileError where the file exists (and not `overwrite`) or cannot be written.
         """
         run = cls(path)
@@ -143,6 +146,7 @@ class RunFile:
             run.path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(run.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=uuid.uuid4().hex, stage=0, read=0)
+            file.attrs["machine"] = machine
             _describe(file, case_toml, settings, numbers or {})
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
@@ -294,6 +298,18 @@ class RunFile:
         """Version of the file's layout."""
         with open_file(self.path) as file:
             return int(file.attrs["schema"])
+
+    @property
+    def version(self) -> str:
+        """Version of jaxsph that made the file."""
+        with open_file(self.path) as file:
+            return str(file.attrs["jaxsph_version"])
+
+    @property
+    def machine(self) -> str:
+        """What the run began on, in words; empty in files of older versions."""
+        with open_file(self.path) as file:
+            return str(file.attrs.get("machine", ""))
 
     @property
     def case_toml(self) -> str:

@@ -21,6 +21,7 @@ from jaxsph.model.state import State
 from jaxsph.output.hdf5 import Coordinates, Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.chunks import sample_times, search_settings, steps_per_chunk
+from jaxsph.run.devices import describe_machine
 from jaxsph.run.results import run_results
 
 
@@ -103,6 +104,7 @@ def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
         _coordinates(case),
         overwrite=overwrite,
         numbers=deciding_numbers(model, start.initial),
+        machine=describe_machine(),
     )
 
 

@@ -1,0 +1,307 @@
+"""Contents of a page about a run: what was run, its results in words, warnings, series over time, spectra."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from jaxsph import analysis
+from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.errors import CaseError
+from jaxsph.output.hdf5 import Variable
+from jaxsph.output.plot.series import energy_terms, work_of
+from jaxsph.output.plot.spectrum import WITHIN
+from jaxsph.output.run_file import RunFile
+from jaxsph.report.frames import Frames
+from jaxsph.report.labels import in_order, in_words, label_of
+from jaxsph.report.pack import Pack
+from jaxsph.run.results import two_way_sea
+
+MOST_SAMPLES = 6000
+"""Samples of a line above which it is drawn through the extremes of every few of them."""
+NOISY, UNBOOKED, FEW = 0.15, 0.03, 5
+"""Noise of the particles (-), share of the energy not accounted for (-), and periods averaged, beyond and
+below which a page warns."""
+EXTREMES = {"chamber_level": "level", "flow": "q", "P_a": "P_a_peak"}
+"""Series of a chamber, and the amplitude that linear theory has for each."""
+PANELS = {
+    "eta": "Elevation at the gauges",
+    "chamber_level": "Level in the chamber",
+    "flow": "Air flow, positive out of the chamber",
+    "P_a": "Air pressure, positive when compressed",
+    "power_pto": "Power taken by the PTO",
+    "surge": "Surge of the body",
+    "heave": "Heave of the body",
+    "pitch": "Pitch of the body, positive landward",
+    "body_force": "The water's force on the body, and its moment",
+    "pressure": "Pressure at the sensors",
+    "velocity": "Velocity at the sensors",
+    "surface": "Free surface",
+    "paddle": "Displacement of the paddle",
+    "max_speed": "Largest speed of a particle",
+    "noise": "Noise of the particles, and their RMS speed",
+}
+"""Titles of the panels over time, by the series that each shows, in the order of the page."""
+RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
+"""Series whose values run along with the particles."""
+
+
+def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[str, Any]:
+    """What a page shows of a run, finished or not. **Raises** FileError where it cannot be read."""
+    keys, series = tomllib.loads(run.case_toml), run.series()
+    case = _case_of(keys)
+    results = run.results()
+    flat = keys.get("tank", {}).get("width") is None
+    name = str(keys.get("name", run.path.stem))
+    return {
+        "name": name,
+        "file": run.path.name,
+        "description": str(keys.get("description", "")),
+        "ended": bool(results),
+        "t1": float(keys.get("t1", 0.0)),
+        "about": _about(run, keys, series),
+        "warnings": [*run.notices(), *_warnings(keys, case, series, results)],
+        "results": _result_rows(results, flat),
+        "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
+        "spectra": _spectrum(case, series, run.coordinates(), pack),
+        "case": run.case_toml,
+        "player": (frames or Frames(run)).content(pack),
+    }
+
+
+def _case_of(keys: dict[str, Any]) -> Case | None:
+    """Case of a run's file; None where this version does not know all of it."""
+    try:
+        return Case.from_dict(keys)
+    except CaseError:
+        return None
+
+
+def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) -> list[tuple[str, str]]:
+    numbers = run.numbers()
+    rows = [("spacing of the particles", f"{keys['dx']:g} m")] if "dx" in keys else []
+    if "particles" in numbers:
+        rows.append(("particles of water", f"{numbers['particles'][0]:.0f}"))
+    if "dt" in numbers:
+        rows.append(("time step", f"{numbers['dt'][0]:.4g} s"))
+    scheme = keys.get("scheme", {}).get("kind")
+    if scheme is not None:
+        rows.append(("scheme", str(scheme).replace("_", " ")))
+    rows.append(("precision", str(keys.get("precision", "float32"))))
+    if len(series.get("time", ())):
+        rows.append(("time reached", f"{series['time'][-1]:.4g} s of {keys.get('t1', float('nan')):g} s"))
+    seconds = run.results().get("wall_seconds", run.progress().get("wall_seconds"))
+    if seconds is not None:
+        rows.append(("wall time", _duration(seconds)))
+    rows.append(("computed on", run.machine or "not recorded"))
+    rows.append(("version", f"jaxsph {run.version}"))
+    return rows
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _warnings(
+    keys: dict[str, Any], case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
+) -> list[str]:
+    """What a reader should know before a number of the page is believed."""
+    reached = series["time"][-1] if len(series.get("time", ())) else 0.0
+    noise, residual = results.get("noise", 0.0), results.get("energy_residual_share", 0.0)
+    periods = results.get("periods", FEW)
+    rules = [
+        (
+            not results,
+            f"The run has not ended: it has reached t = {reached:.4g} s of {keys.get('t1', 0.0):g} s, and "
+            "there are no results yet.",
+        ),
+        (
+            noise > NOISY,
+            f"The particles are noisy: their velocities scatter by {noise:.2g} of their speed about their "
+            f"neighbours' ({NOISY:g} is much). Take a smaller dx, or look where it comes from: colour the "
+            "particles by noise.",
+        ),
+        (
+            abs(residual) > UNBOOKED,
+            f"The energy budget does not close: {100 * residual:+.1f} % of the work is not accounted for "
+            f"({100 * UNBOOKED:g} % is much).",
+        ),
+        (
+            0 < periods < FEW,
+            f"Results are averaged over {periods:.0f} periods only: raise t1, so that the waves have settled "
+            "for longer.",
+        ),
+        (
+            bool(results and keys.get("waves")) and "periods" not in results,
+            "The run is too short for a mean over a settled wave period: raise t1.",
+        ),
+    ]
+    found = [text for holds, text in rules if holds]
+    return [*found, *([] if case is None else case.notices())]
+
+
+def _result_rows(results: dict[str, float], flat: bool) -> list[dict[str, str]]:
+    errors = {"xi": "xi_error" if "xi_error" in results else "xi_scatter"}
+    rows = []
+    for name in in_order(results):
+        label, error = label_of(name, flat), results.get(errors.get(name, ""))
+        value = in_words(results[name]) + ("" if error is None else f" ± {error:.1g}")
+        rows.append(
+            {
+                "name": name,
+                "label": label.text.strip(),
+                "part": label.text.startswith(" "),
+                "value": value,
+                "unit": label.unit,
+                "meaning": label.meaning,
+            }
+        )
+    return rows
+
+
+def panels(
+    series: dict[str, np.ndarray],
+    variables: dict[str, Variable],
+    coordinates: dict[str, Any],
+    pack: Pack,
+    expected: dict[str, list[float]] | None = None,
+) -> list[dict[str, Any]]:
+    """Panels over time: title, unit, and lines with their names, times and values.
+
+    **Arguments**: `expected`: levels that linear theory has for a series, drawn dashed.
+    """
+    if len(series.get("time", ())) < 2:
+        return []
+    t, made = series["time"], []
+    for name, title in PANELS.items():
+        if name in series and np.ptp(np.nan_to_num(series[name])) > 0.0:
+            lines = [_line(label, t, values, pack) for label, values in _columns(name, series, coordinates)]
+            for level in (expected or {}).get(name, ()):
+                ends = t[[0, -1]]
+                lines.append(_line("linear theory", ends, np.full(2, level), pack) | {"dash": True})
+            made.append(_panel(name, title, variables[name].units, lines))
+    if {"kinetic", "potential", "compression"} <= set(series):
+        terms = [("work of the paddle", work_of(series, "power_paddle"), ""), *energy_terms(series)]
+        lines = [_line(label, t, values, pack) for label, values, _ in terms if np.any(values)]
+        made.append(_panel("energy", "Energy since the start", variables["kinetic"].units, lines))
+    return made
+
+
+def _panel(name: str, title: str, units: str, lines: list[dict[str, Any]]) -> dict[str, Any]:
+    shown = {"1": "", "rad": "rad"}.get(
+        units, units.replace("-1", "⁻¹").replace("-2", "⁻²").replace("2", "²")
+    )
+    return {"name": name, "title": title, "unit": shown, "lines": lines, "running": name in RUNNING}
+
+
+def _columns(
+    name: str, series: dict[str, np.ndarray], coordinates: dict[str, Any]
+) -> Iterable[tuple[str, np.ndarray]]:
+    """(label, values) of every line of a panel."""
+    values = series[name]
+    if name == "noise" and "rms_speed" in series:
+        yield from (("noise", values), ("RMS speed", series["rms_speed"]))
+    elif values.ndim == 1:
+        yield PANELS[name], values
+    elif name == "eta" and "gauge_x" in coordinates:
+        yield from (
+            (f"x = {x:.4g} m", row) for x, row in zip(coordinates["gauge_x"][1], values.T, strict=True)
+        )
+    elif name == "body_force":
+        yield from zip(("along the tank", "upwards", "moment"), values.T, strict=False)
+    else:
+        yield from ((f"{k + 1}", row) for k, row in enumerate(values.reshape(len(values), -1).T))
+
+
+def _line(label: str, t: np.ndarray, values: np.ndarray, pack: Pack) -> dict[str, Any]:
+    """Line of a panel; a long one is drawn through the extremes of every few samples."""
+    every = -(-2 * len(t) // MOST_SAMPLES)
+    if every > 2:
+        t, values = extremes_of(t, values, every)
+    return {"name": label, "t": pack.array(t, "f8"), "y": pack.array(values)}
+
+
+def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of the least and the largest of every so many samples, in the order of time."""
+    whole = len(t) // every * every
+    groups = values[:whole].reshape(-1, every)
+    pick = np.sort(np.stack([np.argmin(groups, axis=1), np.argmax(groups, axis=1)], axis=1), axis=1)
+    index = (pick + every * np.arange(len(groups))[:, None]).ravel()
+    index = np.concatenate([index, np.arange(whole, len(t))])
+    return t[index], values[index]
+
+
+def _extremes(
+    case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
+) -> dict[str, list[float]]:
+    """Levels of linear theory by series: extremes of a chamber in regular waves, its mean power in any."""
+    if case is None or "chamber_level" not in series:
+        return {}
+    try:
+        if sea_is_linear(case):
+            return {"power_pto": [linear_sea(case).P_owc]}
+        found = linear_owc(case)
+    except CaseError:
+        return {}
+    peaks = {name: float(np.abs(getattr(found, of))) for name, of in EXTREMES.items()}
+    return {name: [-peak, peak] for name, peak in peaks.items()} | {"power_pto": [float(found.P_owc)]}
+
+
+def _spectrum(
+    case: Case | None, series: dict[str, np.ndarray], coordinates: dict[str, Any], pack: Pack
+) -> list[dict[str, Any]]:
+    """Spectra of a sea's incident and reflected waves with the one asked for; of others at the gauges."""
+    if len(series.get("time", ())) < 64:
+        return []
+    of_sea = None if case is None else _of_sea(case, series, pack)
+    if of_sea is not None:
+        return [of_sea]
+    shown = []
+    for name, title in (
+        ("eta", "Spectra of the elevations"),
+        ("chamber_level", "Spectrum of the chamber's level"),
+    ):
+        if name in series and np.ptp(series[name]) > 0.0:
+            lines = []
+            for label, values in _columns(name, series, coordinates):
+                found = analysis.spectrum(series["time"], values, bands=1)
+                lines.append({"name": label, "f": found.f, "S": found.S})
+            shown.append(_spectral(title, lines, pack))
+    return shown
+
+
+def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, Any] | None:
+    """Spectrum of an irregular sea; None for other waves, and where gauges do not tell its parts apart."""
+    if case.waves is None or case.waves.kind != "irregular" or "eta" not in series:
+        return None
+    try:
+        sea = two_way_sea(case, series["time"], series["eta"], Geometry.of(case).depth)
+    except ValueError:
+        return None
+    f, asked = sea.incident.f, case.waves.shape(case.waves.height)
+    low, high = sea.incident.band(WITHIN)
+    lines = [
+        {"name": "incident", "f": f, "S": sea.incident.S},
+        {"name": "reflected", "f": f, "S": sea.reflected.S},
+        {"name": "asked for", "f": f, "S": asked.density(np.maximum(f, 1e-9)), "dash": True},
+    ]
+    band = {"f": pack.array(f), "low": pack.array(low), "high": pack.array(high)}
+    about = f"Hm0 = {sea.incident.Hm0:.3g} m, reflection {sea.coefficient:.2g}; {100 * WITHIN:g} % band"
+    return _spectral(f"Spectrum of the sea: {about}", lines, pack) | {"band": band}
+
+
+def _spectral(title: str, lines: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
+    """Spectrum of a page up to the frequency beyond which a thousandth of the variance lies."""
+    top = 0.0
+    for line in lines:
+        share = np.cumsum(line["S"]) / max(float(np.sum(line["S"])), 1e-300)
+        top = max(top, float(line["f"][min(int(np.searchsorted(share, 0.999)), len(share) - 1)]))
+    packed = [line | {"f": pack.array(line["f"]), "S": pack.array(line["S"])} for line in lines]
+    return {"title": title, "unit": "m²/Hz", "top": 1.1 * top, "lines": packed}

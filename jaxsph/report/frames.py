@@ -1,0 +1,181 @@
+"""Particles of a run for playback: places and fields of its snapshots, in few bytes.
+
+Places are whole numbers from 0 to 65534 over the tank, 65535 where a particle is not seen; fields are whole
+numbers from 0 to 255 over their range. Between two frames differences are kept, which compress well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from scipy.spatial import KDTree
+
+from jaxsph.output.plot.tank import Tank, cut_in_plane, pick_snapshots
+from jaxsph.output.run_file import RunFile
+from jaxsph.report.pack import Pack
+
+MOST = 1_200_000
+"""Largest number of particles times frames in a page: some 5 MB."""
+LEAST_FRAMES = 24
+"""Number of frames below which a page does not go to save room."""
+NEIGHBOURS = 14
+"""Particles, itself among them, over which velocities are fitted by a linear field in two dimensions."""
+UNSEEN = 65535
+
+
+class LocalFlow(NamedTuple):
+    """Velocities about each particle of a plane, as a linear field over its neighbours."""
+
+    vorticity: np.ndarray
+    """Vorticity across the picture, du/dz - dw/dx, 1/s, positive clockwise with x to the right."""
+    noise: np.ndarray
+    """Distance of the particle's velocity from the field, m/s."""
+
+
+def local_flow(x: np.ndarray, u: np.ndarray) -> LocalFlow:
+    """Least-squares linear fit of velocities `[N, D]` (m/s) about each of the particles at x `[N, D]` (m)."""
+    count, axes = x.shape
+    near = min(NEIGHBOURS if axes == 2 else 3 * NEIGHBOURS, count)
+    if near < axes + 2:
+        return LocalFlow(np.zeros(count), np.zeros(count))
+    distance, index = KDTree(x).query(x, near)
+    radius = np.maximum(distance[:, -1:], 1e-12)
+    weight = (1.0 - (distance / radius) ** 2).clip(0.0) + 1e-3
+    terms = np.concatenate([np.ones((count, near, 1)), (x[index] - x[:, None]) / radius[..., None]], axis=2)
+    left = np.einsum("nk,nki,nkj->nij", weight, terms, terms) + 1e-6 * np.eye(axes + 1)
+    fit = np.linalg.solve(left, np.einsum("nk,nki,nkj->nij", weight, terms, u[index]))
+    slope = fit[:, 1:] / radius[..., None]
+    return LocalFlow(slope[:, -1, 0] - slope[:, 0, -1], np.linalg.norm(u - fit[:, 0], axis=1))
+
+
+@dataclass(frozen=True)
+class Field:
+    """Quantity by which a page colours particles: its label with the unit, and matplotlib's colours."""
+
+    label: str
+    colours: str
+    values: Callable[[dict[str, Any]], np.ndarray]
+    signed: bool = False
+
+    def limits(self, values: list[np.ndarray]) -> tuple[float, float]:
+        """Range of colours: all but the outermost values, from zero or about it."""
+        joined = np.abs(np.concatenate([v[np.isfinite(v)] for v in values]))
+        high = float(np.percentile(joined, 99.5)) if joined.size else 0.0
+        high = high or 1.0
+        return (-high if self.signed else 0.0), high
+
+
+FIELDS = {
+    "pressure": Field("pressure (Pa)", "viridis", lambda s: s["p"]),
+    "speed": Field("speed (m/s)", "plasma", lambda s: np.linalg.norm(s["u"], axis=1)),
+    "vorticity": Field("vorticity (1/s)", "RdBu_r", lambda s: s["flow"].vorticity, signed=True),
+    "noise": Field("noise of the velocity (m/s)", "magma", lambda s: s["flow"].noise),
+}
+
+
+class Frames:
+    """Snapshots of a run as a page plays them back; remembers those that it has read."""
+
+    def __init__(self, run: RunFile) -> None:
+        """**Arguments**: the run, which may go on."""
+        self.run = run
+        self._known: dict[int, dict[str, Any]] = {}
+
+    def content(self, pack: Pack) -> dict[str, Any] | None:
+        """What a page needs to play the run; None for a run without snapshots."""
+        if self.run.snapshot_count == 0:
+            return None
+        tank = Tank.of(self.run)
+        frames = [self._read(i, tank) for i in self._choose()]
+        low, high = np.array([tank.x0 - 0.5, -0.05]), np.array([tank.x1 + 0.5, 2.0 * tank.top])
+        ids = np.unique(np.concatenate([f["id"] for f in frames]))
+        rows = [np.searchsorted(ids, f["id"]) for f in frames]
+        scale = (UNSEEN - 1) / (high - low)
+        places = np.full((len(frames), 2, len(ids)), UNSEEN, np.uint16)
+        for place, row, frame in zip(places, rows, frames, strict=True):
+            inside = np.isfinite(frame["at"]) & (frame["at"] >= low) & (frame["at"] <= high)
+            whole = np.rint((np.where(inside, frame["at"], low) - low) * scale).astype(np.uint16)
+            place[:, row] = np.where(inside.all(axis=1), whole.T, UNSEEN)
+        return {
+            "t": pack.array(np.array([f["time"] for f in frames]), "f8"),
+            "count": len(ids),
+            "places": pack.array(_places_in_bytes(places), "u1"),
+            "low": low.tolist(),
+            "high": high.tolist(),
+            "dx": tank.dx,
+            "fields": {name: _field(field, frames, rows, len(ids), pack) for name, field in FIELDS.items()},
+            "paddle": pack.array(np.array([f["paddle"] for f in frames])),
+            "pose": pack.array(np.concatenate([f["pose"] for f in frames])),
+            "tank": _solids(tank),
+            "slice": frames[0]["slice"],
+        }
+
+    def _choose(self) -> list[int]:
+        particles = max(len(self.run.snapshot(0)["id"]), 1)
+        return pick_snapshots(self.run, max(MOST // particles, LEAST_FRAMES))
+
+    def _read(self, index: int, tank: Tank) -> dict[str, Any]:
+        if index not in self._known:
+            snapshot = self.run.snapshot(index)
+            x, u, p = (np.asarray(snapshot[name], np.float64) for name in "xup")
+            there = np.isfinite(x).all(axis=1) & np.isfinite(u).all(axis=1)
+            cut = cut_in_plane(x, tank.dx)
+            seen = cut.seen & there
+            flow = local_flow(x[there], u[there])
+            flow = LocalFlow(*(part[cut.seen[there]] for part in flow))
+            kept = {"p": p[seen], "u": u[seen], "flow": flow}
+            self._known[index] = {
+                "time": float(snapshot["time"]),
+                "id": snapshot["id"][seen],
+                "at": cut.at[seen],
+                "paddle": float(snapshot.get("paddle", 0.0)),
+                "pose": np.asarray(snapshot.get("body", np.zeros(3)), float)[:3],
+                "slice": x.shape[1] == 3,
+                **{name: field.values(kept).astype(np.float32) for name, field in FIELDS.items()},
+            }
+        return self._known[index]
+
+
+def _places_in_bytes(places: np.ndarray) -> np.ndarray:
+    """Differences from frame to frame, of small size whatever their sign, low bytes before high ones."""
+    step = np.diff(places, axis=0, prepend=np.zeros_like(places[:1])).astype(np.int16)
+    small = ((step << 1) ^ (step >> 15)).astype(np.uint16)
+    return np.stack([small & 0xFF, small >> 8], axis=2).astype(np.uint8)
+
+
+def _field(
+    field: Field, frames: list[dict[str, Any]], rows: list[np.ndarray], count: int, pack: Pack
+) -> dict[str, Any]:
+    name = next(key for key, other in FIELDS.items() if other is field)
+    low, high = field.limits([f[name] for f in frames])
+    levels = np.zeros((len(frames), count), np.uint8)
+    for level, row, frame in zip(levels, rows, frames, strict=True):
+        share = (np.nan_to_num(frame[name]) - low) / (high - low)
+        level[row] = np.rint(255 * share.clip(0.0, 1.0)).astype(np.uint8)
+    colours = (255 * matplotlib.colormaps[field.colours](np.arange(256))[:, :3]).round()
+    return {
+        "label": field.label,
+        "low": low,
+        "high": high,
+        "levels": pack.array(np.diff(levels, axis=0, prepend=np.zeros_like(levels[:1])), "u1"),
+        "colours": pack.array(colours, "u1"),
+    }
+
+
+def _solids(tank: Tank) -> dict[str, Any]:
+    """What stands around the water, and the first view: the device, where it is small in the whole tank."""
+    zoom = tank.zoom()
+    return {
+        "x0": tank.x0,
+        "x1": tank.x1,
+        "top": tank.top,
+        "depth": tank.depth,
+        "plate": list(map(float, tank.plate)) if tank.plate is not None else None,
+        "platform": list(map(float, tank.platform)) if tank.platform is not None else None,
+        "body": [tank.body[0].tolist(), tank.body[1].tolist()] if tank.body is not None else None,
+        "zoom": list(map(float, zoom)) if zoom is not None else None,
+    }

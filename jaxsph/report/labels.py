@@ -1,0 +1,86 @@
+"""Results in words: the label, the unit and the meaning of every scalar that a run ends with."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+
+class Label(NamedTuple):
+    """Name of a result in a table, its unit in two dimensions, and what it says of the run."""
+
+    text: str
+    unit: str = ""
+    meaning: str = ""
+
+
+LABELS = {
+    "t_end": Label("end of the run", "s"),
+    "steps": Label("time steps"),
+    "wall_seconds": Label("wall time", "s", "compilation included"),
+    "particle_steps_per_second": Label("particle steps per second", "1/s"),
+    "energy_paddle": Label(
+        "work of the paddle", "J/m", "what the wavemaker gave the water while results were averaged"
+    ),
+    "energy_stored": Label("  stored in the water", "J/m", "kinetic, potential and compression energy"),
+    "energy_pto": Label("  taken by the PTO", "J/m"),
+    "energy_sponge": Label("  taken by the sponge", "J/m"),
+    "energy_viscous": Label("  viscous loss", "J/m"),
+    "energy_diffusive": Label(
+        "  loss by density diffusion", "J/m", "numerical: the price of a smooth density"
+    ),
+    "energy_hyperviscosity": Label(
+        "  loss by hyperviscosity", "J/m", "numerical: the price of quiet particles"
+    ),
+    "energy_separation": Label("  lost where pairs of particles part", "J/m", "numerical"),
+    "energy_contact": Label("  lost by water that meets a solid", "J/m"),
+    "energy_projection": Label("  lost in the projection", "J/m", "numerical: of the incompressible scheme"),
+    "energy_residual": Label(
+        "  not accounted for", "J/m", "work less all that is booked; zero in an exact budget"
+    ),
+    "energy_residual_share": Label(
+        "  not accounted for, share", "", "a few hundredths at most in a good run"
+    ),
+    "noise": Label(
+        "noise of the particles, of their speed",
+        "",
+        "how far velocities scatter about their neighbours': below 0.1 in a good run",
+    ),
+    "periods": Label("periods averaged", "", "whole ones at the end of the run"),
+    "P_inc": Label("incident power", "W/m", "of the waves asked for, by theory"),
+    "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
+    "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
+    "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
+    "xi": Label("hydrodynamic efficiency", "", "absorbed power over the power of the waves asked for"),
+    "xi_scatter": Label("  from period to period", "", "standard deviation of the efficiency of each period"),
+    "xi_error": Label("  standard error", "", "of the mean over a sea, from the spread of its groups"),
+    "xi_measured": Label("  of the measured incident power", "", "over the waves that were there"),
+    "reflection": Label("reflection coefficient", "", "height of reflected over height of incident waves"),
+    "incident_height": Label("incident wave height", "m", "measured by the gauges"),
+    "Hm0": Label("significant height of the incident waves", "m", "measured by the gauges"),
+    "Te": Label("energy period of the incident waves", "s", "measured by the gauges"),
+    "P_inc_measured": Label("measured incident power", "W/m", "of the incident waves at the gauges"),
+}
+"""Labels of the scalar results in two dimensions, in the order of a table."""
+
+PER_METRE = ("P_inc", "P_inc_measured")
+"""Names of the results that are per metre of width in three dimensions too."""
+
+
+def in_order(results: Collection[str]) -> list[str]:
+    """Names of results in the order of a table, those without a label last."""
+    return [name for name in LABELS if name in results] + [name for name in results if name not in LABELS]
+
+
+def label_of(name: str, flat: bool) -> Label:
+    """Label of a result; bodies and energies are per metre of width only in two dimensions (`flat`)."""
+    found = LABELS.get(name, Label(name))
+    per_metre = flat or name in PER_METRE
+    return found if per_metre else found._replace(unit=found.unit.removesuffix("/m"))
+
+
+def in_words(value: float) -> str:
+    """A result's value as a table shows it: four digits, or a whole number."""
+    if float(value).is_integer() and abs(value) < 1e9:
+        return f"{int(value)}"
+    return f"{value:.4g}"

@@ -1,0 +1,42 @@
+"""Contents of a page as bytes: text and arrays in one compressed record, which the page reads.
+
+uint32          length of the text, little-endian
+text            JSON, in which an array is {"at": offset, "n": count, "type": "f4"}
+arrays          one after another, each from a multiple of four bytes on
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+from typing import Any
+
+import numpy as np
+
+KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
+"""Types of arrays that a page reads, by the name in the text."""
+
+
+class Pack:
+    """Arrays of a page, collected while its contents are made."""
+
+    def __init__(self) -> None:
+        """A record without arrays."""
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def array(self, values: np.ndarray, kind: str = "f4") -> dict[str, Any]:
+        """Adds an array and returns what stands for it in the text."""
+        data = np.ascontiguousarray(values, KINDS[kind]).tobytes()
+        found = {"at": self._size, "n": int(np.size(values)), "type": kind}
+        data += bytes(-len(data) % 8)
+        self._parts.append(data)
+        self._size += len(data)
+        return found
+
+    def compress(self, content: Any) -> bytes:
+        """The record of a content whose arrays are in this pack, compressed by gzip."""
+        text = json.dumps(content, allow_nan=False).encode()
+        text += b" " * (-(len(text) + 4) % 8)
+        whole = len(text).to_bytes(4, "little") + text + b"".join(self._parts)
+        return gzip.compress(whole, 6, mtime=0)

@@ -1,0 +1,89 @@
+"""`report`: one file for a browser, with everything in it, of a run, a sweep or several side by side."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from jaxsph.errors import FileError
+from jaxsph.output.hdf5 import tell_write_errors
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.report.content import run_content
+from jaxsph.report.frames import Frames
+from jaxsph.report.pack import Pack
+from jaxsph.report.sweeps import sweep_content
+
+SCRIPTS = ("record.js", "player.js", "charts.js", "sweep.js", "page.js")
+"""Scripts of the page, in the order in which they stand in it."""
+
+
+def report(files: str | Path | Sequence[str | Path], out: str | Path | None = None) -> Path:
+    """Page of runs and sweeps, finished or not, as one file that any browser opens without a network.
+
+    **Arguments**: one file or several, which are shown side by side; `out`: by default the first file's path
+    with the suffix .html. **Returns** the page's path. **Raises** FileError where a file cannot be read or
+    written.
+    """
+    paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+    if not paths:
+        raise FileError("report: no file; give the file of a run or of a sweep")
+    out = paths[0].with_suffix(".html") if out is None else Path(out)
+    if out.resolve() in {path.resolve() for path in paths}:
+        raise FileError(f"{out}: is one of the files to be shown; give another name with --out")
+    text = render_page(record_of(paths), title_of(paths))
+    with tell_write_errors(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
+    return out
+
+
+def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -> bytes:
+    """Contents of a page about these files, compressed; `frames`: snapshots that are known already."""
+    pack, runs, sweeps = Pack(), [], []
+    for path in paths:
+        if SweepFile(path).is_one():
+            sweeps.append(sweep_content(SweepFile(path), pack))
+            continue
+        run = RunFile.open(path)
+        known = None if frames is None else frames.setdefault(path, Frames(run))
+        runs.append(run_content(run, pack, known))
+    return pack.compress({"runs": _told_apart(runs), "sweeps": sweeps})
+
+
+def _told_apart(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Runs with labels of their own: the case's name, or the file's where two have one name."""
+    names = [run["name"] for run in runs]
+    return [run | {"label": run["name"] if names.count(run["name"]) == 1 else run["file"]} for run in runs]
+
+
+def title_of(paths: Sequence[Path]) -> str:
+    """Title of a page about these files."""
+    return " and ".join(path.stem for path in paths)
+
+
+def render_page(record: bytes | None, title: str) -> str:
+    """Text of a page with its contents in it; without contents it asks the server that it comes from."""
+    folder = resources.files("jaxsph.report") / "page"
+    read = {
+        name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", "style.css", *SCRIPTS)
+    }
+    plotly = resources.files("plotly.package_data").joinpath("plotly.min.js").read_bytes()
+    template = jinja2.Environment(autoescape=True, trim_blocks=True).from_string(read["page.html"])
+    return template.render(
+        title=title,
+        style=read["style.css"],
+        scripts=[read[name] for name in SCRIPTS],
+        library=_in_text(gzip.compress(plotly, 9, mtime=0)),
+        record="" if record is None else _in_text(record),
+    )
+
+
+def _in_text(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")

@@ -1,0 +1,346 @@
+"use strict";
+// The page: its sections from a record, the clock that all follow, and news of a run that goes on.
+
+function el(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (value === true) made.setAttribute(name, "");
+    else if (value !== false && value !== undefined) made.setAttribute(name, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+const number = (value) => (Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toExponential(2) : Number(value.toPrecision(4)).toString());
+
+const page = { runs: [], sweeps: [], players: [], charts: [], maps: [], spectra: [], readings: [], t: 0, playing: false, speed: 1, field: "pressure", drawn: 0 };
+window.jaxsph = page;
+
+// --- time
+
+function span() {
+  const ends = page.players.flatMap((one) => [one.player.t[0], one.player.t[one.player.t.length - 1]]);
+  return ends.length ? [Math.min(...ends), Math.max(...ends)] : [0, 0];
+}
+
+function seek(t, follow = false) {
+  const [first, last] = span();
+  page.t = Math.min(Math.max(t, first), last);
+  page.follow = follow;
+  show();
+}
+
+function show() {
+  const style = { back: backColour(), wall: css("--wall"), still: css("--still") };
+  for (const water of page.players) page.drawn = water.show(page.t, page.field, style);
+  if (page.firstPicture === undefined && page.players.length) page.firstPicture = performance.now();
+  page.pictures = (page.pictures || 0) + 1;
+  if (page.slider) {
+    page.slider.value = page.t;
+    page.slider.setAttribute("aria-valuetext", `${page.t.toFixed(2)} seconds`);
+    page.clock.textContent = `t = ${page.t.toFixed(2)} s`;
+  }
+  for (const chart of page.charts) chart.mark(page.t);
+  for (const { line, place, unit } of page.readings) {
+    const [k, share] = placeAmong(line.t, page.t), next = Math.min(k + 1, line.y.length - 1);
+    place.textContent = `${number(line.y[k] * (1 - share) + line.y[next] * share)} ${unit}`;
+  }
+}
+
+function backColour() {
+  const [r, g, b] = css("--card").match(/[0-9a-f]{2}/gi).map((two) => parseInt(two, 16));
+  return (0xff000000 | (b << 16) | (g << 8) | r) >>> 0;
+}
+
+function play(on) {
+  page.playing = on;
+  page.button.textContent = on ? "Pause" : "Play";
+  if (!on) return;
+  const [first, last] = span();
+  if (page.t >= last - 1e-9) page.t = first;
+  let before = performance.now();
+  const step = (now) => {
+    if (!page.playing) return;
+    page.t += page.speed * (now - before) / 1000;
+    before = now;
+    if (page.t >= last) { page.t = last; play(false); }
+    show();
+    if (page.playing) requestAnimationFrame(step);
+  };
+  requestAnimationFrame(step);
+}
+
+// --- sections
+
+function section(title, ...children) {
+  const id = title.toLowerCase().replace(/[^a-z]+/g, "-");
+  return el("section", { "aria-labelledby": id }, el("h2", { id }, title), ...children);
+}
+
+function warnings() {
+  const all = [...page.runs, ...page.sweeps].flatMap((one) => one.warnings.map((text) => (page.runs.length + page.sweeps.length > 1 ? `${one.label || one.name}: ${text}` : text)));
+  if (!all.length) return null;
+  return el("ul", { class: "warnings", "aria-label": "Warnings" }, ...all.map((text) => el("li", {}, text)));
+}
+
+function results() {
+  const names = [], rows = {};
+  for (const run of page.runs) for (const row of run.results) if (!(row.name in rows)) { names.push(row.name); rows[row.name] = row; }
+  if (!names.length) return null;
+  const several = page.runs.length > 1;
+  const head = el("tr", {}, el("th", { scope: "col" }, "result"), ...page.runs.map((run) => el("th", { scope: "col" }, several ? run.label : "value")), el("th", { scope: "col" }, "unit"), el("th", { scope: "col" }, "what it says"));
+  const body = names.map((name) => el("tr", { class: rows[name].part ? "part" : "" }, el("th", { scope: "row" }, rows[name].label),
+    ...page.runs.map((run) => el("td", { class: "value" }, (run.results.find((row) => row.name === name) || { value: "–" }).value)),
+    el("td", {}, rows[name].unit), el("td", { class: "meaning" }, rows[name].meaning)));
+  return section("Results", el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of results" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...body))));
+}
+
+function about() {
+  if (!page.runs.length) return null;
+  const names = [];
+  for (const run of page.runs) for (const [name] of run.about) if (!names.includes(name)) names.push(name);
+  const head = page.runs.length > 1 ? [el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "run"), ...page.runs.map((run) => el("th", { scope: "col" }, run.label))))] : [];
+  const rows = names.map((name) => el("tr", {}, el("th", { scope: "row" }, name), ...page.runs.map((run) => el("td", {}, (run.about.find(([one]) => one === name) || ["", "–"])[1]))));
+  const texts = [...new Set(page.runs.map((run) => run.description).filter(Boolean))].map((text) => el("p", {}, text));
+  return section("What was run", ...texts, el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of what was run" }, el("table", {}, ...head, el("tbody", {}, ...rows))));
+}
+
+function particles() {
+  page.players = [];
+  page.readings = [];
+  const shown = page.runs.filter((run) => run.player);
+  if (!shown.length) return null;
+  const stages = shown.map((run) => {
+    const canvas = el("canvas", { class: "water", role: "img", "aria-label": `Particles of ${run.label} in the tank, coloured by ${page.field}; values in the readings below` });
+    const water = new Water(canvas, run);
+    page.players.push(water);
+    drag(canvas, water);
+    return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, canvas, readings(run));
+  });
+  const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "Of three dimensions the middle of the tank's width is shown.") : null;
+  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), slice,
+    el("p", { class: "hint" }, "Keys: space plays, ← and → step, + and − zoom, 0 shows all. Drag moves the picture, Ctrl and the wheel zoom. A click in a chart goes to its time.")));
+}
+
+function readings(run) {
+  const rows = run.panels.filter((panel) => panel.running).map((panel) => {
+    const place = el("dd", {});
+    page.readings.push({ line: panel.lines[0], place, unit: panel.unit });
+    return el("div", {}, el("dt", {}, panel.title.split(",")[0]), place);
+  });
+  return rows.length ? el("dl", { class: "readings" }, ...rows) : null;
+}
+
+function controls() {
+  const [first, last] = span();
+  page.t = Math.min(Math.max(page.t || last, first), last);
+  page.button = el("button", { type: "button", id: "play", onclick: () => play(!page.playing) }, "Play");
+  page.slider = el("input", { type: "range", id: "time", min: first, max: last, step: "any", value: page.t, "aria-label": "Time", oninput: () => seek(+page.slider.value) });
+  page.clock = el("output", { for: "time" });
+  const speed = el("select", { id: "speed", "aria-label": "Speed of playback", onchange: () => { page.speed = +speed.value; } },
+    ...[[0.1, "a tenth"], [0.25, "a quarter"], [0.5, "half"], [1, "real time"], [2, "twice"], [5, "five times"]].map(([value, text]) => el("option", { value, selected: value === page.speed }, text)));
+  const fields = page.players[0].frames.fields;
+  const colour = el("select", { id: "colour", "aria-label": "Colour of the particles", onchange: () => { page.field = colour.value; drawLegend(); show(); } },
+    ...Object.keys(fields).map((name) => el("option", { value: name, selected: name === page.field }, name)));
+  const press = (text, label, does) => el("button", { type: "button", "aria-label": label, onclick: () => { for (const water of page.players) does(water); show(); } }, text);
+  const device = page.players.some((water) => water.player.tank.zoom) ? press("Device", "Show the device", (water) => water.fit("device")) : null;
+  return el("div", { class: "controls" }, page.button, page.slider, page.clock, speed, colour,
+    press("−", "Zoom out", (water) => water.zoomBy(1 / 1.4)), press("+", "Zoom in", (water) => water.zoomBy(1.4)),
+    device, press("Tank", "Show the whole tank", (water) => water.fit("tank")));
+}
+
+function legend() {
+  page.bar = el("canvas", { width: 256, height: 1, role: "img", "aria-label": "Scale of the colours" });
+  page.scale = [el("span", {}), el("span", {}), el("span", {})];
+  return el("div", { class: "legend" }, page.scale[0], page.scale[1], page.bar, page.scale[2]);
+}
+
+// One scale for all players, so that colours compare.
+function drawLegend() {
+  if (!page.bar || !page.players.length) return;
+  const field = page.players[0].frames.fields[page.field], context = page.bar.getContext("2d"), image = context.createImageData(256, 1);
+  for (let k = 0; k < 256; k++) image.data.set([field.colours[3 * k], field.colours[3 * k + 1], field.colours[3 * k + 2], 255], 4 * k);
+  context.putImageData(image, 0, 0);
+  const several = page.players.length > 1 ? `, of ${page.runs.find((run) => run.player).label}` : "";
+  page.scale[0].textContent = field.label + several;
+  page.scale[1].textContent = number(field.low);
+  page.scale[2].textContent = number(field.high);
+  page.players.forEach((water, k) => water.canvas.setAttribute("aria-label", `Particles of ${page.runs.filter((run) => run.player)[k].label} in the tank, coloured by ${field.label}; values in the readings below`));
+}
+
+function drag(canvas, water) {
+  const ratio = () => canvas.width / canvas.clientWidth;
+  let from = null;
+  canvas.addEventListener("pointerdown", (event) => { from = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!from) return;
+    water.panBy((event.clientX - from[0]) * ratio(), (event.clientY - from[1]) * ratio());
+    from = [event.clientX, event.clientY];
+    show();
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { from = null; });
+  canvas.addEventListener("wheel", (event) => {
+    if (!event.ctrlKey && !event.metaKey) return;
+    event.preventDefault();
+    water.zoomBy(Math.exp(-event.deltaY * 0.004), event.offsetX * ratio(), event.offsetY * ratio());
+    show();
+  }, { passive: false });
+}
+
+function overTime() {
+  const groups = page.runs.filter((run) => run.panels.length).map((run) => ({ label: run.label, panels: run.panels }));
+  if (!groups.length) return null;
+  const place = el("div", {});
+  page.charts.push(new Charts(place, groups, (t) => seek(t)));
+  return section("Over time", el("p", { class: "hint" }, "Drag over a chart to zoom, all follow; twice to see all again. A name beside a chart hides and shows its line. Dashed: linear theory."), place, numbers(groups));
+}
+
+// What the charts show, as a table for those who do not see them.
+function numbers(groups) {
+  const rows = groups.flatMap((group) => group.panels.flatMap((panel) => panel.lines.map((line) => {
+    let low = Infinity, high = -Infinity, sum = 0;
+    for (const value of line.y) { low = Math.min(low, value); high = Math.max(high, value); sum += value; }
+    return el("tr", {}, el("th", { scope: "row" }, `${groups.length > 1 ? `${group.label}: ` : ""}${panel.title}${panel.lines.length > 1 ? `, ${line.name}` : ""}`),
+      ...[low, sum / line.y.length, high].map((value) => el("td", { class: "value" }, number(value))), el("td", {}, panel.unit));
+  })));
+  const head = el("tr", {}, ...["series", "least", "mean of samples", "largest", "unit"].map((text) => el("th", { scope: "col" }, text)));
+  return el("details", {}, el("summary", {}, "The charts as a table"), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "The charts as a table" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows))));
+}
+
+function spectra() {
+  const found = page.runs.flatMap((run) => run.spectra.map((one) => ({ ...one, title: page.runs.length > 1 ? `${run.label}: ${one.title}` : one.title })));
+  if (!found.length) return null;
+  return section("Spectra", ...found.flatMap((one) => {
+    const place = el("div", {});
+    page.spectra.push([place, one]);
+    return [el("h3", {}, one.title), place];
+  }));
+}
+
+function cases() {
+  const all = [...page.runs, ...page.sweeps];
+  return section("Case", el("p", { class: "hint" }, "The whole case as a file that jaxsph run takes."), ...all.map((one) => el("details", {}, el("summary", {}, `${one.label || one.name}.toml`), el("pre", { tabindex: "0" }, one.case))));
+}
+
+function sweepSections() {
+  return page.sweeps.flatMap((sweep, k) => {
+    const place = el("div", { class: "map" }), opened = el("div", { id: `opened-${k}`, "aria-live": "polite" });
+    const map = new Map2(place, sweep, (members) => open(sweep, members, opened));
+    page.maps.push(map);
+    const choice = el("select", { "aria-label": "Result to show", onchange: () => { map.of = choice.value; map.draw(); } }, ...sweep.choices.map((one) => el("option", { value: one.name, selected: one.name === sweep.first }, one.text.trim())));
+    const what = { matrix: "Power matrix", search: "Search", sweep: "Sweep" }[sweep.kind];
+    const rows = sweep.members.map((one) => el("tr", {}, el("th", { scope: "row" }, one.place), el("td", { class: "value" }, sweep.first in one.results ? number(one.results[sweep.first]) : one.failure ? "failed" : "–"),
+      el("td", {}, el("button", { type: "button", class: "open", onclick: () => open(sweep, [one.index], opened), "aria-label": `Open ${one.place}` }, "Open"))));
+    const head = el("tr", {}, el("th", { scope: "col" }, "member"), el("th", { scope: "col" }, (sweep.choices.find((one) => one.name === sweep.first) || { text: "result" }).text), el("th", { scope: "col" }, "series"));
+    return [section(`${what} of ${sweep.name}`, el("p", { class: "hint" }, "A click on a result opens its member. Dashed or in italics: linear theory."), choice, place,
+      el("details", {}, el("summary", {}, `All ${sweep.members.length} members`), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of members" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows)))), opened)];
+  });
+}
+
+async function open(sweep, members, place) {
+  const chosen = members.map((index) => sweep.members.find((one) => one.index === index));
+  const tables = chosen.map((one) => el("div", {}, el("h3", {}, one.place), one.failure ? el("p", { class: "warnings" }, one.failure) : null,
+    el("table", {}, el("tbody", {}, ...one.rows.map((row) => el("tr", {}, el("th", { scope: "row" }, row.label), el("td", { class: "value" }, row.value), el("td", {}, row.unit)))))));
+  const chart = el("div", {}), groups = chosen.filter((one) => one.panels.length).map((one) => ({ label: one.place, panels: one.panels }));
+  place.replaceChildren(el("h2", {}, chosen.length > 1 ? "Members" : "Member"), chart, ...tables);
+  page.charts = page.charts.filter((one) => !one.ofMember);
+  if (groups.length) {
+    const made = new Charts(chart, groups, () => {});
+    made.ofMember = true;
+    page.charts.push(made);
+    await made.draw();
+  }
+  place.scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
+}
+
+// --- beginning, and news
+
+async function drawCharts() {
+  for (const chart of page.charts) await chart.draw();
+  for (const map of page.maps) await map.draw();
+  for (const [place, found] of page.spectra) await drawSpectra(place, found);
+}
+
+async function take(bytes) {
+  const content = await readRecord(bytes);
+  const kept = { views: page.players.map((water) => [water.view, water.moved, water.look]), atEnd: page.follow !== false };
+  Object.assign(page, { runs: content.runs, sweeps: content.sweeps, charts: [], maps: [], spectra: [] });
+  if (kept.atEnd) page.t = Infinity;
+  const parts = [warnings(), ...sweepSections(), particles(), results(), about(), overTime(), spectra(), cases()];
+  document.getElementById("content").replaceChildren(...parts.filter(Boolean));
+  const going = page.runs.some((run) => !run.ended);
+  document.getElementById("state").textContent = page.runs.length ? (going ? "The run goes on, or was stopped." : "The run has ended.") : "";
+  page.players.forEach((water, k) => { if (kept.views[k] && kept.views[k][1]) { water.resize(); [water.view, water.moved, water.look] = kept.views[k]; } });
+  drawLegend();
+  show();
+  if (window.Plotly) await drawCharts();
+  return going;
+}
+
+async function loadLibrary() {
+  const code = await inflate(bytesOf(document.getElementById("library").textContent.trim()));
+  const address = URL.createObjectURL(new Blob([code], { type: "text/javascript" }));
+  await new Promise((done, fail) => document.head.append(el("script", { src: address, onload: done, onerror: fail })));
+  URL.revokeObjectURL(address);
+}
+
+// Asks the local server for what is new, until the run has ended.
+async function follow() {
+  let known = "";
+  for (;;) {
+    try {
+      const answer = await fetch(`record?known=${encodeURIComponent(known)}`);
+      if (answer.status === 200) {
+        known = answer.headers.get("ETag") || "";
+        const going = await take(new Uint8Array(await answer.arrayBuffer()));
+        page.taken = (page.taken || 0) + 1;
+        if (!going) return;
+      } else if (answer.status !== 204) document.getElementById("state").textContent = await answer.text();
+    } catch {
+      document.getElementById("state").textContent = "The server of this page was closed; what is shown is the last of it.";
+      return;
+    }
+    await new Promise((done) => setTimeout(done, 1000));
+  }
+}
+
+function keys(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || !page.players.length) return;
+  if (["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName)) return;
+  const [first, last] = span(), frame = (last - first) / Math.max(page.players[0].player.t.length - 1, 1);
+  const does = {
+    " ": () => (event.target.tagName === "BUTTON" || event.target.tagName === "SUMMARY" ? false : play(!page.playing)),
+    ArrowRight: () => seek(page.t + frame), ArrowLeft: () => seek(page.t - frame),
+    "+": () => zoom(1.4), "-": () => zoom(1 / 1.4), 0: () => { page.players.forEach((water) => water.fit("tank")); show(); },
+  }[event.key];
+  if (does && does() !== false) event.preventDefault();
+}
+
+function zoom(factor) {
+  for (const water of page.players) water.zoomBy(factor);
+  show();
+}
+
+async function begin() {
+  if (isDark()) document.documentElement.dataset.theme = "dark";
+  document.getElementById("theme").addEventListener("click", () => {
+    document.documentElement.dataset.theme = isDark() ? "light" : "dark";
+    show();
+    drawCharts();
+  });
+  document.addEventListener("keydown", keys);
+  window.addEventListener("resize", () => { if (page.players.length) show(); });
+  const inside = document.getElementById("record").textContent.trim();
+  try {
+    if (inside) await take(bytesOf(inside));
+    await loadLibrary();
+    await drawCharts();
+    if (!inside) await follow();
+  } catch (error) {
+    document.getElementById("state").textContent = `This page could not be shown: ${error.message}. It needs a browser of 2023 or newer.`;
+    throw error;
+  }
+}
+
+page.ready = begin();

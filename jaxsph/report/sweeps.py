@@ -1,0 +1,99 @@
+"""Contents of a page about a sweep, a power matrix or a search: results over what was varied, and members."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+import numpy as np
+
+from jaxsph.case.case import Case
+from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.errors import CaseError
+from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
+from jaxsph.report.content import panels
+from jaxsph.report.labels import in_order, in_words, label_of
+from jaxsph.report.pack import Pack
+
+MOST_LINEAR = 100
+"""Members above which linear theory is not evaluated for each."""
+FIRST = ("P_owc", "xi", "P_pto", "capture_width", "energy_residual_share")
+"""Results of which the first that is there is shown first."""
+
+
+def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
+    """What a page shows of a sweep, ended or not. **Raises** FileError where it cannot be read."""
+    stored = sweep.read()
+    keys = tomllib.loads(stored.case_toml)
+    flat = keys.get("tank", {}).get("width") is None
+    results = over_members(stored.members, stored.shape)
+    search = any(name.startswith("slope ") for name in results)
+    members = [_member(stored, index, flat, pack) for index in sorted(stored.members)]
+    waiting = int(np.prod(stored.shape)) - len(members)
+    warnings = [
+        f"{one['place']}: failed: {one['failure'].splitlines()[0]}" for one in members if one["failure"]
+    ]
+    if waiting:
+        warnings.insert(0, f"{waiting} of {waiting + len(members)} members have not ended yet.")
+    shown = [name for name in in_order(results) if not name.startswith(("slope ", "error "))]
+    matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]
+    first = next((n for n in (FIRST if matrix else FIRST[1:]) if n in shown), shown[0] if shown else "")
+    return {
+        "name": str(keys.get("name", sweep.path.stem)),
+        "file": sweep.path.name,
+        "kind": "matrix" if matrix else "search" if search else "sweep",
+        "axes": [{"name": name, "values": np.asarray(v, float).tolist()} for name, v in stored.axes.items()],
+        "grid": tuple(len(v) for v in stored.axes.values()) == stored.shape,
+        "members": members,
+        "first": first,
+        "choices": [{"name": n, **label_of(n, flat)._asdict()} for n in shown],
+        "warnings": warnings,
+        "case": stored.case_toml,
+    }
+
+
+def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str, Any]:
+    """One run of a sweep: where it is, what it gave, and its series."""
+    one = stored.members[index]
+    at = _place(stored, index)
+    results = {name: float(value) for name, value in one["results"].items()}
+    rows = [
+        {
+            "label": label_of(n, flat).text.strip(),
+            "value": in_words(results[n]),
+            "unit": label_of(n, flat).unit,
+        }
+        for n in in_order(results)
+    ]
+    return {
+        "index": index,
+        "at": list(at.values()),
+        "place": ", ".join(f"{name} = {value:.4g}" for name, value in at.items()),
+        "results": results,
+        "linear": _linear(stored, at),
+        "rows": rows,
+        "failure": one["failure"],
+        "panels": panels(one["series"], stored.variables, {}, pack),
+    }
+
+
+def _place(stored: StoredSweep, index: int) -> dict[str, float]:
+    """Value of every parameter of a member, by the parameter's name."""
+    if tuple(len(values) for values in stored.axes.values()) == stored.shape:
+        at = np.unravel_index(index, stored.shape)
+    else:
+        at = (index,) * len(stored.axes)
+    return {n: float(values[k]) for (n, values), k in zip(stored.axes.items(), at, strict=True)}
+
+
+def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:
+    """Efficiency and absorbed power of a member by linear theory; none where it does not cover the case."""
+    if int(np.prod(stored.shape)) > MOST_LINEAR:
+        return {}
+    try:
+        whole = {name: int(v) if float(v).is_integer() else v for name, v in at.items()}
+        case = Case.from_dict(tomllib.loads(stored.case_toml)).replace(whole)
+        found = linear_sea(case) if sea_is_linear(case) else linear_owc(case)
+    except CaseError:
+        return {}
+    return {"xi": float(found.xi), "P_owc": float(found.P_owc)}

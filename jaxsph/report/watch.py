@@ -1,0 +1,120 @@
+"""`watch`: the page of a run that goes on, from a server that only this machine reaches."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Self
+from urllib.parse import parse_qs, urlsplit
+
+from jaxsph.errors import CaseError, JaxsphError
+from jaxsph.output.journal import checkpoint_path
+from jaxsph.report.frames import Frames
+from jaxsph.report.page import record_of, render_page, title_of
+
+HOST = "127.0.0.1"
+
+
+class Watch:
+    """Server of a run's page, which is renewed after every chunk; a context that ends it.
+
+    Snapshots are read once. Whatever fails while the file changes is told on the page, and tried again.
+    """
+
+    def __init__(self, file: str | Path, port: int = 0) -> None:
+        """**Arguments**: the file of a run or a sweep; `port`: 0 takes one that is free.
+
+        **Raises** FileError where the file cannot be read, CaseError where the port is taken.
+        """
+        self.path = Path(file)
+        self._frames: dict[Path, Frames] = {}
+        self._lock = threading.Lock()
+        self._stamp: tuple[float, ...] = ()
+        self._record = b""
+        self.latest()  # a file that is no run's is refused at once
+        try:
+            self._server = ThreadingHTTPServer((HOST, port), _answers_of(self))
+        except OSError as error:
+            raise CaseError(f"--port {port}: {error.strerror or error}; give another, or none") from None
+        self._server.daemon_threads = True
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return f"http://{HOST}:{self._server.server_address[1]}/"
+
+    @property
+    def title(self) -> str:
+        """Title of the page."""
+        return title_of([self.path])
+
+    def __enter__(self) -> Self:
+        """Serves in the background."""
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends the server."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def latest(self) -> tuple[str, bytes]:
+        """Mark and contents of the page as the file is now, compressed. **Raises** JaxsphError."""
+        with self._lock:
+            stamp = _stamp(self.path)
+            if stamp != self._stamp or not self._record:
+                self._record = record_of([self.path], self._frames)
+                self._stamp = stamp
+            return hashlib.sha256(self._record).hexdigest()[:16], self._record
+
+
+def _stamp(path: Path) -> tuple[float, ...]:
+    """Times of the last change of a run's file and of its checkpoint."""
+    times = []
+    for one in (path, checkpoint_path(path)):
+        try:
+            times.append(one.stat().st_mtime_ns)
+        except FileNotFoundError:
+            times.append(0)
+    return tuple(times)
+
+
+def _answers_of(watch: Watch) -> type[BaseHTTPRequestHandler]:
+    class Answers(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            address = urlsplit(self.path)
+            if address.path == "/":
+                page = render_page(None, watch.title).encode()
+                self._answer(200, page, "text/html; charset=utf-8")
+            elif address.path == "/record":
+                self._news(parse_qs(address.query).get("known", [""])[0])
+            else:
+                self._answer(404, b"there is only the page and its record", "text/plain; charset=utf-8")
+
+        def _news(self, known: str) -> None:
+            try:
+                mark, record = watch.latest()
+            except (JaxsphError, OSError) as error:
+                self._answer(503, str(error).encode(), "text/plain; charset=utf-8")
+                return
+            if mark == known:
+                self._answer(204, b"", "application/octet-stream")
+            else:
+                self._answer(200, record, "application/octet-stream", mark)
+
+        def _answer(self, code: int, body: bytes, kind: str, mark: str = "") -> None:
+            self.send_response(code)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Cache-Control", "no-store")
+            if mark:
+                self.send_header("ETag", mark)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            """Requests are nobody's news."""
+
+    return Answers

@@ -1,0 +1,495 @@
+"""The page of a run and of a sweep: its contents without a browser, and in one where there is one."""
+
+import gzip
+import json
+import re
+import shutil
+import threading
+import time
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+
+import jaxsph as js
+from jaxsph.errors import CaseError, FileError
+from jaxsph.output.hdf5 import Variable
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.report.content import extremes_of
+from jaxsph.report.frames import FIELDS, UNSEEN, Frames, local_flow
+from jaxsph.report.labels import LABELS, in_order
+from jaxsph.report.pack import KINDS, Pack
+from jaxsph.report.page import record_of
+
+OWC = js.load_case("owc").replace({"dx": 0.04, "device.wall_thickness": 0.04})
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = [
+    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+
+# What a page may ask for: itself, and the server of a watched run.
+OWN = ("file:", "data:", "blob:", "http://127.0.0.1")
+# Number of colours of the picture of the water.
+COLOURS = """() => {
+    const canvas = document.querySelector("canvas.water");
+    const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+    return new Set(new Uint32Array(data.buffer)).size;
+}"""
+# Pictures a second of the drawing alone.
+DRAW = """() => {
+    const began = performance.now();
+    for (let k = 0; k < 40; k++) seek(2 + 0.3 * k);
+    return 40000 / (performance.now() - began);
+}"""
+
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+
+
+def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200, two=True):
+    """File of a run whose water turns about the tank's middle as a rigid body; no run is made."""
+    run = RunFile.create(
+        path, case.to_toml(), {}, {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "gauges")}
+    )
+    rng, side = np.random.default_rng(0), int(np.sqrt(particles))
+    x = np.stack(np.meshgrid(np.linspace(0.1, 7.7, side), np.linspace(0.02, 0.4, side)), -1).reshape(-1, 2)
+    x += 1e-3 * rng.normal(size=x.shape)
+    if not two:
+        x = np.stack([x[:, 0], np.where(np.arange(len(x)) % 2, 0.5, 0.05), x[:, 1]], axis=1)
+    middle = x.mean(axis=0)
+    variables = {name: Variable("m", name) for name in ("eta", "chamber_level", "flow", "P_a")}
+    variables |= {name: Variable("J m-1", name) for name in ("kinetic", "potential", "compression")}
+    variables |= {name: Variable("W m-1", name) for name in ("power_pto", "power_paddle")}
+    for k in range(frames):
+        t = (k * samples + 1 + np.arange(samples)) * 0.01
+        wave = np.sin(2 * np.pi * t / 1.2)
+        series = {name: 0.01 * wave for name in variables} | {
+            "time": t,
+            "eta": 0.01 * np.stack([wave, -wave], 1),
+        }
+        turn = 0.002 * k
+        c, s = np.cos(turn), np.sin(turn)
+        at = x.copy()
+        at[:, [0, -1]] = (x[:, [0, -1]] - middle[[0, -1]]) @ np.array([[c, -s], [s, c]]) + middle[[0, -1]]
+        u = np.zeros_like(x)
+        u[:, 0], u[:, -1] = 0.1 * (at[:, -1] - middle[-1]), -0.1 * (at[:, 0] - middle[0])
+        snapshot = {"time": t[-1], "step": k, "paddle": 0.01 * k, "id": np.arange(len(x))}
+        snapshot |= {"x": at, "u": u, "p": 9810 * (0.42 - at[:, -1])}
+        run.append(series, variables, snapshot, {"a": np.zeros(1)}, {"wall_seconds": 1.0})
+    if results:
+        powers = {"xi": 0.61, "xi_scatter": 0.02, "P_inc": 2.19, "P_owc": 1.34, "periods": 8.0}
+        run.finish(powers | {"noise": 0.05, "energy_residual_share": 0.001})
+    return path
+
+
+def make_sweep(path, axes, shape, slopes=False):
+    """File of a sweep over axes; member k has the result xi = 0.1 k."""
+    t = 0.1 * np.arange(30)
+    members = {}
+    for k in range(int(np.prod(shape))):
+        results = {"xi": 0.1 * k, "xi_scatter": 0.01, "periods": 9.0, "P_owc": 0.2 * k}
+        results |= {f"slope {name}": 0.5 for name in axes} if slopes else {}
+        members[k] = {"results": results, "series": {"time": t, "P_a": np.sin(t) * k}, "failure": ""}
+    members[0] |= {"failure": "a particle has left", "results": {}}
+    SweepFile(path).write(
+        OWC.to_toml(), axes, shape, members, {"P_a": Variable("Pa", "P_a"), "time": Variable("s", "t")}
+    )
+    return path
+
+
+def read(record):
+    """Text and arrays of a record, as the page reads them."""
+    data = gzip.decompress(record)
+    length = int.from_bytes(data[:4], "little")
+
+    def array(found):
+        if {"at", "n", "type"} == set(found):
+            return np.frombuffer(data, KINDS[found["type"]], found["n"], 4 + length + found["at"])
+        return found
+
+    return json.loads(data[4 : 4 + length], object_hook=array)
+
+
+def played(player):
+    """Places `[frame, 2, particle]` (m) and levels of a page, from their differences."""
+    frames, count = len(player["t"]), player["count"]
+    parts = player["places"].reshape(frames, 2, 2, count).astype(np.int64)
+    small = parts[:, :, 0] + 256 * parts[:, :, 1]
+    step = (small >> 1) ^ -(small & 1)
+    whole = np.cumsum(step, axis=0) % 65536
+    low, high = np.asarray(player["low"])[:, None], np.asarray(player["high"])[:, None]
+    places = np.where(whole == UNSEEN, np.nan, low + whole * (high - low) / (UNSEEN - 1))
+    levels = {
+        name: np.cumsum(field["levels"].reshape(frames, count).astype(np.int64), axis=0) % 256
+        for name, field in player["fields"].items()
+    }
+    return places, levels
+
+
+# --- contents
+
+
+def test_places_and_fields_of_a_page_are_those_of_the_snapshots(tmp_path):
+    path = make_run(tmp_path / "run.h5")
+    run, player = RunFile.open(path), read(record_of([path]))["runs"][0]["player"]
+    places, levels = played(player)
+    for k in range(run.snapshot_count):
+        snapshot = run.snapshot(k)
+        # half a part in 65534 of the tank with half a metre on either side
+        np.testing.assert_allclose(places[k].T, snapshot["x"], atol=0.51 * 9.0 / 65534)
+        field = player["fields"]["pressure"]
+        p = field["low"] + levels["pressure"][k] / 255 * (field["high"] - field["low"])
+        within = (field["low"] < snapshot["p"]) & (snapshot["p"] < field["high"])  # all but the outermost
+        np.testing.assert_allclose(p[within], snapshot["p"][within], atol=0.51 * field["high"] / 255)
+
+
+def test_what_leaves_the_tank_is_not_seen(tmp_path):
+    path = make_run(tmp_path / "run.h5", frames=1)
+    run = RunFile.open(path)
+    snapshot = run.snapshot(0)
+    snapshot["x"][3] = [50.0, 0.2]
+    snapshot["x"][4] = np.nan
+    frames = Frames(run)
+    frames.run = type("One", (), {
+        "path": path, "case_toml": run.case_toml, "snapshot_count": 1, "snapshot": lambda self, i: snapshot,
+    })()  # fmt: skip
+    pack = Pack()
+    content = frames.content(pack)
+    places, _ = played(read(pack.compress(content)))
+    assert np.isnan(places[0]).any(axis=0).sum() == 1  # the far one; the one without a place is left out
+    assert content["count"] == len(snapshot["id"]) - 1
+
+
+def test_three_dimensions_are_shown_in_the_middle_of_the_width(tmp_path):
+    case = js.load_case("dam_break_column")
+    path = make_run(tmp_path / "run.h5", case=case, two=False)
+    found = read(record_of([path]))["runs"][0]
+    assert found["player"]["slice"] and 0 <= found["player"]["count"] < 400
+
+
+def test_local_flow_of_a_linear_field_is_its_vorticity_without_noise():
+    rng = np.random.default_rng(1)
+    x = rng.random((500, 2))
+    u = np.stack([0.3 * x[:, 0] + 2.0 * x[:, 1], 0.5 * x[:, 0] - 0.3 * x[:, 1]], axis=1)
+    found = local_flow(x, u)
+    np.testing.assert_allclose(found.vorticity, 1.5, rtol=1e-4)  # du/dz - dw/dx
+    assert np.max(found.noise) < 1e-4  # of the small number that keeps the fit regular
+    rough = local_flow(x, u + 0.1 * rng.normal(size=u.shape))
+    # two components of 0.1 each, less what the fit takes of three terms over some ten effective neighbours
+    assert np.sqrt(np.mean(rough.noise**2)) == pytest.approx(0.1 * np.sqrt(2), rel=0.2)
+
+
+def test_long_lines_keep_their_extremes():
+    t = np.arange(10_003) * 0.01
+    y = np.sin(t)
+    y[5000] = 9.0
+    at, values = extremes_of(t, y, 20)
+    assert values.max() == 9.0 and at[np.argmax(values)] == t[5000]
+    assert len(at) == 2 * 500 + 3 and np.all(np.diff(at) > 0)
+
+
+def test_results_are_in_words_and_every_one_of_a_run_has_a_label(tmp_path):
+    found = read(record_of([make_run(tmp_path / "run.h5")]))["runs"][0]
+    rows = {row["name"]: row for row in found["results"]}
+    assert rows["xi"]["value"] == "0.61 ± 0.02" and "asked for" in rows["xi"]["meaning"]
+    assert [row["name"] for row in found["results"]] == in_order(rows)
+    assert set(rows) <= set(LABELS)
+    panels = {panel["name"]: panel for panel in found["panels"]}
+    assert [line["name"] for line in panels["eta"]["lines"]] == ["x = 1 m", "x = 2 m"]
+    dashed = [line for line in panels["P_a"]["lines"] if line.get("dash")]
+    linear = js.linear_owc(OWC)
+    assert [line["y"][0] for line in dashed] == pytest.approx([-linear.P_a_peak, linear.P_a_peak])
+
+
+@pytest.mark.parametrize(
+    ("results", "warning"),
+    [
+        ({}, "has not ended: it has reached t = 12 s"),
+        ({"noise": 0.3, "periods": 9}, "noisy: .* 0.3 of their speed"),
+        ({"energy_residual_share": -0.08, "periods": 9}, r"-8.0 % of the work"),
+        ({"periods": 2}, "over 2 periods only"),
+        ({"t_end": 3.0}, "too short for a mean"),
+    ],
+)
+def test_a_run_that_cannot_be_trusted_is_warned_of(tmp_path, results, warning):
+    path = make_run(tmp_path / "run.h5", results=False)
+    if results:
+        RunFile.open(path).finish(results)
+    found = read(record_of([path]))["runs"][0]["warnings"]
+    assert any(re.search(warning, text) for text in found), found
+
+
+def test_runs_side_by_side_are_told_apart(tmp_path):
+    paths = [make_run(tmp_path / f"{name}.h5") for name in "ab"]
+    found = read(record_of(paths))
+    assert [run["label"] for run in found["runs"]] == ["a.h5", "b.h5"]
+
+
+SEAS = {"waves.Hs": np.array([0.03, 0.04]), "waves.Tp": np.array([1.2, 1.4]), "waves.seed": np.array([1, 2])}
+
+
+@pytest.mark.parametrize(
+    ("axes", "shape", "kind"),
+    [({"pto.K_dm": np.array([100.0, 200.0, 300.0])}, (3,), "sweep"), (SEAS, (2, 2, 2), "matrix")],
+)
+def test_a_sweep_has_its_members_with_linear_theory(tmp_path, axes, shape, kind):
+    found = read(record_of([make_sweep(tmp_path / "s.h5", axes, shape)]))["sweeps"][0]
+    assert found["kind"] == kind and found["grid"] and len(found["members"]) == np.prod(shape)
+    assert "failed: a particle has left" in found["warnings"][0]
+    last = found["members"][-1]
+    assert last["at"] == [float(v[-1]) for v in axes.values()]
+    np.testing.assert_allclose(
+        last["panels"][0]["lines"][0]["y"], np.sin(0.1 * np.arange(30)) * last["index"], rtol=1e-6
+    )
+    if kind == "sweep":
+        expected = js.linear_owc(OWC.replace({"pto.K_dm": 300.0})).xi
+        assert last["linear"]["xi"] == pytest.approx(float(expected))
+
+
+def test_a_search_keeps_its_order(tmp_path):
+    path = make_sweep(tmp_path / "s.h5", {"pto.K_dm": np.array([300.0, 100.0, 200.0])}, (3,), slopes=True)
+    found = read(record_of([path]))["sweeps"][0]
+    assert found["kind"] == "search" and [one["at"][0] for one in found["members"]] == [300.0, 100.0, 200.0]
+
+
+def test_page_is_one_file_that_asks_nobody(tmp_path):
+    page = js.report(make_run(tmp_path / "run.h5"))
+    assert page == tmp_path / "run.html"
+    text = page.read_text()
+    # the library's own text is compressed; what is left has no address but none
+    assert not any(word in text for word in ("http://", "https://", '<link rel="stylesheet', "@import"))
+    assert page.stat().st_size < 2.5e6  # of which the library is 1.9
+
+
+def test_wrong_files_are_refused(tmp_path):
+    with pytest.raises(FileError, match="no file"):
+        js.report([])
+    (tmp_path / "x.h5").write_text("nothing")
+    with pytest.raises(FileError, match=r"x\.h5"):
+        js.report(tmp_path / "x.h5")
+    path = make_run(tmp_path / "run.h5")
+    with pytest.raises(FileError, match="is one of the files"):
+        js.report(path, path)
+
+
+# --- watch
+
+
+def _get(address):
+    with urllib.request.urlopen(address, timeout=10) as answer:
+        return answer.status, answer.headers.get("ETag"), answer.read()
+
+
+def test_watch_serves_what_is_new_and_nothing_else(tmp_path):
+    path = make_run(tmp_path / "run.h5", results=False, frames=2)
+    with js.Watch(path) as served:
+        assert served.address.startswith("http://127.0.0.1:")
+        assert b"jaxsph" in _get(served.address)[2]
+        status, mark, record = _get(served.address + "record?known=")
+        assert status == 200 and not read(record)["runs"][0]["ended"]
+        assert _get(f"{served.address}record?known={mark}")[0] == 204
+        RunFile.open(path).finish({"xi": 0.5, "periods": 9.0})
+        status, newer, record = _get(f"{served.address}record?known={mark}")
+        assert status == 200 and newer != mark and read(record)["runs"][0]["ended"]
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            _get(served.address + "run.h5")
+        port = int(served.address.rstrip("/").rpartition(":")[2])
+        with pytest.raises(CaseError, match=f"--port {port}"):
+            js.Watch(path, port)
+
+
+def test_watch_tells_what_it_cannot_read_and_goes_on(tmp_path):
+    path = make_run(tmp_path / "run.h5", frames=1)
+    whole = path.read_bytes()
+    with js.Watch(path) as served:
+        path.write_bytes(whole[: len(whole) // 2])
+        with pytest.raises(urllib.error.HTTPError, match="503") as told:
+            _get(served.address + "record?known=")
+        assert b"run.h5" in told.value.read()
+        path.write_bytes(whole)
+        assert _get(served.address + "record?known=")[0] == 200
+
+
+# --- in a browser
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as library:
+        opened = library.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def visit(browser):
+    """Opens a page, and fails where its console has an error or a warning, or it asks for another file."""
+    pages, wrong = [], []
+
+    def opened(address, **options):
+        page = browser.new_page(**{"viewport": {"width": 1200, "height": 900}, **options})
+        pages.append(page)
+        page.on(
+            "console", lambda told: wrong.append(told.text) if told.type in ("error", "warning") else None
+        )
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("request", lambda asked: None if asked.url.startswith(OWN) else wrong.append(asked.url))
+        page.goto(str(address) if str(address).startswith("http") else f"file://{address}")
+        if not str(address).startswith("http"):
+            page.evaluate("jaxsph.ready")
+        return page
+
+    yield opened
+    for page in pages:
+        page.close()
+    assert not wrong
+
+
+def _box(place):
+    """Where an element is on the screen, which the mouse can reach."""
+    place.scroll_into_view_if_needed()
+    return place.bounding_box()
+
+
+@pytest.fixture(scope="module")
+def run_page(tmp_path_factory):
+    return js.report(make_run(tmp_path_factory.mktemp("page") / "run.h5", particles=900, frames=12))
+
+
+@needs_browser
+def test_browser_plays_by_button_key_and_slider(visit, run_page):
+    page = visit(run_page)
+    assert page.evaluate("jaxsph.drawn") > 0
+    assert page.evaluate(COLOURS) > 30  # colours of the pressure, and not a blank picture
+    page.click("#play")
+    page.wait_for_function("jaxsph.t > 2.2 && jaxsph.pictures > 10")
+    page.click("#play")
+    stopped = page.evaluate("jaxsph.t")
+    page.keyboard.press("ArrowRight")  # on the button, which does not take it
+    step = page.evaluate("jaxsph.t") - stopped
+    assert step == pytest.approx(2.0, rel=1e-3)  # a frame
+    page.evaluate("seek(12.0)")
+    assert page.inner_text(".controls output") == "t = 12.00 s"
+    # the reading at a sample is the sample's
+    reading = page.inner_text(".readings dd >> nth=0")
+    assert reading.endswith(" m") and abs(float(reading[:-2])) < 1e-5  # 0.01 m sin(2 pi 12 s / 1.2 s)
+    page.focus("#time")
+    page.keyboard.press("ArrowLeft")
+    assert page.evaluate("jaxsph.t") < 12.0
+
+
+@needs_browser
+def test_browser_colours_and_zooms(visit, run_page):
+    page = visit(run_page)
+    picture = "document.querySelector('canvas.water').toDataURL()"
+    before = page.evaluate(picture)
+    for name, field in FIELDS.items():
+        page.select_option("#colour", name)
+        assert page.inner_text(".legend span >> nth=0") == field.label
+    assert page.evaluate(picture) != before
+    scale = "jaxsph.players[0].view.scale"
+    was = page.evaluate(scale)
+    page.click("button[aria-label='Zoom in']")
+    assert page.evaluate(scale) == pytest.approx(1.4 * was)
+    x = page.evaluate("jaxsph.players[0].view.x")
+    box = _box(page.locator("canvas.water"))
+    page.mouse.move(box["x"] + 300, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 200, box["y"] + 100)
+    page.mouse.up()
+    assert page.evaluate("jaxsph.players[0].view.x") > x
+    page.click("button[aria-label='Show the whole tank']")
+    assert page.evaluate("jaxsph.players[0].view.x") < 0.1
+
+
+@needs_browser
+def test_browser_links_its_charts(visit, run_page):
+    page = visit(run_page)
+    plot = "document.querySelector('.chart .js-plotly-plot')"
+    page.evaluate(f"Plotly.relayout({plot}, {{'xaxis.range': [4, 8]}})")
+    # one time axis: every panel is drawn over it
+    assert page.evaluate(f"new Set({plot}.data.map((line) => line.xaxis)).size") == 1
+    page.evaluate("seek(6.0)")
+    left = page.evaluate("parseFloat(document.querySelector('.now').style.left)")
+    size = page.evaluate(f"(() => {{ const s = {plot}._fullLayout._size; return [s.l, s.w]; }})()")
+    assert left == pytest.approx(size[0] + 0.5 * size[1], abs=1.5)
+    box = _box(page.locator(".chart .nsewdrag").first)
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 60)
+    page.wait_for_selector(".hoverlayer .legend, .hoverlayer .hovertext")
+    page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 60)
+    page.wait_for_function("Math.abs(jaxsph.t - 5) < 0.05")
+    lines = page.evaluate(f"{plot}.data.length")
+    page.locator(".chart .legendtoggle").first.click()
+    page.wait_for_function(f"{plot}.data.filter((line) => line.visible === 'legendonly').length === 1")
+    assert page.evaluate(f"{plot}.data.length") == lines
+
+
+@needs_browser
+def test_browser_opens_a_member_of_a_sweep(visit, tmp_path):
+    axes = {"waves.H": np.array([0.02, 0.04]), "pto.K_dm": np.array([100.0, 200.0])}
+    page = visit(js.report(make_sweep(tmp_path / "s.h5", axes, (2, 2))))
+    box = _box(page.locator(".map .nsewdrag"))
+    page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.25 * box["height"])
+    page.wait_for_selector("#opened-0 h3")
+    assert page.inner_text("#opened-0 h3") == "waves.H = 0.04, pto.K_dm = 200"
+    assert page.locator("#opened-0 .js-plotly-plot").count() == 1
+    page.click("summary >> nth=0")
+    page.locator("button.open").first.press("Enter")
+    page.wait_for_function("document.querySelector('#opened-0 .warnings')")
+    assert "a particle has left" in page.inner_text("#opened-0")
+
+
+@needs_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1200])
+def test_browser_finds_no_barrier(visit, run_page, scheme, width):
+    """Rules of WCAG 2, levels A and AA: contrast, names, roles; and nothing wider than a narrow screen."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    page = visit(run_page, viewport={"width": width, "height": 800}, color_scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    found = Axe().run(page, options={"runOnly": ["wcag2a", "wcag2aa", "wcag21aa"]}).response["violations"]
+    serious = [one for one in found if one["impact"] in ("serious", "critical")]
+    assert not serious, json.dumps(
+        [(one["id"], [n["html"][:200] for n in one["nodes"]]) for one in serious], indent=1
+    )
+
+
+@needs_browser
+def test_browser_follows_a_run_that_goes_on(visit, tmp_path):
+    path = make_run(tmp_path / "run.h5", results=False, frames=3)
+    with js.Watch(path) as served:
+        page = visit(served.address)
+        page.wait_for_function("jaxsph.taken === 1")
+        assert "goes on" in page.inner_text("#state") and page.evaluate("jaxsph.t") == pytest.approx(6.0)
+        page.evaluate("jaxsph.players[0].zoomBy(3)")
+        RunFile.open(path).finish({"xi": 0.5, "periods": 9.0})
+        page.wait_for_function("jaxsph.taken === 2")
+        assert page.inner_text("#state") == "The run has ended."
+        assert page.evaluate("jaxsph.players[0].moved")  # the reader's own view is kept
+
+
+@needs_browser
+@pytest.mark.slow
+def test_browser_is_fast(visit, tmp_path):
+    """Drawn in software: 30 pictures a second of 8,000 particles, 10 of 50,000; the first within 2 s."""
+    for particles, bar in ((8000, 30), (50_000, 10)):
+        path = js.report(make_run(tmp_path / f"{particles}.h5", particles=particles, frames=24))
+        began = time.perf_counter()
+        page = visit(path)
+        print(
+            f"{particles}: first picture {page.evaluate('jaxsph.firstPicture'):.0f} ms,"
+            f" page {time.perf_counter() - began:.1f} s"
+        )
+        assert page.evaluate("jaxsph.firstPicture") < 2000
+        page.click("button[aria-label='Show the whole tank']")
+        page.evaluate("jaxsph.pictures = 0; seek(0); play(true)")
+        threading.Event().wait(4.0)
+        rate = page.evaluate("jaxsph.pictures") / 4.0
+        drawn = page.evaluate(DRAW)
+        print(f"{particles}: {rate:.0f} pictures a second on the screen, {drawn:.0f} drawn")
+        assert rate > bar
