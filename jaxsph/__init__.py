@@ -12,6 +12,7 @@ _ROOMS = {
     "case.assemble": ("assemble",),
     "case.build": ("build",),
     "case.case": ("Case",),
+    "case.coarse": ("coarsen",),
     "case.files": ("built_in_cases", "load_case"),
     "case.initial": ("still_water",),
     "case.linear": ("incident_power", "linear_check", "linear_owc", "linear_sea"),

@@ -1,4 +1,4 @@
-"""The `jaxsph` command: run, sweep, matrix, slope, optimise, resume, plot, report, watch, check, cases."""
+"""The `jaxsph` command: an argument or an option for each choice, and the words that a user reads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jaxsph.errors import CaseError, JaxsphError, SimulationError
+from jaxsph.errors import CaseError, FileError, JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.output.vtk import export_vtkhdf
@@ -22,7 +22,6 @@ app = typer.Typer(
     name="jaxsph",
     help="SPH of wave energy converters, on JAX: run a case, resume it, look at it.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -31,7 +30,26 @@ CLUSTER_TIMEOUT = 10
 """Time in which a cluster's scheduler has to answer, s."""
 
 
-CaseName = Annotated[str, typer.Argument(metavar="CASE", help="A TOML file or a built-in name.")]
+def _complete_case(begun: str) -> list[str]:
+    """Built-in cases and TOML files whose names begin so."""
+    import jaxsph as js
+
+    names = [*js.built_in_cases(), *(str(path) for path in sorted(Path().glob("*.toml")))]
+    return [name for name in names if name.startswith(begun)]
+
+
+def _complete_key(begun: str) -> list[str]:
+    """Keys of a case that begin so, with the sign that their value follows."""
+    from jaxsph.case.case import key_names
+    from jaxsph.case.sections import Sections
+
+    return [f"{name}=" for name in sorted(key_names(Sections)) if name.startswith(begun)]
+
+
+CaseName = Annotated[
+    str,
+    typer.Argument(metavar="CASE", help="A TOML file or a built-in name.", autocompletion=_complete_case),
+]
 
 
 RunName = Annotated[Path, typer.Argument(metavar="FILE", help="The file of a run.")]
@@ -43,6 +61,7 @@ Settings = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Change one value, e.g. --set pto.K_dm=300; repeatable. No value removes the key.",
+        autocompletion=_complete_key,
     ),
 ]
 
@@ -131,6 +150,10 @@ def run(
         typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="A coarse first look: larger particles, a shorter run, no pictures."),
+    ] = False,
     devices: Devices = None,
     process: Process = None,
     plot: Pictures = True,
@@ -143,6 +166,7 @@ def run(
     with _messages():
         is_first = _find(devices, process)
         loaded = _load(case, settings)
+        loaded = js.coarsen(loaded) if quick else loaded
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
         quiet = quiet or not is_first
         if not quiet:
@@ -150,10 +174,12 @@ def run(
                 typer.echo(f"note: {notice}", err=True)
         with _resumable(out):
             solution = js.run(
-                loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
+                loaded, t1=t1, out=out, overwrite=overwrite or quick, progress=not quiet, devices=devices
             )
         if is_first:
-            _report(solution, out, (plot, report), quiet)
+            _report(solution, out, (plot and not quick, report), quiet)
+            if quick and not quiet:
+                typer.echo(f"this was COARSE, for a first look: for numbers to rely on, jaxsph run {case}")
 
 
 @app.command()
@@ -452,6 +478,32 @@ def check(case: CaseName, settings: Settings = None) -> None:
         _table(js.check(loaded) + js.linear_check(loaded))
         for notice in loaded.notices():
             typer.echo(f"note: {notice}", err=True)
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Writes NAME.toml.")],
+    like: Annotated[
+        str,
+        typer.Option("--like", metavar="CASE", help="The case to begin with.", autocompletion=_complete_case),
+    ] = "owc",
+) -> None:
+    """Write a case file to begin with, with every key and its meaning as comments."""
+    import jaxsph as js
+    from jaxsph.case.commented import commented_toml
+
+    with _messages():
+        path = Path(name if name.endswith(".toml") else f"{name}.toml")
+        case = js.load_case(like).replace({"name": path.stem})
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("x", encoding="utf-8") as file:
+                file.write(commented_toml(case))
+        except FileExistsError:
+            raise FileError(f"{path}: exists already; choose another NAME, or remove it") from None
+        except OSError as error:
+            raise FileError(f"{path}: cannot be written: {error.strerror or error}") from None
+        typer.echo(f"{path}: jaxsph check {path}, then jaxsph run {path}")
 
 
 @app.command()

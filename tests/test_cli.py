@@ -70,6 +70,16 @@ def _jaxsph(*arguments):
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
+def test_quick_run_says_that_it_is_coarse_and_leaves_the_pictures_out(calls, monkeypatch, tmp_path):
+    monkeypatch.setattr(js, "coarsen", lambda case: _Case({"coarse": True}), raising=False)
+    result = _jaxsph("run", "owc", "--quick", "--no-report")
+    assert result.exit_code == 0, result.output
+    case, options = calls[0]
+    assert case.changes == {"coarse": True} and options["overwrite"] is True
+    assert "this was COARSE" in result.stdout and "jaxsph run owc" in result.stdout
+    assert "pictures" not in result.stdout and "page for a browser" not in result.stdout
+
+
 def test_run_records_prints_and_plots(calls, tmp_path):
     result = _jaxsph("run", "owc")
     assert result.exit_code == 0, result.output

@@ -21,11 +21,12 @@ import pytest
 from conftest import advance, coarse, enable_x64, with_velocity
 
 import jaxsph as js
+from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.model.state import Failure
 from jaxsph.output.run_file import RunFile
 from jaxsph.run import chunks, host, recorder, simulate
-from jaxsph.run.results import flume_gauges, run_results, settled_periods
+from jaxsph.run.results import flume_gauges, run_results
 from jaxsph.waves import theory
 from jaxsph.waves.second_order import Harmonics, wavenumbers
 

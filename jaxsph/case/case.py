@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import typing
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -119,7 +120,7 @@ def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) 
         fields = section.model_fields
         if key not in fields:
             raise CaseError(_unknown_key(key, section, prefix))
-        inner = _section_type(fields[key].annotation)
+        inner = section_in(fields[key].annotation)
         if prefix + key in KINDS and not (value is None and key == "waves"):
             inner = _kind(key, value)
         if inner is not None and isinstance(value, dict):
@@ -163,19 +164,19 @@ def _kind(name: str, data: Any) -> type[Section]:
 def _instead_of_isph(section: Any) -> str:
     """What to write in the place of a section `isph`, as cases had it before the scheme had a kind."""
     keys = section if isinstance(section, dict) else {}
-    own = "".join(f"{key} = {_toml_value(value)}\n" for key, value in keys.items())
+    own = "".join(f"{key} = {toml_value(value)}\n" for key, value in keys.items())
     return (
         "isph: a case has one section for its scheme. Write in the place of [isph] and [scheme]:\n"
         f'[scheme]\nkind = "incompressible"\n{own}'.rstrip()
     )
 
 
-def _section_type(annotation: Any) -> type[BaseModel] | None:
-    """Section in the annotation of an optional or required field; None for a value."""
-    for option in getattr(annotation, "__args__", (annotation,)):
-        if isinstance(option, type) and issubclass(option, BaseModel):
-            return option
-    return None
+def section_in(annotation: Any) -> type[BaseModel] | None:
+    """Section in the annotation of a field, the first of its kinds; None for a value."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = (section_in(option) for option in typing.get_args(annotation))
+    return next((one for one in found if one is not None), None)
 
 
 def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
@@ -187,7 +188,7 @@ def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
             kinds = KINDS[name].values()
             keys += dict.fromkeys(f"{name}.{key}" for kind in kinds for key in kind.model_fields)
             continue
-        inner = _section_type(field.annotation)
+        inner = section_in(field.annotation)
         if inner is not None:
             keys += key_names(inner, f"{prefix}{name}.")
     return keys
@@ -221,7 +222,7 @@ def _in_toml_words(message: str) -> str:
 
 
 def _to_toml(data: dict[str, Any], prefix: str = "") -> str:
-    own = [f"{k} = {_toml_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
+    own = [f"{k} = {toml_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
     text = "\n".join(own) + "\n" if own else ""
     for key, value in data.items():
         if isinstance(value, dict):
@@ -229,11 +230,12 @@ def _to_toml(data: dict[str, Any], prefix: str = "") -> str:
     return text
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """Value as TOML writes it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+        return "[" + ", ".join(toml_value(v) for v in value) + "]"
     return repr(value)

@@ -26,7 +26,9 @@ MOST_POINTS = 10_000
 class Section(BaseModel):
     """Section of a case file: keys with types, ranges and defaults, immutable."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, use_attribute_docstrings=True
+    )
 
 
 def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:

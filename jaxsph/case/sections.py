@@ -47,6 +47,7 @@ class WeaklyCompressible(Section):
     """Weakly compressible delta-SPH (Zhu et al. 2020): `kind = "weakly_compressible"`, or no kind."""
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
+    """Kind of the scheme; another kind has other keys."""
     kernel: Literal["gaussian", "wendland"] = "gaussian"
     """Smoothing kernel: the Gaussian, cut off, or Wendland's C2."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
@@ -88,6 +89,7 @@ class Incompressible(Section):
     """Incompressible SPH by projection (Yeylaghi et al. 2016): `kind = "incompressible"`."""
 
     kind: Literal["incompressible"] = "incompressible"
+    """Kind of the scheme; another kind has other keys."""
     kernel: Literal["gaussian", "wendland"] | None = None
     """Smoothing kernel: by default the Gaussian in two dimensions, and Wendland's C2 in three."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
@@ -330,6 +332,7 @@ class Sections(Section):
     name: str = Field("case", min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
     """Name of the case, without slashes: a run's file is named after it."""
     description: str = Field("", max_length=10_000)
+    """What is run and after whom, in the user's own words."""
     dx: Length
     """Spacing of the particles, m."""
     t1: Time

@@ -98,6 +98,7 @@ class RegularWavesSection(AbstractWavesSection):
     height_key = "H"
     period_key = "T"
     kind: Literal["regular"] = "regular"
+    """Kind of the waves; another kind has other keys."""
     H: Height
     """Wave height from trough to crest, m."""
     T: Period
@@ -133,6 +134,7 @@ class BichromaticWavesSection(AbstractWavesSection):
     height_key = "H"
     period_key = "T"
     kind: Literal["bichromatic"] = "bichromatic"
+    """Kind of the waves; another kind has other keys."""
     H: tuple[Height, Height]
     """Heights of the two waves from trough to crest, m."""
     T: tuple[Period, Period]
@@ -202,6 +204,7 @@ class IrregularWavesSection(_SpectralSection):
     height_key = "Hs"
     period_key = "Tp"
     kind: Literal["irregular"] = "irregular"
+    """Kind of the waves; another kind has other keys."""
     Hs: Height | None = None
     """Significant wave height, m; that of a Pierson-Moskowitz spectrum follows from Tp."""
     seed: int = Field(0, ge=0, le=2**32 - 1)
@@ -247,6 +250,7 @@ class FocusedWavesSection(_SpectralSection):
     height_key = "crest"
     period_key = "Tp"
     kind: Literal["focused"] = "focused"
+    """Kind of the waves; another kind has other keys."""
     crest: Height
     """Elevation of the crest by linear theory, m."""
     x: Coordinate
@@ -289,6 +293,7 @@ class RecordedWavesSection(AbstractWavesSection):
     height_key = "eta"
     period_key = "t"
     kind: Literal["recorded"] = "recorded"
+    """Kind of the waves; another kind has other keys."""
     t: tuple[float, ...] = Field(min_length=32, max_length=MOST_SAMPLES)
     """Times of the samples, s, evenly spaced."""
     eta: tuple[float, ...] | None = Field(None, max_length=MOST_SAMPLES)

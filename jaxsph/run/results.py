@@ -14,6 +14,7 @@ from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power
+from jaxsph.case.settling import settled_periods
 from jaxsph.model.solution import Solution
 from jaxsph.waves import theory
 
@@ -49,24 +50,6 @@ def run_results(
     if {"xi", "P_inc_measured"} <= set(results):
         results["xi_measured"] = results["xi"] * results["P_inc"] / results["P_inc_measured"]
     return results, tuple(notices)
-
-
-def settled_periods(case: Case, t1: float) -> int:
-    """Whole periods at the end of a run to t1 (s) over which its results are averaged; below 1: none.
-
-    Periods of regular waves, groups of two waves, and peak periods of a sea, of which all count.
-    """
-    waves = case.waves
-    whole = int((t1 - _transient(case)) / waves.cycle + 1e-6)
-    return min(whole, case.output.periods if waves.repeats is None else round(waves.repeats / waves.cycle))
-
-
-def _transient(case: Case) -> float:
-    """Time for the ramp and for the wave's energy to reach the far end, s."""
-    omega = 2 * np.pi / case.waves.period
-    geometry = Geometry.of(case)
-    speed = float(theory.group_velocity(omega, geometry.depth, case.g))
-    return case.waves.ramp_periods * case.waves.period + geometry.length / speed
 
 
 def _energy(case: Case, solution: Solution) -> Scalars:

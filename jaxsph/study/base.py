@@ -14,8 +14,8 @@ import numpy as np
 from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.linear import incident_power
+from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError
-from jaxsph.run.results import settled_periods
 
 SMOOTH = (
     "pto.K_dm",

@@ -1,0 +1,52 @@
+"""`coarsen`: a case with larger particles and a shorter run, for a first look within a minute."""
+
+from __future__ import annotations
+
+from jaxsph.case.case import Case
+from jaxsph.case.settling import settling_time
+from jaxsph.errors import CaseError
+
+FACTORS = (2.0, 1.5, 1.25)
+"""Spacings to try, over the case's own: the largest that its checks let pass is taken."""
+PERIODS = 5
+"""Settled periods of the waves to which a run is cut."""
+
+
+def coarsen(case: Case) -> Case:
+    """Coarse case for a first look: up to twice the spacing, and waves of five settled periods at most.
+
+    Samples are as many times farther apart, which lets the time step grow with the spacing. The plate of a
+    chamber is at least as thick as the spacing. The name ends in `_quick`, and the description begins with
+    COARSE: efficiencies and forces of such a run are rough, and not for a design.
+    **Raises** CaseError where no larger spacing passes the case's checks.
+    """
+    refusal = ""
+    for factor in FACTORS:
+        try:
+            return _shortened(_coarser(case, factor))
+        except CaseError as error:
+            refusal = refusal or str(error)
+    raise CaseError(
+        f"dx = {case.dx:g} m is as coarse as this case can be ({refusal}): run it as it is, or shorten t1"
+    )
+
+
+def _coarser(case: Case, factor: float) -> Case:
+    dx = round(factor * case.dx, 9)
+    changes: dict[str, object] = {
+        "name": f"{case.name[:90]}_quick",
+        "description": f"COARSE, for a first look: {case.description}",
+        "dx": dx,
+        "output.sample_dt": factor * case.output.sample_dt,
+    }
+    if case.device is not None:
+        changes["device.wall_thickness"] = max(case.device.wall_thickness, dx)
+    return case.replace(changes)
+
+
+def _shortened(case: Case) -> Case:
+    if case.waves is None:
+        return case
+    # and a sample: the last one of a run is short of its end
+    settled = settling_time(case) + PERIODS * case.waves.cycle + case.output.sample_dt
+    return case.replace({"t1": min(case.t1, round(settled, 3))})

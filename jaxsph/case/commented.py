@@ -1,0 +1,146 @@
+"""Keys of a case in words: a commented case file to begin with, and tables of all keys."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+import types
+import typing
+from typing import Any, NamedTuple
+
+from pydantic.fields import FieldInfo
+
+from jaxsph.case.case import Case, section_in, toml_value
+from jaxsph.case.section import Section
+from jaxsph.case.sections import KINDS, Sections
+
+WIDTH = 100
+"""Columns of a commented case file."""
+HEAD = """\
+# {name}: everything in SI units; x = 0 is the paddle at rest, or the near end wall, and z = 0 the bed.
+# A line that begins with "# key =" is a key at its default, or one that is not set.
+#
+#   jaxsph check {name}.toml     what the run will be, before it begins
+#   jaxsph run {name}.toml       the run, with a page for the browser at its end
+"""
+
+
+class Key(NamedTuple):
+    """Key of a section: its name, what it may be, its default as TOML (empty: none), and its meaning."""
+
+    name: str
+    allowed: str
+    default: str
+    meaning: str
+
+
+def keys_of(section: type[Section]) -> list[Key]:
+    """Keys of a section that hold values, its `kind` first."""
+    held = [name for name, field in section.model_fields.items() if section_in(field.annotation) is None]
+    return [_key(name, section.model_fields[name]) for name in sorted(held, key=lambda name: name != "kind")]
+
+
+def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str, type[Section]]:
+    """Sections of a case by their dotted names, each kind of a section apart: `waves (kind = "focused")`."""
+    found = {}
+    for name, field in section.model_fields.items():
+        inner = section_in(field.annotation)
+        if prefix + name in KINDS:
+            found |= {f'{name} (kind = "{kind}")': one for kind, one in KINDS[prefix + name].items()}
+        elif inner is not None:
+            found |= {prefix + name: inner} | sections_of(inner, f"{prefix}{name}.")
+    return found
+
+
+def commented_toml(case: Case) -> str:
+    """Text of a case file: what the case sets, every further key of its sections commented out, and what each
+    means."""
+    used, text = [], HEAD.format(name=case.name) + "\n" + _section_text(case, "")
+    for name in type(case).model_fields:
+        part = getattr(case, name)
+        if isinstance(part, Section):
+            used.append(name)
+            text += _with_inner(part, name)
+    text += "\n# Sections that this case does without:\n"
+    for name, section in sections_of().items():
+        plain = name.split(" ")[0]
+        if "." not in plain and plain not in used:
+            text += _comment(f"[{plain}]{name.removeprefix(plain)}: {_summary(section)}")
+    return text
+
+
+def _with_inner(part: Section, name: str) -> str:
+    text = f"\n{_comment(_summary(type(part)))}[{name}]\n" + _section_text(part, name)
+    for inner in type(part).model_fields:
+        if isinstance(value := getattr(part, inner), Section):
+            text += _with_inner(value, f"{name}.{inner}")
+    return text
+
+
+def _section_text(part: Section, name: str) -> str:
+    text = ""
+    for key in keys_of(Sections if name == "" else type(part)):
+        if key.name == "name":  # of a file it is the file's own
+            continue
+        text += _comment(key.meaning)
+        value = getattr(part, key.name)
+        shown = toml_value(part.model_dump(mode="json")[key.name]) if value is not None else ""
+        if key.name in part.model_fields_set and value is not None:
+            text += f"{key.name} = {shown}\n"
+        else:
+            text += f"# {key.name} = {shown or key.default}".rstrip() + "\n"
+    return text
+
+
+def _comment(text: str) -> str:
+    lines = textwrap.wrap(" ".join(text.split()), WIDTH - 2)
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def _summary(section: type[Section]) -> str:
+    return inspect.getdoc(section).split("\n\n")[0]
+
+
+def _key(name: str, field: FieldInfo) -> Key:
+    default = "" if field.is_required() or field.default is None else toml_value(_plain(field.default))
+    return Key(name, _allowed(field), default, " ".join((field.description or "").split()))
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value
+
+
+def _members(annotation: Any) -> list[Any]:
+    """Types of a union, annotations taken off."""
+    if typing.get_origin(annotation) is typing.Annotated:
+        return _members(typing.get_args(annotation)[0])
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return [one for part in typing.get_args(annotation) for one in _members(part)]
+    return [annotation]
+
+
+def _allowed(field: FieldInfo) -> str:
+    """Values that a key may have, in words."""
+    kinds = [one for one in _members(field.annotation) if one is not type(None)]
+    if typing.get_origin(kinds[0]) is typing.Literal:
+        return " or ".join(toml_value(one) for one in typing.get_args(kinds[0]))
+    name = {float: "number", int: "whole number", bool: "true or false", str: "text"}.get(kinds[0], "list")
+    limits = _limits(field.annotation) | {
+        key: getattr(one, key) for one in field.metadata for key in ("ge", "le") if hasattr(one, key)
+    }
+    if {"ge", "le"} <= set(limits) and name.endswith("number"):
+        return f"{name} from {limits['ge']:g} to {limits['le']:g}"
+    return name
+
+
+def _limits(annotation: Any) -> dict[str, float]:
+    """Bounds that the parts of an annotation have."""
+    found = {}
+    if typing.get_origin(annotation) is typing.Annotated:
+        for one in annotation.__metadata__:
+            for part in [one, *getattr(one, "metadata", ())]:
+                found |= {key: getattr(part, key) for key in ("ge", "le") if hasattr(part, key)}
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        for part in typing.get_args(annotation):
+            found |= _limits(part)
+    return found
