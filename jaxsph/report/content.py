@@ -47,6 +47,8 @@ PANELS = {
     "noise": "Noise of the particles, and their RMS speed",
 }
 """Titles of the panels over time, by the series that each shows, in the order of the page."""
+FIRST = ("periods", "P_inc", "P_owc", "P_pto", "capture_width", "xi", "xi_scatter", "xi_error", "xi_measured")
+"""Results that a page begins with, where they are there."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
 """Series whose values run along with the particles."""
 
@@ -150,7 +152,7 @@ def _warnings(
 def _result_rows(results: dict[str, float], flat: bool) -> list[dict[str, str]]:
     errors = {"xi": "xi_error" if "xi_error" in results else "xi_scatter"}
     rows = []
-    for name in in_order(results):
+    for name in sorted(in_order(results), key=lambda name: name not in FIRST):
         label, error = label_of(name, flat), results.get(errors.get(name, ""))
         value = in_words(results[name]) + ("" if error is None else f" ± {error:.1g}")
         rows.append(
