@@ -75,7 +75,7 @@ def on_page_content(content, page, config, files):
     def mathml(found):
         block = found[1] == "div"
         formula = html.unescape(found[2]).strip()[2:-2]
-        formula = re.sub(r"\\mathbf ?(\\?\w+)", r"\\mathbf{\1}", formula)
+        formula = re.sub(r"\\mathbf ?(\\?[A-Za-z]+)", r"\\mathbf{\1}", formula)
         drawn = latex2mathml.converter.convert(formula, display="block" if block else "inline")
         return re.sub(r'<mi mathvariant="bold">(?:&#x(\w+);|(.))</mi>', _bold, drawn)
 
