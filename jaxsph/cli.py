@@ -558,6 +558,7 @@ def _setting(text: str) -> tuple[str, Any]:
 def _values(text: str, option: str = "--grid") -> tuple[str, list[float]]:
     """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"; whole numbers where all are written so."""
     key, equals, value = (part.strip() for part in text.partition("="))
+    values: list[float] = []
     try:
         if value.count(":") == 2:
             first, last, count = value.split(":")
@@ -566,7 +567,7 @@ def _values(text: str, option: str = "--grid") -> tuple[str, list[float]]:
         else:
             values = [float(part) for part in value.split(",")]
     except ValueError:
-        values = []
+        pass  # what is not a number is refused below
     if not key or not equals or not values:
         raise CaseError(f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
     if "." not in value and all(one.is_integer() and abs(one) < 2**53 for one in values):

@@ -39,7 +39,7 @@ def test_what_cannot_be_coarser_says_why():
 def test_a_narrow_chamber_is_told_of():
     assert not any("chamber_length" in notice for notice in js.load_case("owc").notices())
     notices = js.coarsen(js.load_case("owc")).notices()
-    assert any("device.chamber_length = 0.13 m is only 3.2 spacings" in notice for notice in notices)
+    assert any("device.chamber_length = 0.13 m is only 3.2 spacings long" in notice for notice in notices)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -10,6 +10,8 @@ FACTORS = (2.0, 1.5, 1.25)
 """Spacings to try, over the case's own: the largest that its checks let pass is taken."""
 PERIODS = 5
 """Settled periods of the waves to which a run is cut."""
+COARSE = "COARSE, for a first look: "
+"""Beginning of a coarse case's description."""
 
 
 def coarsen(case: Case) -> Case:
@@ -35,7 +37,7 @@ def _coarser(case: Case, factor: float) -> Case:
     dx = round(factor * case.dx, 9)
     changes: dict[str, object] = {
         "name": f"{case.name[:90]}_quick",
-        "description": f"COARSE, for a first look: {case.description}",
+        "description": COARSE + case.description,
         "dx": dx,
         "output.sample_dt": factor * case.output.sample_dt,
     }

@@ -37,7 +37,7 @@ STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
 CHAMBER = 6
 """Spacings in a chamber's length below which a case gets a notice: at 3.2 the built-in OWC's efficiency is
-0.57, at 6.5 it is 0.63."""
+0.53 to 0.57, at 6.5 it is 0.64."""
 NEAR = 0.8
 """Share of the breaking height above which a case gets a notice."""
 
@@ -62,8 +62,8 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     if case.device is not None and case.device.chamber_length < CHAMBER * case.dx:
         notes.append(
             f"device.chamber_length = {case.device.chamber_length:g} m is only "
-            f"{case.device.chamber_length / case.dx:.1f} spacings: expect an efficiency that is a tenth too "
-            f"low ({CHAMBER} or more are usual)"
+            f"{case.device.chamber_length / case.dx:.1f} spacings long: expect an efficiency that is "
+            f"a tenth to a fifth too low ({CHAMBER} or more are usual)"
         )
     if case.waves is None:
         return notes

@@ -180,7 +180,7 @@ def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D
 def lattice_sum(smoothing: Smoothing, dx: Scalar, dim: int) -> Scalar:
     """Sum of V W^2 over the neighbours of a particle of a square lattice, 1/m^dim, itself left out."""
     axis = np.arange(-6.0, 7.0)  # beyond six spacings the square of every kernel is as good as zero
-    r2 = sum(a**2 for a in np.meshgrid(*(axis,) * dim)).ravel()
+    r2 = np.sum([a**2 for a in np.meshgrid(*(axis,) * dim)], axis=0).ravel()
     r2 = dx * dx * jnp.asarray(r2[r2 > 0], dx.dtype)
     W = jnp.where(r2 < smoothing.radius**2, smoothing.kernel.value(r2, smoothing.h, dim), 0.0)
     return jnp.sum(W**2) * dx**dim

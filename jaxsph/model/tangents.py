@@ -23,7 +23,7 @@ from jaxsph.core.pairs import (
     symmetric_inverse,
     symmetric_product,
 )
-from jaxsph.core.slabs import Sources
+from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractTangents, Model
 from jaxsph.model.state import State, Tables

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsph import analysis
 from jaxsph.case.case import Case
+from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.errors import CaseError
@@ -120,6 +121,10 @@ def _warnings(
     periods = results.get("periods", FEW)
     rules = [
         (
+            str(keys.get("description", "")).startswith(COARSE),
+            "This run is coarse, for a first look: its numbers are not for a design.",
+        ),
+        (
             not results,
             f"The run has not ended: it has reached t = {reached:.4g} s of {keys.get('t1', 0.0):g} s, and "
             "there are no results yet.",
@@ -150,10 +155,10 @@ def _warnings(
 
 
 def _result_rows(results: dict[str, float], flat: bool) -> list[dict[str, str]]:
-    errors = {"xi": "xi_error" if "xi_error" in results else "xi_scatter"}
+    errors = {"xi": _standard_error(results)}
     rows = []
     for name in sorted(in_order(results), key=lambda name: name not in FIRST):
-        label, error = label_of(name, flat), results.get(errors.get(name, ""))
+        label, error = label_of(name, flat), errors.get(name)
         value = in_words(results[name]) + ("" if error is None else f" ± {error:.1g}")
         rows.append(
             {
@@ -166,6 +171,13 @@ def _result_rows(results: dict[str, float], flat: bool) -> list[dict[str, str]]:
             }
         )
     return rows
+
+
+def _standard_error(results: dict[str, float]) -> float | None:
+    """Standard error of the efficiency: a sea's own, or that of a mean over regular waves' periods."""
+    if "xi_scatter" in results and "periods" in results:
+        return results["xi_scatter"] / max(results["periods"], 1.0) ** 0.5
+    return results.get("xi_error")
 
 
 def panels(

@@ -51,7 +51,11 @@ LABELS = {
     "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
     "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
-    "xi": Label("hydrodynamic efficiency", "", "absorbed power over the power of the waves asked for"),
+    "xi": Label(
+        "hydrodynamic efficiency",
+        "",
+        "absorbed power over the power of the waves asked for, ± its standard error",
+    ),
     "xi_scatter": Label("  from period to period", "", "standard deviation of the efficiency of each period"),
     "xi_error": Label("  standard error", "", "of the mean over a sea, from the spread of its groups"),
     "xi_measured": Label("  of the measured incident power", "", "over the waves that were there"),

@@ -112,7 +112,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     old_law, law = ((c.pto is not None and c.pto.is_turbine) for c in (case, new))
     if old_law != law:
         raise CaseError("pto: cannot change from a turbine to a pressure in the course of a run, nor back")
-    if case.pto is not None and case.pto.has_relief != new.pto.has_relief:
+    if case.pto is not None and new.pto is not None and case.pto.has_relief != new.pto.has_relief:
         raise CaseError("pto.relief: cannot be added in the course of a run, nor removed: it books energy")
     height, before = Geometry.of(new).height, Geometry.of(case).height
     if "tank.height" in changes and not height > before:

@@ -40,7 +40,7 @@ def describe_machine() -> str:
     return f"{kind}, {many}, JAX {jax.__version__}"
 
 
-def find_devices(count: int | None) -> tuple[jax.Device, ...]:
+def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]
     """The first `count` devices of the default backend, or all; on a CPU its cores are made devices.
 
     **Raises** CaseError where there are not so many, and where several processes share the run and it does

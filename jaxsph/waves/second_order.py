@@ -227,7 +227,9 @@ def _collected(pair, count: int) -> Harmonics:
             # a difference of waves listed out of order is the conjugate of the one wanted
             back = at < 0.0
             found = np.where(back, np.conj(found), found) * half
-            amplitudes.append(found), K.append(np.where(back, -1, 1) * np.real(k)), Omega.append(np.abs(at))
+            amplitudes.append(found)
+            K.append(np.where(back, -1, 1) * np.real(k))
+            Omega.append(np.abs(at))
     every, K, Omega = (np.concatenate(one) for one in (amplitudes, K, Omega))
     moving = Omega > 0.0
     every, K, Omega = every[moving], K[moving], Omega[moving]

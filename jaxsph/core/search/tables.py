@@ -84,13 +84,18 @@ def water_neighbours(
         found = method.table(x, sources, capacity, sees, kinds, same=True)
         if slabs.count == 1:
             return found.indices, found.most, jnp.zeros((), jnp.int32)
-        halo = _halo(slabs, method.grid, x, n)
+        halo = _halo(slabs, _grid_of(method), x, n)
         return found.indices, *(jax.lax.pmax(a, AXIS) for a in (found.most, halo))
 
     arguments = (columns(water.x), water.kind, sees, ghosts)
     partitions = (split(1), split(1), split(1), WHOLE)
     indices, most, halo = slabs.over_slabs(local, arguments, partitions, (split(2), WHOLE, WHOLE))
     return Neighbours(indices, slabs), most, halo
+
+
+def _grid_of(method: AbstractSearch) -> Grid:
+    """Cells by which slabs are sorted: those of the solver's own search, the only one that slabs have."""
+    return method.grid  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def point_neighbours(
@@ -114,7 +119,8 @@ def point_neighbours(
 
     def local(x, kind, points, sees):
         every = _with_halo(slabs, x, kind)
-        mine = beside(every.x, points, method.grid) & _in_slab(slabs, method.grid, stack(x), points)
+        grid = _grid_of(method)
+        mine = beside(every.x, points, grid) & _in_slab(slabs, grid, stack(x), points)
         rows = jnp.nonzero(mine, size=places, fill_value=count)[0].astype(jnp.int32)
         at = jnp.minimum(rows, count - 1)
         # a place without a point sees nothing

@@ -1,0 +1,68 @@
+"""Pages for the browser: their size, the time until water is seen, pictures a second in software."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import jaxsph as js
+from experiments.common import Report, solved
+
+FLAGS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+DRAW = """() => {
+    const began = performance.now();
+    for (let k = 0; k < 60; k++) seek(k % 7 * 0.41);
+    return 60000 / (performance.now() - began);
+}"""
+"""Pictures a second of the drawing alone, from one time of the run to another."""
+
+
+def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
+    """Pages of the built-in OWC, and of one of `fine` (m) spacing up to `t1` (s), played for `seconds`."""
+    case = js.load_case("owc")
+    files = {
+        "built-in OWC": solved(case, "bench_report"),
+        f"OWC at dx = {fine:g} m": solved(case.replace({"dx": fine}), "bench_report_fine", t1),
+    }
+    with Report("bench_report", "Pages of runs in Chromium, without a graphics card") as report:
+        for (name, run), bar in zip(files.items(), (30, 10), strict=True):
+            began = time.perf_counter()
+            page = js.report(run.path)
+            report.row(f"{name}: time to write the page", time.perf_counter() - began, "s")
+            size = page.stat().st_size / 1e6
+            report.row(f"{name}: size of the page", size, "MB", bar="under 8 MB", passes=size < 8)
+            found = _seen(page, seconds)
+            report.row(f"{name}: particles", found["particles"])
+            first = found["first"]
+            report.row(f"{name}: time to the first picture", first, "s", bar="under 2 s", passes=first < 2)
+            played = found["played"]
+            report.row(f"{name}: pictures a second", played, bar=f"at least {bar}", passes=played >= bar)
+            report.row(f"{name}: pictures a second, as fast as they are drawn", found["drawn"])
+
+
+def _seen(page: Path, seconds: float) -> dict[str, Any]:
+    """What a browser makes of a page; the whole tank is shown."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        raise FileNotFoundError("there is no Chromium; install it from the system's packages")
+    with sync_playwright() as library:
+        browser = library.chromium.launch(executable_path=chromium, args=FLAGS)
+        opened = browser.new_page(viewport={"width": 1280, "height": 900})
+        opened.goto(f"file://{page.resolve()}")
+        opened.evaluate("jaxsph.ready")
+        opened.click("button[aria-label='Show the whole tank']")
+        opened.evaluate("jaxsph.pictures = 0; seek(0); play(true)")
+        opened.wait_for_timeout(1000 * min(seconds, opened.evaluate("span()[1]")))
+        took = opened.evaluate("jaxsph.t")
+        found = {
+            "particles": opened.evaluate("jaxsph.players[0].player.count"),
+            "first": opened.evaluate("jaxsph.firstPicture") / 1000,
+            "played": opened.evaluate("jaxsph.pictures") / max(took, 1e-3),
+            "drawn": opened.evaluate(DRAW),
+        }
+        browser.close()
+    return found
