@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxsph.model.state import Tally
-from jaxsph.output.plot.particles import _move
+from jaxsph.output.plot.tank import move
 from jaxsph.parts.body import BodyMotion, RigidBody
 from jaxsph.parts.rotational import FreeHinge, RotationalPTO
 from jaxsph.solids import placement
@@ -122,7 +122,7 @@ def test_pictures_draw_the_body_where_it_is():
     corners = np.asarray(SQUARE)
     state = BodyMotion.at_rest(jnp.float32, pose=pose)
     moved = body.carry(state, jnp.asarray(corners, jnp.float32))
-    np.testing.assert_allclose(_move(corners, np.asarray(body.pivot), pose), moved, atol=1e-6)
+    np.testing.assert_allclose(move(corners, np.asarray(body.pivot), pose), moved, atol=1e-6)
 
 
 def test_a_body_is_held_until_its_release():
