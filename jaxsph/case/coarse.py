@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from jaxsph.case.case import Case
 from jaxsph.case.settling import settling_time
 from jaxsph.errors import CaseError
@@ -49,6 +51,8 @@ def _coarser(case: Case, factor: float) -> Case:
 def _shortened(case: Case) -> Case:
     if case.waves is None:
         return case
-    # and a sample: the last one of a run is short of its end
+    # and a sample, as the last one of a run is short of its end; in whole snapshots, as a part of one would
+    # be compiled by itself
     settled = settling_time(case) + PERIODS * case.waves.cycle + case.output.sample_dt
-    return case.replace({"t1": min(case.t1, round(settled, 3))})
+    whole = math.ceil(settled / case.output.snapshot_dt) * case.output.snapshot_dt
+    return case.replace({"t1": min(case.t1, round(whole, 6))})
