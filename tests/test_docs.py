@@ -207,6 +207,21 @@ def test_links_lead_to_files(page):
     assert not [to for to in missing if not (page.is_relative_to(ROOT / "docs") and re.match(made, to))]
 
 
+def test_documentation_builds_without_a_warning(tmp_path):
+    """Strictly: a link or an anchor that leads nowhere fails it, and so does a page that no menu has."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)]
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-4000:]
+    pages = {path: path.read_text(encoding="utf-8") for path in tmp_path.rglob("*.html")}
+    api = pages[tmp_path / "reference" / "api.html"]
+    assert all(f'id="jaxsph.{js._HOME[name]}.{name}"' in api for name in js.__all__)
+    theory = pages[tmp_path / "theory" / "incompressible.html"]
+    assert theory.count("<math") > 5 and "arithmatex" not in theory  # formulas are drawn
+    outside = re.compile(r'<(?:script|link|img|iframe)[^>]+(?:src|href)="https?:')
+    assert not [path.name for path, text in pages.items() if outside.search(text)]  # nobody is asked
+
+
 def test_examples_of_docstrings_are_right():
     for path in SOURCES:
         if ">>>" in path.read_text(encoding="utf-8"):
