@@ -245,7 +245,7 @@ def test_a_curve_of_one_direction_is_mirrored():
         ({"pto": {"K_dm": 1.0, "resistance": 2.0}}, "exactly one of"),
         ({"air.volume": 0.005}, r"air.volume = 0.005 m2: waves .* may fill it; at least 0.0\d+ m2"),
         ({"air.volume": 0.5, "pto.P_a": 10.0}, r"air: is between water and a turbine"),
-        ({"air": {"gamma": 1.4}}, "air.volume: Field required"),
+        ({"air": {"gamma": 1.4}}, r"air.volume: is missing \(Volume"),
     ],
     ids=lambda value: None if isinstance(value, str) else "+".join(value),
 )

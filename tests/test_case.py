@@ -87,7 +87,7 @@ def test_thin_wall_message_names_the_case_s_own_dx():
 
 
 def test_missing_section_is_named():
-    with pytest.raises(CaseError, match="tank: Field required"):
+    with pytest.raises(CaseError, match="tank: is missing"):
         Case.from_dict({"dx": 0.1, "t1": 1.0})
 
 
@@ -143,12 +143,12 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
     ("changes", "message"),
     [
         # wrong types and huge values
-        ({"dx": True}, r"dx = True: Input should be a valid number"),
-        ({"dx": "0.02"}, r"dx = '0.02': Input should be a valid number"),
-        ({"t1": 10**400}, r"t1 = 1000.*\(401 characters\): Input should be a valid number"),
+        ({"dx": True}, r"dx = True: must be a number"),
+        ({"dx": "0.02"}, r"dx = '0.02': must be a number"),
+        ({"t1": 10**400}, r"t1 = 1000.*\(401 characters\): must be a number"),
         ({"t1": 16**9000}, r"t1 = an integer of 36001 bits"),
         ({"tank": 3}, r"tank = 3: must be a section"),
-        ({"probes.gauges": 0.3}, r"probes.gauges = 0.3: Input should be a list"),
+        ({"probes.gauges": 0.3}, r"probes.gauges = 0.3: must be a list"),
         ({"probes.gauges": [0.1] * 20_000}, r"probes.gauges .*at most 10000 items"),
         ({"probes.gauges": ["a"] * 20}, r"probes.gauges.0 = 'a': (.|\n)*and 15 more"),
         (
@@ -263,7 +263,7 @@ def test_memory_is_counted_before_anything_is_made(monkeypatch):
         (b"dx = 0.1 # \xff", r"mine.toml: not a text in UTF-8: byte 0xff at 11; save the file as UTF-8"),
         (b"dx = " + b"[" * 5000, r"mine.toml: lists or tables are nested too deep"),
         (b"dx = " + b"9" * 5000, r"mine.toml: a value cannot be read: .*4300"),
-        (b"dx = 0x" + b"f" * 5000, r"dx = an integer of 20000 bits: Input should be a valid number"),
+        (b"dx = 0x" + b"f" * 5000, r"dx = an integer of 20000 bits: must be a number"),
         (b"#" * 2_000_000, r"mine.toml: 2e\+06 bytes are no case file"),
         (b"dx = \x00", r"mine.toml: not a TOML file"),
     ],

@@ -16,6 +16,9 @@ from jaxsph.case.section import Section, kind_of
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.errors import CaseError
 
+MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
+"""Kinds of errors that say what a key means: of a value that is missing, or beyond its range."""
+
 
 class Case(Sections):
     """Description of a run in SI units, validated. Immutable: `replace` gives a changed copy."""
@@ -207,7 +210,10 @@ def _readable(error: ValidationError) -> str:
             if item["type"] == "missing" or isinstance(item["input"], dict)
             else f" = {_shown(item['input'])}"
         )
-        lines.append(f"{field}{value}: {_in_toml_words(item['msg'])}")
+        words = _in_toml_words(item["msg"])
+        if item["type"] in MEANT:
+            words = words.replace("Field required", "is missing") + _meaning(item["loc"])
+        lines.append(f"{field}{value}: {words}")
     if len(found) > 5:
         lines.append(f"... and {len(found) - 5} more")
     return "\n".join(lines)
@@ -218,7 +224,24 @@ def _in_toml_words(message: str) -> str:
     message = message.removeprefix("Value error, ").replace(" after validation", "")
     if message.startswith("Input should be a valid dictionary"):
         return "must be a section"
-    return message.replace("valid tuple", "list").replace("Tuple", "The list")
+    message = message.replace("valid tuple", "list").replace("Tuple", "The list")
+    return message.replace("Input should be a valid", "must be a").replace("Input should be", "must be")
+
+
+def _meaning(place: tuple[str | int, ...]) -> str:
+    """Meaning of the key at a place of a case, in brackets; empty where the key has none."""
+    section: Any = Case
+    words, kinds = "", {}
+    for part in place:
+        if part in kinds:  # pydantic's path has the kind of a scheme or of waves in it
+            section, kinds = kinds[part], {}
+            continue
+        field = getattr(section, "model_fields", {}).get(part)
+        if field is None:
+            return ""
+        words, kinds = field.description or "", KINDS.get(str(part), {})
+        section = section_in(field.annotation)
+    return f" ({' '.join(words.split()).rstrip('.')})" if words else ""
 
 
 def _to_toml(data: dict[str, Any], prefix: str = "") -> str:

@@ -123,7 +123,10 @@ def _text(path: Path) -> str:
     """Text of a case file. **Raises** CaseError for a file that is none."""
     try:
         if not path.is_file():
-            raise CaseError(f"no case file {str(path)!r}")
+            raise CaseError(
+                f"no case file {str(path)!r}: jaxsph new {path.stem} writes one, jaxsph cases lists those "
+                "that are built in"
+            )
         size = path.stat().st_size
         if size > MOST_BYTES:
             raise CaseError(f"{path}: {size:.2g} bytes are no case file, which has at most {MOST_BYTES:.0e}")
