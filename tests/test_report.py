@@ -4,6 +4,7 @@ import gzip
 import json
 import re
 import shutil
+import sys
 import threading
 import time
 import urllib.error
@@ -160,6 +161,18 @@ def test_what_leaves_the_tank_is_not_seen(tmp_path):
     places, _ = played(read(pack.compress(content)))
     assert np.isnan(places[0]).any(axis=0).sum() == 1  # the far one; the one without a place is left out
     assert content["count"] == len(snapshot["id"]) - 1
+
+
+def test_many_particles_are_thinned_evenly_and_stay_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[Frames.__module__], "MOST", 20 * 900)
+    path = make_run(tmp_path / "run.h5", particles=2500, frames=30)
+    player = read(record_of([path]))["runs"][0]["player"]
+    assert player["thinning"] == 3 and player["dx"] == pytest.approx(0.04 * np.sqrt(3))
+    assert len(player["t"]) >= 21
+    assert player["count"] == pytest.approx(2500 / 3, rel=0.1)  # the same ones in every frame
+    places, _ = played(player)
+    counts, *_ = np.histogram(places[0, 0], 5, (0.1, 7.7))
+    assert counts.min() > 0.7 * counts.mean()
 
 
 def test_three_dimensions_are_shown_in_the_middle_of_the_width(tmp_path):

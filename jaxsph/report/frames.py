@@ -21,7 +21,7 @@ from jaxsph.report.pack import Pack
 MOST = 1_200_000
 """Largest number of particles times frames in a page: some 5 MB."""
 LEAST_FRAMES = 24
-"""Number of frames below which a page does not go to save room."""
+"""Number of frames below which a page does not go to save room: it shows fewer particles then."""
 NEIGHBOURS = 14
 """Particles, itself among them, over which velocities are fitted by a linear field in two dimensions."""
 UNSEEN = 65535
@@ -36,20 +36,24 @@ class LocalFlow(NamedTuple):
     """Distance of the particle's velocity from the field, m/s."""
 
 
-def local_flow(x: np.ndarray, u: np.ndarray) -> LocalFlow:
-    """Least-squares linear fit of velocities `[N, D]` (m/s) about each of the particles at x `[N, D]` (m)."""
-    count, axes = x.shape
-    near = min(NEIGHBOURS if axes == 2 else 3 * NEIGHBOURS, count)
+def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> LocalFlow:
+    """Least-squares linear fit of velocities `[N, D]` (m/s) of the particles at x `[N, D]` (m).
+
+    **Arguments**: `rows`: particles about which it is fitted; by default each of them.
+    """
+    axes, at = x.shape[1], x if rows is None else x[rows]
+    own = u if rows is None else u[rows]
+    count, near = len(at), min(NEIGHBOURS if axes == 2 else 3 * NEIGHBOURS, len(x))
     if near < axes + 2:
         return LocalFlow(np.zeros(count), np.zeros(count))
-    distance, index = KDTree(x).query(x, near)
+    distance, index = KDTree(x).query(at, near)
     radius = np.maximum(distance[:, -1:], 1e-12)
     weight = (1.0 - (distance / radius) ** 2).clip(0.0) + 1e-3
-    terms = np.concatenate([np.ones((count, near, 1)), (x[index] - x[:, None]) / radius[..., None]], axis=2)
+    terms = np.concatenate([np.ones((count, near, 1)), (x[index] - at[:, None]) / radius[..., None]], axis=2)
     left = np.einsum("nk,nki,nkj->nij", weight, terms, terms) + 1e-6 * np.eye(axes + 1)
     fit = np.linalg.solve(left, np.einsum("nk,nki,nkj->nij", weight, terms, u[index]))
     slope = fit[:, 1:] / radius[..., None]
-    return LocalFlow(slope[:, -1, 0] - slope[:, 0, -1], np.linalg.norm(u - fit[:, 0], axis=1))
+    return LocalFlow(slope[:, -1, 0] - slope[:, 0, -1], np.linalg.norm(own - fit[:, 0], axis=1))
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,11 @@ class Frames:
         if self.run.snapshot_count == 0:
             return None
         tank = Tank.of(self.run)
-        frames = [self._read(i, tank) for i in self._choose()]
+        first = self.run.snapshot(0)
+        shown = max(int(np.count_nonzero(cut_in_plane(first["x"], tank.dx).seen)), 1)
+        thinning = max(shown * LEAST_FRAMES // MOST, 1)
+        chosen = pick_snapshots(self.run, max(MOST * thinning // shown, LEAST_FRAMES))
+        frames = [self._read(i, tank, thinning) for i in chosen]
         low, high = np.array([tank.x0 - 0.5, -0.05]), np.array([tank.x1 + 0.5, 2.0 * tank.top])
         ids = np.unique(np.concatenate([f["id"] for f in frames]))
         rows = [np.searchsorted(ids, f["id"]) for f in frames]
@@ -106,27 +114,24 @@ class Frames:
             "places": pack.array(_places_in_bytes(places), "u1"),
             "low": low.tolist(),
             "high": high.tolist(),
-            "dx": tank.dx,
+            "dx": tank.dx * thinning**0.5,
             "fields": {name: _field(field, frames, rows, len(ids), pack) for name, field in FIELDS.items()},
             "paddle": pack.array(np.array([f["paddle"] for f in frames])),
             "pose": pack.array(np.concatenate([f["pose"] for f in frames])),
             "tank": _solids(tank),
-            "slice": frames[0]["slice"],
+            "slice": first["x"].shape[1] == 3,
+            "thinning": thinning,
         }
 
-    def _choose(self) -> list[int]:
-        particles = max(len(self.run.snapshot(0)["id"]), 1)
-        return pick_snapshots(self.run, max(MOST // particles, LEAST_FRAMES))
-
-    def _read(self, index: int, tank: Tank) -> dict[str, Any]:
+    def _read(self, index: int, tank: Tank, thinning: int) -> dict[str, Any]:
+        """Particles of a snapshot in the plane of the picture, one in `thinning`, with their fields."""
         if index not in self._known:
             snapshot = self.run.snapshot(index)
             x, u, p = (np.asarray(snapshot[name], np.float64) for name in "xup")
             there = np.isfinite(x).all(axis=1) & np.isfinite(u).all(axis=1)
             cut = cut_in_plane(x, tank.dx)
-            seen = cut.seen & there
-            flow = local_flow(x[there], u[there])
-            flow = LocalFlow(*(part[cut.seen[there]] for part in flow))
+            seen = cut.seen & there & (_scattered(snapshot["id"]) < 1.0 / thinning)
+            flow = local_flow(x[there], u[there], np.flatnonzero(seen[there]))
             kept = {"p": p[seen], "u": u[seen], "flow": flow}
             self._known[index] = {
                 "time": float(snapshot["time"]),
@@ -134,10 +139,14 @@ class Frames:
                 "at": cut.at[seen],
                 "paddle": float(snapshot.get("paddle", 0.0)),
                 "pose": np.asarray(snapshot.get("body", np.zeros(3)), float)[:3],
-                "slice": x.shape[1] == 3,
                 **{name: field.values(kept).astype(np.float32) for name, field in FIELDS.items()},
             }
         return self._known[index]
+
+
+def _scattered(ids: np.ndarray) -> np.ndarray:
+    """Numbers from 0 to 1, scattered over particles and the same in every frame."""
+    return (ids.astype(np.uint64) * np.uint64(2654435761) % np.uint64(2**32)) / 2.0**32
 
 
 def _places_in_bytes(places: np.ndarray) -> np.ndarray:

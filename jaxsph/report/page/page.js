@@ -119,7 +119,9 @@ function particles() {
     return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, canvas, readings(run));
   });
   const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "Of three dimensions the middle of the tank's width is shown.") : null;
-  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), slice,
+  const thinnest = Math.max(...shown.map((run) => run.player.thinning));
+  const thinned = thinnest > 1 ? el("p", { class: "hint" }, `Of many particles one in ${thinnest} is shown, enlarged.`) : null;
+  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), slice, thinned,
     el("p", { class: "hint" }, "Keys: space plays, ← and → step, + and − zoom, 0 shows all. Drag moves the picture, Ctrl and the wheel zoom. A click in a chart goes to its time.")));
 }
 
