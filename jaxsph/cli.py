@@ -20,7 +20,7 @@ from jaxsph.run import interrupt
 
 app = typer.Typer(
     name="jaxsph",
-    help="SPH of wave energy converters, on JAX: run a case, resume it, look at it.",
+    help="Simulate wave energy converters as particles of water (SPH). Begin with: jaxsph run owc --quick",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
@@ -60,7 +60,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change one value, e.g. --set pto.K_dm=300; repeatable. No value removes the key.",
+        help="Change one value, e.g. --set pto.K_dm=300; repeatable. KEY= without a value removes the key.",
         autocompletion=_complete_key,
     ),
 ]
@@ -127,7 +127,7 @@ Method = Annotated[
     Way,
     typer.Option(
         help="ensemble: many runs, with a standard error; filtered: one run, with a bias; "
-        "exact: for a fraction of a second."
+        "exact: only for runs of a fraction of a second."
     ),
 ]
 
@@ -246,7 +246,9 @@ def matrix(
     periods: Annotated[
         str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
     ],
-    seeds: Annotated[int, typer.Option(help="Seas of every state, with the seeds after the case's.")] = 1,
+    seeds: Annotated[
+        int, typer.Option(help="Different seas run in every sea state; more of them lower its error.")
+    ] = 1,
     table: Annotated[
         Path | None,
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual mean."),
@@ -292,8 +294,12 @@ def slope(  # of a command the options are the arguments
     over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
     of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
     method: Method = Way.ensemble,
-    members: Annotated[int, typer.Option(help="Runs around the case's value.")] = 9,
-    spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
+    members: Annotated[
+        int, typer.Option(help="Runs around the case's value, through which a parabola is fitted.")
+    ] = 9,
+    spread: Annotated[
+        float, typer.Option(help="Reach of those runs to either side of the value, as a share of it.")
+    ] = 0.3,
     settings: Settings = None,
     out: Annotated[
         Path | None,
@@ -329,8 +335,10 @@ def optimise(  # of a command the options are the arguments
     of: Annotated[str, typer.Option("--of", help="What to maximise: xi, P_owc or energy_pto.")] = "xi",
     method: Method = Way.ensemble,
     members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
-    spread: Annotated[float, typer.Option(help="Share of the value that they reach on either side.")] = 0.3,
-    evaluations: Annotated[int, typer.Option(help="Slopes at most.")] = 10,
+    spread: Annotated[
+        float, typer.Option(help="Reach of those runs to either side of the value, as a share of it.")
+    ] = 0.3,
+    evaluations: Annotated[int, typer.Option(help="Largest number of slopes.")] = 10,
     table: Annotated[
         Path | None,
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours: P_owc over the year."),
@@ -395,7 +403,8 @@ def resume(
 def plot(
     file: RunName,
     folder: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder; default: FILE without .h5, _plots.")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder; default: beside FILE, runs/owc_plots for runs/owc.h5."),
     ] = None,
     animation: Annotated[
         bool, typer.Option("--animation/--no-animation", help="Animate the snapshots.")
