@@ -83,11 +83,10 @@ def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
     def flows():
         ghosts = scheme.ghosts(model, at, tables, at_rest(model, at))
         sources = scheme.sources(ghosts, ghosts.u)
-        own, t, dt = state.own[chamber.name], model.t0, model.dt
-        kick = chamber.kick(own, scheme, at.particles, sources, at.particles.u, tables, t, dt)
+        air = chamber.coupling(scheme, at.particles, sources, tables)
         end = PredictorCorrector._advance(scheme, model, state, at, tables, model.dt)
-        i = jnp.minimum(kick.index, len(lifted) - 1)
-        expected = -sum(jnp.sum(f * end.particles.u[i, k]) for k, f in enumerate(kick.force))
+        i = jnp.minimum(air.index, len(lifted) - 1)
+        expected = -sum(jnp.sum(f * end.particles.u[i, k]) for k, f in enumerate(air.force))
         return end.own["chamber"].q, expected
 
     q, expected = flows()

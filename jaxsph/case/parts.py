@@ -17,7 +17,7 @@ from jaxsph.model.background import Background
 from jaxsph.model.interfaces import AbstractPTO
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
 from jaxsph.parts.body import RigidBody
-from jaxsph.parts.chamber import BodyForceGrip, Chamber, SurfaceGrip
+from jaxsph.parts.chamber import Chamber
 from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
 from jaxsph.parts.pto import (
     AbstractTurbine,
@@ -115,7 +115,6 @@ def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, .
         return ()
     plate = geometry.plate
     draught = geometry.depth - plate.tip
-    grip = BodyForceGrip() if case.scheme.kind == "incompressible" else SurfaceGrip()
     return (
         Chamber(
             pto=make_pto(case, leaf),
@@ -125,7 +124,6 @@ def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, .
             fade_high=leaf(plate.tip + 0.5 * draught),
             still=leaf(geometry.depth),
             beyond=leaf(0.5 * case.dx),  # a particle deeper in the end wall ends the run
-            grip=grip,
             air=make_air(case, leaf),
         ),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import enum
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,8 +18,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar
-from jaxsph.core.pairs import Smoothing
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
+from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Slabs, Sources
 from jaxsph.model.state import Particles, Search, State, Tables, Tally
 
@@ -28,6 +28,7 @@ __all__ = [
     "AbstractChamber",
     "AbstractDamper",
     "AbstractForce",
+    "AbstractGrip",
     "AbstractMovingSolid",
     "AbstractOutlet",
     "AbstractPTO",
@@ -37,12 +38,13 @@ __all__ = [
     "AbstractTangents",
     "AbstractWall",
     "Air",
+    "AirCoupling",
     "Dissipation",
     "Entry",
     "ExactTangents",
     "Exchange",
-    "Kick",
     "Model",
+    "Pressed",
     "Reading",
 ]
 
@@ -99,15 +101,19 @@ class AbstractPTO(eqx.Module):
         del own, t
         return self
 
-    def relieved(self, P_a: Scalar, q: Scalar) -> Scalar:
-        """Part of the flow q (m2/s), at the pressure P_a (Pa), that a relief valve lets past the turbine."""
+    def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
+        """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; their sum is q.
+
+        The energy of an entry is that of the air which flows this way. With one entry, all of q is its flow.
+        """
         del P_a
-        return jnp.zeros_like(q)
+        (name,) = self.entries("")  # a power take-off with several entries says what flows through each
+        return {name: q}
 
     def entries(self, suffix: str) -> Mapping[str, Entry]:
         """Energies that the power take-off books, for a chamber's `suffix`, by the names before the suffix.
 
-        "pto" is the power take-off's own, and "relief" that of what is relieved.
+        The energy that is used is `Exchange.HARVESTED`.
         """
         return {"pto": Entry(f"power take-off of the chamber{suffix}", Exchange.HARVESTED)}
 
@@ -138,6 +144,8 @@ class AbstractScheme(eqx.Module):
 
     smoothing: eqx.AbstractVar[Smoothing]
     """Kernel, smoothing length and periodic axes."""
+    grip: eqx.AbstractClassVar[AbstractGrip]
+    """Form in which the scheme puts the air of a chamber on the water."""
     rho0: eqx.AbstractVar[Scalar]
     """Density of water at zero gauge pressure, kg/m3."""
     too_fast: eqx.AbstractClassVar[tuple[str, str]]
@@ -433,23 +441,69 @@ class Air(eqx.Module):
     """State of air that can be compressed (`parts.air.Confined`)."""
 
 
-class Kick(NamedTuple):
-    """Change of the water's velocities by the air of a chamber in a step."""
+class AirCoupling(NamedTuple):
+    """Linear maps between the pressure of a chamber's air and the motion of the water.
 
-    u: Float[Array, "N D"]
-    """Velocities of the water after the change, m/s."""
-    P_a: Scalar
-    """Gauge pressure of the air in the step, Pa."""
+    Force and flow are one sum, so that P_a q is exactly the power which the air takes from the water.
+    """
+
     index: Array
     """Indices of the particles that feel the air; N stands for none."""
     force: Components
     """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
+    m: Float[Array, " C"]
+    """Masses of these particles, kg (kg/m in 2-D)."""
     slabs: Slabs
     """Devices that share the particles."""
+
+    def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
+        """Velocities of the water (m/s) after the air's force with this time integral of P_a (Pa s)."""
+        return self.slabs.add(u, self.index, stack([impulse * f / self.m for f in self.force]))
+
+    def flow(self, u: Float[Array, "N D"]) -> Scalar:
+        """Flow of air out of the chamber at the water's velocities u (m/s), m3/s (m2/s in 2-D)."""
+        at = self.slabs.take(columns(u), jnp.minimum(self.index, u.shape[0] - 1))
+        return -jnp.sum(dot(self.force, at))
+
+    def mobility(self) -> Scalar:
+        """Rate of change of the flow per unit of -P_a, by the air's force alone, m4/kg (m3/kg in 2-D)."""
+        return jnp.sum(dot(self.force, self.force) / self.m)
+
+
+class Pressed(NamedTuple):
+    """Air of a chamber over a step, as its law and that of the power take-off have it."""
+
+    P_a: Scalar
+    """Gauge pressure of the air, Pa."""
+    passed: Scalar
+    """Flow through the power take-off, m3/s (m2/s in 2-D)."""
     pto: AbstractPTO
     """Power take-off as it is in the step."""
-    pressed: Scalar
-    """Flow through the power take-off by its law, m3/s (m2/s in 2-D)."""
+
+
+class AbstractGrip(eqx.Module):
+    """Form in which a scheme puts the air's pressure on the water, p = P_a on the surface of a chamber."""
+
+    @abc.abstractmethod
+    def force(
+        self,
+        chamber: AbstractChamber,
+        x: Components,
+        V: Float[Array, " C"],
+        around: Callable[[Law], Components],
+    ) -> Components:
+        """Force on particles per unit of P_a, m2 (m in 2-D).
+
+        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `around(law)`: sums of
+        a pair law over their neighbours.
+        """
+
+    @abc.abstractmethod
+    def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
+        """Share (0 to 1) of P_a that is in the water's pressure but not in the scheme's own pressure.
+
+        `weight`: weights chi of the chamber at the particles.
+        """
 
 
 class AbstractChamber(eqx.Module):
@@ -497,36 +551,38 @@ class AbstractChamber(eqx.Module):
         """
 
     @abc.abstractmethod
-    def kick(
-        self,
-        own: Air,
-        scheme: AbstractScheme,
-        water: Particles,
-        sources: Sources,
-        u: Float[Array, "N D"],
-        tables: Tables,
-        t: Scalar,
-        dt: Scalar,
-    ) -> Kick:
-        """Velocities of the water (m/s) after the air's force over a step of dt (s), and its pressure (Pa).
+    def weight(self, x: Components) -> Float[Array, " N"]:
+        """Weight chi of the air's pressure at points x (m), 0 to 1."""
 
-        `own`: air at the begin of the step; u: velocities (m/s) that have every other explicit force.
+    @abc.abstractmethod
+    def coupling(
+        self, scheme: AbstractScheme, water: Particles, sources: Sources, tables: Tables
+    ) -> AirCoupling:
+        """Coupling of the chamber's air to the water, in the places where the water is."""
+
+    @abc.abstractmethod
+    def press(self, own: Air, q_free: Scalar, compliance: Scalar, t: Scalar, dt: Scalar) -> Pressed:
+        """Pressure of the air over a step of dt (s) from the time t (s) and the air's state `own` there.
+
+        **Arguments**: `q_free`: flow out of the chamber (m3/s; m2/s in 2-D) at the step's end were P_a zero;
+        `compliance`: -dq/dP_a of that flow, so that q = q_free - compliance P_a.
         """
 
     @abc.abstractmethod
     def finish(
-        self, own: Air, kick: Kick, before: Float[Array, "N D"], after: Float[Array, "N D"], dt: Scalar
+        self, own: Air, pressed: Pressed, before: Scalar, after: Scalar, dt: Scalar
     ) -> tuple[Air, Mapping[str, Scalar]]:
         """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water by name.
 
-        **Arguments**: `before`, `after`: velocities of the water at both ends of the step, m/s.
+        **Arguments**: `before`, `after`: flows out of the chamber at both ends of the step, by the coupling
+        of the step, m3/s (m2/s in 2-D).
         """
 
     @abc.abstractmethod
-    def water_pressure(self, own: Air, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def water_pressure(self, own: Air, grip: AbstractGrip, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Part of the water's gauge pressure at x (m) that the air carries, Pa.
 
-        It is not in the scheme's own pressure, and is added to it.
+        It is not in the pressure of the scheme, whose `grip` on the air this is, and is added to it.
         """
 
 
@@ -617,7 +673,8 @@ class Model(eqx.Module):
         """Gauge pressure of every particle, Pa: the scheme's, and the part that the chambers' air carries."""
         p = self.scheme.pressure(state.particles)
         for chamber in self.chambers:
-            p = p + chamber.water_pressure(state.own[chamber.name], state.particles.x)
+            own = state.own[chamber.name]
+            p = p + chamber.water_pressure(own, self.scheme.grip, state.particles.x)
         return p
 
     def entries(self) -> dict[str, Entry]:

@@ -17,7 +17,18 @@ from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.search.base import AbstractSearch, Grid
 from jaxsph.core.slabs import ONE, Neighbours, PointNeighbours, Slabs
 
-__all__ = ["Failure", "Particles", "Search", "State", "Status", "Tables", "Tally", "settle"]
+__all__ = [
+    "Failure",
+    "Particles",
+    "Pressures",
+    "Response",
+    "Search",
+    "State",
+    "Status",
+    "Tables",
+    "Tally",
+    "settle",
+]
 
 
 class Particles(eqx.Module):
@@ -190,6 +201,32 @@ class Search(eqx.Module):
     """Devices that share the particles."""
 
 
+class Pressures(eqx.Module):
+    """Pressures of water and ghosts, and what they do to the bodies."""
+
+    p: Float[Array, " N"]
+    """Pressure of the water, Pa."""
+    p_ghosts: Float[Array, " G"]
+    """Pressure of the ghosts, Pa."""
+    accelerations: dict[str, Float[Array, "3"]]
+    """Accelerations of surge, heave and pitch by the body's name, m/s2, m/s2, rad/s2."""
+    forces: dict[str, Float[Array, "3"]]
+    """Generalised forces on the bodies by name, N, N, N m (per metre in 2-D)."""
+
+    def plus(self, factor: Scalar, other: Pressures) -> Pressures:
+        """Sum of these pressures and `factor` times the others."""
+        return jax.tree.map(lambda a, b: a + factor * b, self, other)
+
+
+class Response(eqx.Module):
+    """Response of the incompressible water to the air of one chamber, per Pa of its pressure in a step."""
+
+    pressures: Pressures
+    """Pressures that keep the water free of divergence, Pa/Pa."""
+    u: Float[Array, "N D"]
+    """Change of the water's velocity by these pressures, m/s/Pa; the air's own force is not in it."""
+
+
 class Tables(eqx.Module):
     """Neighbour tables of one block of steps, and the positions for which they were made."""
 
@@ -203,3 +240,5 @@ class Tables(eqx.Module):
     """Particles that may feel a chamber's air, by the chamber's name; N stands for none."""
     x: Float[Array, "N D"]
     """Positions of the particles at the search, m."""
+    responses: dict[str, Response] = eqx.field(default_factory=dict)
+    """Response of the water to the air in each chamber, by its name; empty where sound carries it."""

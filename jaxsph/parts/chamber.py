@@ -6,47 +6,27 @@ air out of the chamber, positive when the water column rises; the PTO takes P_a 
 
 from __future__ import annotations
 
-import abc
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
-from jaxsph.core.pairs import Law
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractChamber, AbstractPTO, Air, Kick
+from jaxsph.model.interfaces import (
+    AbstractChamber,
+    AbstractGrip,
+    AbstractPTO,
+    Air,
+    AirCoupling,
+    Exchange,
+    Pressed,
+)
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
 
-__all__ = ["AbstractGrip", "BodyForceGrip", "Chamber", "SurfaceGrip"]
-
-
-class AbstractGrip(eqx.Module):
-    """Coupling of the air's pressure to a scheme's water: p = P_a on the surface inside a chamber."""
-
-    @abc.abstractmethod
-    def force(
-        self, chamber: Chamber, x: Components, V: Float[Array, " C"], around: Callable[[Law], Components]
-    ) -> Components:
-        """Force on particles per unit of P_a, m2 (m in 2-D).
-
-        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `around(law)`: sums of
-        a pair law over their neighbours.
-        """
-
-    @abc.abstractmethod
-    def inertia(self, chamber: Chamber) -> Scalar | float:
-        """Inertia of the water in the reach of the air's force, over that of all water that moves with it."""
-
-    @abc.abstractmethod
-    def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Share (0 to 1) of P_a that is in the water's pressure but not in the scheme's own pressure.
-
-        `weight`: weights chi of the chamber at the particles.
-        """
+__all__ = ["BodyForceGrip", "Chamber", "SurfaceGrip"]
 
 
 class SurfaceGrip(AbstractGrip):
@@ -62,10 +42,6 @@ class SurfaceGrip(AbstractGrip):
         s = around(laws.surface_vector)
         w = 2.0 * chamber.weight(x) * V
         return tuple(w * c for c in s)
-
-    def inertia(self, chamber):
-        """See `AbstractGrip`: 1, since sound takes several steps to the water below."""
-        return 1.0
 
     def water_pressure(self, weight):
         """See `AbstractGrip`: zero, since the scheme's pressure is the water's."""
@@ -83,15 +59,6 @@ class BodyForceGrip(AbstractGrip):
         del around
         slope = jax.jvp(lambda z: chamber.weight((*x[:-1], z)), (x[-1],), (jnp.ones_like(x[-1]),))[1]
         return (*(jnp.zeros_like(V) for _ in x[:-1]), -slope * V)
-
-    def inertia(self, chamber):
-        """See `AbstractGrip`: the projection moves the whole column, and about a chamber's length below it.
-
-        A force per volume of chi' has the inertia of a slug of 5/6 of the fading zone's height, and of no
-        more: taken for the whole it makes the air softer than its law, by a sixth at dx = 0.04 m.
-        """
-        column = chamber.still - chamber.fade_low + chamber.length
-        return 5.0 / 6.0 * (chamber.fade_high - chamber.fade_low) / column
 
     def water_pressure(self, weight):
         """See `AbstractGrip`."""
@@ -121,8 +88,6 @@ class Chamber(AbstractChamber):
     """Still water level, m."""
     beyond: Scalar
     """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts."""
-    grip: AbstractGrip = SurfaceGrip()
-    """Coupling of the air's pressure to the water."""
     air: AbstractAirLaw = IncompressibleAir()
     """Air between the water and the power take-off."""
     name: str = eqx.field(static=True, default="chamber", kw_only=True)
@@ -136,7 +101,6 @@ class Chamber(AbstractChamber):
         tip: float,
         level: float,
         dx: float,
-        grip: AbstractGrip | None = None,
         air: AbstractAirLaw | None = None,
         name: str = "chamber",
         dtype: Any = jnp.float32,
@@ -144,17 +108,14 @@ class Chamber(AbstractChamber):
         """Builds a chamber from plain numbers.
 
         **Arguments**: `between`: inner faces of its front and back wall, m; `tip`: level of the front wall's
-        tip, and `level` of still water, m; `dx`: spacing, m; `grip`: `SurfaceGrip` for the weakly
-        compressible scheme (the default), `BodyForceGrip` for the incompressible one; `air`: such as
-        `IsentropicAir`, or incompressible (the default). There is an argument for
-        each property of the chamber.
+        tip, and `level` of still water, m; `dx`: spacing, m; `air`: such as `IsentropicAir`, or
+        incompressible (the default). There is an argument for each property of the chamber.
         """
         numbers = {"x0": between[0], "x1": between[1], "still": level, "beyond": 0.5 * dx}
         numbers |= {"fade_low": tip, "fade_high": tip + 0.5 * (level - tip)}
         leaves = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
-        grip = SurfaceGrip() if grip is None else grip
         air = IncompressibleAir() if air is None else air
-        return cls(pto=pto, grip=grip, air=air, name=name, **leaves)
+        return cls(pto=pto, air=air, name=name, **leaves)
 
     def start(self, dtype: Any) -> Air:
         """See `AbstractChamber`: air at rest."""
@@ -167,8 +128,10 @@ class Chamber(AbstractChamber):
 
     @property
     def energy(self) -> str:
-        """Name in the ledger of the energy that the PTO takes."""
-        return "pto" + self._suffix
+        """Name in the ledger of the energy that the PTO takes for use."""
+        entries = self.pto.entries(self._suffix).items()
+        (name,) = (name for name, entry in entries if entry.exchange is Exchange.HARVESTED)
+        return name + self._suffix
 
     def entries(self):
         """See `AbstractChamber`."""
@@ -205,65 +168,39 @@ class Chamber(AbstractChamber):
         index = jnp.nonzero(may, size=capacity, fill_value=x.shape[0])[0]
         return index.astype(jnp.int32), jnp.sum(may)
 
-    def kick(self, own, scheme, water, sources, u, tables, t, dt):
+    def coupling(self, scheme, water, sources, tables):
         """See `AbstractChamber`."""
-        index, n = tables.chambers[self.name], u.shape[0]
+        index, n = tables.chambers[self.name], water.m.shape[0]
         slabs, i = tables.fluid.slabs, jnp.minimum(index, n - 1)
-        fields = {"V": sources.water["V"], "m": water.m, "x": columns(water.x), "u": columns(u)}
-        fields = slabs.take(fields, i)
-        V = jnp.where(index < n, jnp.abs(fields["V"]), 0.0)
-        # a particle without mass feels no force: whatever it is divided by
-        m, x = jnp.where(fields["m"] > 0.0, fields["m"], 1.0), fields["x"]
+        fields = slabs.take({"V": sources.water["V"], "m": water.m, "x": columns(water.x)}, i)
+        V, x = jnp.where(index < n, jnp.abs(fields["V"]), 0.0), fields["x"]
 
         def around(law):
             return tables.fluid.sum_at(i, law, scheme.smoothing, {"x": x}, sources)
 
-        force = self.grip.force(self, x, V, around)
-        q_free = -jnp.sum(dot(force, fields["u"]))
+        force = scheme.grip.force(self, x, V, around)
+        # a particle without mass feels no force: whatever it is divided by
+        return AirCoupling(index, force, jnp.where(fields["m"] > 0.0, fields["m"], 1.0), slabs)
+
+    def press(self, own, q_free, compliance, t, dt):
+        """See `AbstractChamber`."""
         pto = self.pto.at(own, t)
+        return Pressed(*self.air.press(pto, own, q_free, compliance, t, dt), pto)
 
-        def press(compliance: Scalar) -> tuple[Scalar, Scalar]:
-            return self.air.press(pto, own, q_free, compliance, t, dt)
-
-        compliance = self._compliance(press, dt * jnp.sum(dot(force, force) / m), q_free)
-        P_a, pressed = press(compliance)
-        change = stack([dt * P_a * f / m for f in force])
-        return Kick(slabs.add(u, index, change), P_a, index, force, slabs, pto, pressed)
-
-    def _compliance(
-        self, press: Callable[[Scalar], tuple[Scalar, Scalar]], alone: Scalar, q_free: Scalar
-    ) -> Scalar:
-        """Compliance -dq/dP_a of the water in a step (m2/s/Pa), from that of the water in the force's reach.
-
-        All water that moves with it counts where the air is soft. A nearly closed chamber, whose pressure
-        would more than stop the water in reach, has the compliance of that alone: too large, and stable.
-        """
-        # A flow of 1e-8 m2/s is none. A derivative divides by the bound's square, which float32 must hold.
-        gain2 = (press(jnp.zeros_like(alone))[0] * alone) ** 2 / (q_free**2 + 1e-16)
-        share = self.grip.inertia(self)
-        return alone * (share + (1.0 - share) * gain2 / (1.0 + gain2))
-
-    def finish(self, own, kick, before, after, dt):
+    def finish(self, own, pressed, before, after, dt):
         """See `AbstractChamber`."""
-        i = jnp.minimum(kick.index, before.shape[0] - 1)
-        both = kick.slabs.take((columns(before), columns(after)), i)
-        old, q = (-jnp.sum(dot(kick.force, u)) for u in both)
-        mean = 0.5 * (old + q)
-        passed = self.air.passed(kick.pressed, mean)
-        head, relieved = self.air.head(kick.P_a), kick.pto.relieved(kick.P_a, passed)
+        mean = 0.5 * (before + after)
+        passed = self.air.passed(pressed.passed, mean)
+        head = self.air.head(pressed.P_a)
         # force times mean velocity over the step: exactly the kinetic energy that the force takes
-        amounts = {
-            "pto": dt * head * (passed - relieved),
-            "relief": dt * head * relieved,
-            "air": dt * (kick.P_a * mean - head * passed),
-        }
-        names = {name.removesuffix(self._suffix): name for name in self.entries()}
-        air = Air(kick.P_a, q, own.driven.add(dt * q), self.air.finish(own, passed, mean, dt))
-        return air, {full: amounts[name] for name, full in names.items()}
+        amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
+        amounts |= {name: dt * (pressed.P_a * mean - head * passed) for name in self.air.entries("")}
+        air = Air(pressed.P_a, after, own.driven.add(dt * after), self.air.finish(own, passed, mean, dt))
+        return air, {name + self._suffix: amount for name, amount in amounts.items()}
 
-    def water_pressure(self, own, x):
+    def water_pressure(self, own, grip, x):
         """See `AbstractChamber`."""
-        return own.P_a * self.grip.water_pressure(self.weight(columns(x)))
+        return own.P_a * grip.water_pressure(self.weight(columns(x)))
 
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).

@@ -168,15 +168,23 @@ class ControlledPTO(AbstractPTO):
         """Builds the power take-off of `control(*parameters, own, t)`; `parameters` are trees of arrays."""
         return cls(jax.tree_util.Partial(control, *parameters))
 
+    def entries(self, suffix):
+        """See `AbstractPTO`: those of the power take-off that the function returns for air at rest."""
+        return self._at_rest(0.0).entries(suffix)
+
     def at(self, own, t):
         """See `AbstractPTO`."""
         return self.control(own, t).at(own, t)
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`: of a chamber whose air is at rest."""
+        return self._at_rest(t).pressure(q_free, compliance, t)
+
+    def _at_rest(self, t: Scalar | float) -> AbstractPTO:
+        """Power take-off for air at rest."""
         dtype = jnp.result_type(float)
         zero = jnp.zeros((), dtype)
-        return self.at(Air(zero, zero, Tally.zero(dtype)), t).pressure(q_free, compliance, t)
+        return self.at(Air(zero, zero, Tally.zero(dtype)), t)
 
 
 class ReliefValve(AbstractPTO):
@@ -194,7 +202,7 @@ class ReliefValve(AbstractPTO):
 
     def entries(self, suffix):
         """See `AbstractPTO`."""
-        return {**super().entries(suffix), "relief": Entry(f"relief valve of the chamber{suffix}")}
+        return {**self.turbine.entries(suffix), "relief": Entry(f"relief valve of the chamber{suffix}")}
 
     def at(self, own, t):
         """See `AbstractPTO`."""
@@ -204,11 +212,15 @@ class ReliefValve(AbstractPTO):
         """See `AbstractPTO`."""
         return jnp.clip(self.turbine.pressure(q_free, compliance, t), -self.under, self.over)
 
-    def relieved(self, P_a, q):
-        """See `AbstractPTO`: what the turbine does not pass at the valve's pressure."""
-        out = jnp.maximum(q - self.turbine.flow(self.over), 0.0)  # an infinite limit: nothing
-        into = jnp.minimum(q - self.turbine.flow(-self.under), 0.0)
-        return jnp.where(P_a >= self.over, out, jnp.where(P_a <= -self.under, into, 0.0))
+    def flows(self, P_a, q):
+        """See `AbstractPTO`: the valve passes what the turbine does not pass at the valve's pressure."""
+        # A limit that is not there is never reached: any finite number in its place keeps slopes finite.
+        over, under = (jnp.where(jnp.isfinite(limit), limit, 1.0) for limit in (self.over, self.under))
+        out = jnp.maximum(q - self.turbine.flow(over), 0.0)
+        into = jnp.minimum(q - self.turbine.flow(-under), 0.0)
+        relieved = jnp.where(P_a >= self.over, out, jnp.where(P_a <= -self.under, into, 0.0))
+        (name,) = self.turbine.entries("")
+        return {name: q - relieved, "relief": relieved}
 
 
 class PrescribedPressure(AbstractPTO):

@@ -6,6 +6,7 @@ loss to rounding, the energy ledger, and flags of failures.
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from jaxsph.core.transforms import any_lane
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Exchange, Model
 from jaxsph.model.regularisation import Regularisation
-from jaxsph.model.state import Failure, Particles, State, Tables, Tally
+from jaxsph.model.state import Failure, Particles, Response, State, Tables, Tally
 from jaxsph.solids.filling import NodeFit
 
 __all__ = [
@@ -198,7 +199,16 @@ class AbstractParticleScheme(AbstractScheme):
         }
         status = _checked_tables(state, s, found)
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
-        return state, Tables(fluid, at_nodes, around, chambers, p.x)
+        tables = Tables(fluid, at_nodes, around, chambers, p.x)
+        return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))
+
+    @abc.abstractmethod
+    def respond(self, model: Model, state: State, tables: Tables) -> dict[str, Response]:
+        """Response of the water to the air in each chamber over a step, by the chamber's name.
+
+        Found at a search and kept until the next: the laws of the power take-offs hold for any response, and
+        how exact it is only decides how much of a change in pressure within a step waits for the next.
+        """
 
     def regularise(self, model, state, tables):
         """See `AbstractScheme`."""

@@ -6,7 +6,6 @@ Equation numbers are those of Yeylaghi et al. unless another source is named.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -17,19 +16,21 @@ import numpy as np
 from jaxsph.core.arrays import Array, Float, Scalar, columns, stack
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing
-from jaxsph.core.slabs import Neighbours, Sources
+from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
-from jaxsph.model.interfaces import Dissipation, Entry, Kick, Model
+from jaxsph.model.interfaces import AbstractGrip, Dissipation, Entry, Model
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation, regularisations
 from jaxsph.model.shifting import Shifting
-from jaxsph.model.state import Failure, Particles, State, Status, Tables, Tally
+from jaxsph.model.state import Failure, Particles, Pressures, Response, State, Status, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.body import advance_body
+from jaxsph.parts.chamber import BodyForceGrip
+from jaxsph.schemes.air import couple_airs, meet_laws
 from jaxsph.schemes.base import (
     AbstractParticleScheme,
-    BodyCoupling,
     GhostFields,
     Interval,
+    at_rest,
     body_work,
     book,
     damp,
@@ -38,6 +39,7 @@ from jaxsph.schemes.base import (
     wall_work,
 )
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
+from jaxsph.schemes.projection import Poisson, PressureEquation, Projection
 from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
 
 KERNEL = {2: Gaussian(), 3: WendlandC2()}
@@ -77,55 +79,6 @@ pressures on a wall scatter by 0.4 rho g H in Buchner's dam break.
 """
 
 
-class Poisson(NamedTuple):
-    """Pressure Poisson equation of one step, scaled by its diagonal."""
-
-    weights: Float[Array, "K N"]
-    """Weights w_ij of sum w_ij (p_j - p_i) = lap p, 1/m2, by slot of the table."""
-    table: Neighbours
-    """Neighbours of the water among water and ghosts."""
-    scale: Float[Array, " N"]
-    """Inverse of the diagonal, m2; zero for particles whose pressure is not solved for."""
-    diagonal: Float[Array, " N"]
-    """Sum of the weights, 1/m2."""
-    extra: Float[Array, " N"]
-    """Weight of missing neighbours at the free surface, 1/m2."""
-    free: Float[Array, " N"]
-    """Mask of particles: 1 where the pressure is solved for, 0 elsewhere."""
-    source: Float[Array, " N"]
-    """Right-hand side without the walls' part, Pa."""
-    held: Scalar
-    """Number of particles at which the limit of crowding acts."""
-
-    def shown(self, q: Float[Array, " N"]) -> Sources:
-        """Pressures of the water (Pa) as the field "f" of sources, for walls and water."""
-        return self.table.slabs.fetch(Sources({"f": q}, {}))
-
-    def neighbour_mean(self, q: Sources, q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
-        """Weighted mean of the pressures (Pa) of every particle's neighbours in the water and the walls.
-
-        The water's pressures q are the one field "f".
-        """
-        return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
-
-
-class Projection(NamedTuple):
-    """Pressures and bodies' motions that a projection finds, and the quality of the solution."""
-
-    p: Float[Array, " N"]
-    """Pressure of the water, Pa."""
-    p_ghosts: Float[Array, " G"]
-    """Pressure of the ghosts, Pa."""
-    bodies: dict[str, Any]
-    """Motions of the bodies at the end of the step, by name."""
-    residual: Scalar
-    """Residual of the linear solution over its right-hand side."""
-    converged: Array
-    """Whether the residual is as small as the solver promises."""
-    limited: dict[str, Scalar]
-    """Number of particles at which each limiter acted."""
-
-
 class Changes(NamedTuple):
     """Velocities at the end of a step, and their changes within it, m/s."""
 
@@ -147,6 +100,7 @@ class ISPH(AbstractParticleScheme):
         "raise scheme.speed, or reduce scheme.cfl",
     )
     steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.speed"
+    grip: ClassVar[AbstractGrip] = BodyForceGrip()
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""
     rho0: Scalar
@@ -283,55 +237,53 @@ class ISPH(AbstractParticleScheme):
         push = spring_acceleration(model, state.own, p, self._contact(model))
         ghosts = self.place_ghosts(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
-        u, kicks = self._with_air(model, state, tables, ghosts.water, u, interval)
+        # the air's pressure begins with that of the step before; what is missing follows the projection
+        airs = couple_airs(self, model, p, ghosts.water, tables)
+        for name, air in airs.items():
+            u = air.push(u, dt * state.own[name].P_a)
+        # The divergence is linear: of what the velocities had before the step a share is left for the next.
         # Eq. 7-8. The ghosts' velocities gain gravity and forces as the water's do, and the walls' own
         # acceleration goes into the ghosts' pressure: so a field without divergence has none at walls either.
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts.seeing(tables, u=columns(u)))
-        u_star = u + dt * (model.g + model.acceleration(p.x))
-        u_ghosts = ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
-        # the divergence is linear: of what the velocities had before the step a share is left for the next
         later = 1.0 - LEFT_OVER
-        u_left, left = u_ghosts - later * ghosts.u, u_star - later * p.u
+        eased = (u - later * p.u) / LEFT_OVER
+        ghosts = self.ghost_velocity(model, state.own, tables, ghosts.seeing(tables, u=columns(eased)))
+        u_star = u + dt * (model.g + model.acceleration(p.x))
+        u_left = LEFT_OVER * ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
         # positions half a step ahead water swings without a loss to second order.
-        at = self._halfway(model, state, interval, u_star, left)
+        at = self._halfway(model, state, interval, u_star, u_star - later * p.u)
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(ghosts, u_left)
         projected = self._project(model, at, tables, ghosts, sources, interval)
-        ghosts = ghosts.seeing(tables, p=projected.p)._replace(p=projected.p_ghosts)
-        sources = ghosts.water.behind({**sources.ghosts, "p": ghosts.p})
-        pressed = dt / self.rho0 * stack(self._sum(laws.pressure_force, sources, tables))
+        pressures = projected.pressures
+        ghosts, sources, acceleration = self._pressed(pressures, ghosts, sources, tables)
+        pressed = dt * acceleration
         met = u_star + pressed
         u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
         u_new, damped = damp(model, p, u_new, interval)
+        laws_met = meet_laws(model, state, airs, tables.responses, u_new, interval)
+        for name, (missing, _) in laws_met.items():
+            response = tables.responses[name]
+            pressures = pressures.plus(missing, response.pressures)
+            pressed = pressed + missing * response.u
+            u_new = airs[name].push(u_new + missing * response.u, dt * missing)
+            ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         changes = Changes(u_new, pressed, touched, damped)
-        own, ledger = self._exchange(model, state, tables, ghosts, interval, projected, changes, kicks)
+        own, ledger = self._exchange(model, state, tables, ghosts, interval, pressures, changes)
+        for chamber in model.chambers:
+            air, law = airs[chamber.name], laws_met[chamber.name][1]
+            flows = air.flow(p.u), air.flow(u_new)
+            own[chamber.name], taken = chamber.finish(state.own[chamber.name], law, *flows, dt)
+            ledger = book(ledger, taken)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
-        new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, projected.p))
+        new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, pressures.p))
         limits = book(state.limits, projected.limited)
         status = _checked_solution(state, projected)
         state = State(new, own, ledger, limits, state.step + 1, status)
         return self.check(model, state, tables, p.x, at.particles.x)
-
-    def _with_air(
-        self,
-        model: Model,
-        state: State,
-        tables: Tables,
-        water: Sources,
-        u: Float[Array, "N D"],
-        interval: Interval,
-    ) -> tuple[Float[Array, "N D"], dict[str, Kick]]:
-        """Velocities (m/s) after the force of the chambers' air, and each chamber's change by its name."""
-        kicks = {}
-        for chamber in model.chambers:
-            own = state.own[chamber.name]
-            kick = chamber.kick(own, self, state.particles, water, u, tables, interval.t, interval.dt)
-            kicks[chamber.name], u = kick, kick.u
-        return u, kicks
 
     def _halfway(
         self, model: Model, state: State, interval: Interval, u_star: jax.Array, u: jax.Array
@@ -353,14 +305,10 @@ class ISPH(AbstractParticleScheme):
         tables: Tables,
         ghosts: GhostFields,
         interval: Interval,
-        projected: Projection,
+        pressures: Pressures,
         changes: Changes,
-        kicks: dict[str, Kick],
     ) -> tuple[dict[str, Any], dict[str, Tally]]:
-        """States of the parts after the step, and the ledger with the step's energies (J, J/m in 2-D).
-
-        The arguments are all the results of the step.
-        """
+        """States of the solids after the step, and the ledger with its energies (J, J/m in 2-D)."""
         p, dt, own = state.particles, interval.dt, dict(interval.after)
         amounts = dict(changes.damped)
         work = wall_work(self, model, interval.after, tables, ghosts, dt)
@@ -368,18 +316,15 @@ class ISPH(AbstractParticleScheme):
         given = -sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressures
         given_touching = jnp.zeros_like(dt)
         for body in model.bodies:
-            old, new = state.own[body.name], projected.bodies[body.name]
+            old, force = state.own[body.name], pressures.forces[body.name]
             contact = touch_force(model, body, old, p, changes.touched, dt)
-            new = eqx.tree_at(lambda b: b.contact, new, contact)
+            new = advance_body(interval.before[body.name], pressures.accelerations[body.name], dt)
+            new = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
             own[body.name], exchanged, by_pressure, by_touch = body_work(
                 model, body, old, new, interval.t, dt
             )
             amounts |= exchanged
             given, given_touching = given + by_pressure, given_touching + by_touch
-        for chamber in model.chambers:
-            air, kick = state.own[chamber.name], kicks[chamber.name]
-            own[chamber.name], taken = chamber.finish(air, kick, p.u, changes.u, dt)
-            amounts |= taken
         mean = 0.5 * (changes.u + p.u)
         contact, lost = (
             -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)
@@ -416,6 +361,61 @@ class ISPH(AbstractParticleScheme):
 
     # ---------------------------------------------------------------- projection
 
+    def respond(self, model, state, tables):
+        """See `AbstractParticleScheme`: by the pressure equation with the air's force for a source."""
+        p, dt, still = state.particles, model.dt, jnp.zeros_like(state.particles.u)
+        interval = at_rest(model, state)
+        ghosts = self.place_ghosts(model, state, tables)
+        resting = self.ghost_velocity(model, state.own, tables, ghosts.seeing(tables, u=columns(still)))
+        responses = {}
+        for name, air in couple_airs(self, model, p, ghosts.water, tables).items():
+            kicked = ghosts.seeing(tables, u=columns(air.push(still, dt)))
+            kicked = self.ghost_velocity(model, state.own, tables, kicked)
+            # of the walls' velocities only the part that follows the water
+            sources = self._sources(kicked, kicked.u - resting.u)
+            equation = self._equation(model, state, tables, kicked, sources, interval).unforced()
+            source, begin = equation.poisson.shrinking, jnp.zeros_like(p.p)
+            pressure, _, _ = equation.solve(self.solver, source, begin)
+            pressures = equation.complete(pressure)
+            _, _, acceleration = self._pressed(pressures, kicked, sources, tables)
+            responses[name] = Response(pressures, dt * acceleration)
+        return responses
+
+    def _pressed(
+        self, pressures: Pressures, ghosts: GhostFields, sources: Sources, tables: Tables
+    ) -> tuple[GhostFields, Sources, Float[Array, "N D"]]:
+        """Ghosts and sources with these pressures, and the water's acceleration by them, m/s2."""
+        ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
+        sources = ghosts.water.behind({**sources.ghosts, "p": ghosts.p})
+        return ghosts, sources, stack(self._sum(laws.pressure_force, sources, tables)) / self.rho0
+
+    def _equation(
+        self,
+        model: Model,
+        at: State,
+        tables: Tables,
+        ghosts: GhostFields,
+        sources: Sources,
+        interval: Interval,
+    ) -> PressureEquation:
+        """Pressure equation for the water of `at`, with the velocities of the sources."""
+        walls = model.walls
+        poisson = self._poisson(model, at.particles, ghosts, sources, tables)
+        at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
+        force = self.wall_force(model, at.own, ghosts, interval)
+        nowhere = jnp.zeros_like(ghosts.p)
+        beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
+        couplings = {
+            body.name: self.body_coupling(model, body, at, interval, ghosts, tables) for body in model.bodies
+        }
+        return PressureEquation(
+            poisson,
+            functools.partial(tables.nodes.weighted_sum, at_nodes),
+            jnp.where(ghosts.fit.wet > 0, beyond, 0.0),
+            couplings,
+            self.rho0 * self.smoothing.h,
+        )
+
     def _project(
         self,
         model: Model,
@@ -425,56 +425,17 @@ class ISPH(AbstractParticleScheme):
         sources: Sources,
         interval: Interval,
     ) -> Projection:
-        """Pressures (Pa) that take the divergence out of the velocities, and the bodies' motions under them.
-
-        The bodies' accelerations are unknowns beside the pressures: the pressure on a body depends on its
-        acceleration at once, and with that of the step before a light body would swing without end.
-        """
-        p, walls = at.particles, model.walls
-        poisson = self._poisson(model, p, ghosts, sources, tables)
-        free, fixed = poisson.free, 1.0 - poisson.free
-        at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
-        at_walls = functools.partial(tables.nodes.weighted_sum, at_nodes)
-        force = self.wall_force(model, at.own, ghosts, interval)
-        nowhere = jnp.zeros_like(free, shape=ghosts.p.shape)
-        beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
-        beyond = jnp.where(ghosts.fit.wet > 0, beyond, 0.0)
-        nothing = jnp.zeros_like(free)
-        b = poisson.source + poisson.neighbour_mean(poisson.shown(nothing), beyond)
-        closed = jnp.sum(fixed + poisson.extra) == 0.0
-        # Without a free surface the pressure is known up to a constant. The weights, symmetric before they
-        # are scaled, can only give a right-hand side whose mean, weighted by the diagonal, is zero.
-        mean = jnp.sum(poisson.diagonal * b) / jnp.sum(poisson.diagonal)
-        b = b - jnp.where(closed, mean, 0.0)
-        couplings = [self.body_coupling(model, c, at, interval, ghosts, tables) for c in model.bodies]
-        # Pa per m/s2: in the residual, accelerations are then as large as pressures
-        unit = self.rho0 * self.smoothing.h
-
-        def operator(unknown):
-            q, accelerations = free * unknown[0], unknown[1]
-            near = poisson.shown(q)
-            q_ghosts = at_walls(near)
-            both = q_ghosts
-            for coupling, a in zip(couplings, accelerations, strict=True):
-                both = coupling.press(both, coupling.movable * (a / unit))
-            driven = tuple(
-                a - unit * coupling.response(q, q_ghosts)
-                for coupling, a in zip(couplings, accelerations, strict=True)
-            )
-            return q - poisson.neighbour_mean(near, both) + fixed * q, driven
-
-        b_bodies = tuple(unit * coupling.acceleration(nothing, beyond) for coupling in couplings)
-        start = (free * p.p, jax.tree.map(jnp.zeros_like, b_bodies))
-        (solved, _), residual, converged = self.solver.solve(operator, (b, b_bodies), start)
-        pressure = free * solved
+        """Pressures that take the divergence out of the velocities, and the bodies' motions under them."""
+        equation = self._equation(model, at, tables, ghosts, sources, interval)
+        poisson = equation.poisson
+        source = poisson.shrinking + poisson.crowding
+        pressure, residual, converged = equation.solve(self.solver, source, at.particles.p)
+        closed = poisson.closed()
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
         # from the limited pressure: a body does not feel tension that the water does not bear
-        q_ghosts, bodies = _with_bodies(
-            model, couplings, interval, pressure, at_walls(poisson.shown(pressure)) + beyond
-        )
-        limited = {"tension": jnp.sum(cut).astype(b.dtype), "crowding": poisson.held}
-        return Projection(pressure, q_ghosts, bodies, residual, converged, limited)
+        limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
+        return Projection(equation.complete(pressure), residual, converged, limited)
 
     def _poisson(
         self, model: Model, p: Particles, ghosts: GhostFields, sources: Sources, tables: Tables
@@ -501,8 +462,9 @@ class ISPH(AbstractParticleScheme):
         # crowding is undone in gravity's own time, sqrt(h/g), whatever the time step is
         rate = self.relaxation * (jnp.sum(model.g**2) + 1e-12) ** 0.25 / jnp.sqrt(h)
         crowding, held = _crowding(filled)
-        source = scale * (self.rho0 / model.dt * (shrinking + rate * crowding))
-        return Poisson(weights, tables.fluid, scale, diagonal, extra, free, source, held)
+        gain = scale * self.rho0 / model.dt
+        both = gain * shrinking, gain * rate * crowding
+        return Poisson(weights, tables.fluid, scale, diagonal, extra, free, *both, held)
 
     # ---------------------------------------------------------------- diagnostics
 
@@ -517,27 +479,6 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.place_ghosts(model, state, tables)
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
         return -self._sum(laws.divergence, self._sources(ghosts, ghosts.u), tables)
-
-
-def _with_bodies(
-    model: Model,
-    couplings: Sequence[BodyCoupling],
-    interval: Interval,
-    pressure: Float[Array, " N"],
-    p_ghosts: Float[Array, " G"],
-) -> tuple[Float[Array, " G"], dict[str, Any]]:
-    """Pressures of the ghosts (Pa), and the bodies' motions by name at the end of the interval.
-
-    The bodies move under the water's `pressure` (Pa); their accelerations add to `p_ghosts` (Pa).
-    """
-    accelerations = [coupling.acceleration(pressure, p_ghosts) for coupling in couplings]
-    for coupling, a in zip(couplings, accelerations, strict=True):
-        p_ghosts = coupling.press(p_ghosts, coupling.movable * a)
-    bodies = {}
-    for body, coupling, a in zip(model.bodies, couplings, accelerations, strict=True):
-        new = advance_body(interval.before[body.name], a, interval.dt)
-        bodies[body.name] = eqx.tree_at(lambda s: s.force, new, coupling.force(pressure, p_ghosts))
-    return p_ghosts, bodies
 
 
 def _checked_solution(state: State, projected: Projection) -> Status:

@@ -235,11 +235,13 @@ def _with_air(
     The air acts on the water of `at`; velocities `u` (m/s) have had every other force, and were `before`
     (m/s) at the beginning of the interval. Energies (J, J/m in 2-D) taken from the water are by name.
     """
-    airs, taken = {}, {}
+    airs, taken, dt = {}, {}, interval.dt
     for chamber in model.chambers:
         own = interval.before[chamber.name]
-        kick = chamber.kick(own, scheme, at.particles, sources, u, tables, interval.t, interval.dt)
-        airs[chamber.name], amounts = chamber.finish(own, kick, before, kick.u, interval.dt)
+        air = chamber.coupling(scheme, at.particles, sources, tables)
+        # sound takes several steps to the water below: within one the air moves what its force reaches
+        law = chamber.press(own, air.flow(u), dt * air.mobility(), interval.t, dt)
+        u = air.push(u, dt * law.P_a)
+        airs[chamber.name], amounts = chamber.finish(own, law, air.flow(before), air.flow(u), dt)
         taken |= amounts
-        u = kick.u
     return u, airs, taken

@@ -25,7 +25,7 @@ from jaxsph.core.pairs import (
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.background import Background
-from jaxsph.model.interfaces import Dissipation, Model
+from jaxsph.model.interfaces import AbstractGrip, Dissipation, Model
 from jaxsph.model.regularisation import (
     HYPERVISCOSITY,
     SEPARATION,
@@ -35,6 +35,7 @@ from jaxsph.model.regularisation import (
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
+from jaxsph.parts.chamber import SurfaceGrip
 from jaxsph.schemes.base import GhostFields, at_rest
 from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, Rates, SymplecticEuler
 
@@ -47,6 +48,7 @@ class DeltaSPH(AbstractRateScheme):
         "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which",
     )
     steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
+    grip: ClassVar[AbstractGrip] = SurfaceGrip()
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""
     c0: Scalar
@@ -129,6 +131,11 @@ class DeltaSPH(AbstractRateScheme):
         share = self.integrator.cfl / self.smoothing.kernel.width
         nu = float(self.viscosity.kinematic(self.smoothing.h, self.c0, dim))
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
+
+    def respond(self, model, state, tables):
+        """See `AbstractParticleScheme`: none within a step, since sound carries the air's pressure."""
+        del model, state, tables
+        return {}
 
     def description(self):
         """See `AbstractParticleScheme`."""
