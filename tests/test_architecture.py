@@ -235,9 +235,10 @@ def _words(texts):
 
 
 def test_nothing_is_defined_that_nobody_uses():
-    """Every function, method and class is named once more: by the package, an `__init__` or what a user reads.
+    """Every function, method and class is named once more, by the package or by what a user reads.
 
-    A test alone is no use; a decorator of a framework is one, and so is a handler that `http.server` calls."""
+    A test alone is no use. A decorator of a framework is one, and so is a handler that `http.server` calls.
+    """
     plain = {"property", "classmethod", "staticmethod", "abc.abstractmethod"}
     defined = Counter()
     for tree in TREES.values():
