@@ -4,6 +4,7 @@ import ast
 import importlib
 import re
 import types
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -227,3 +228,33 @@ def test_parts_that_are_off_are_no_branches():
             ]
             branches += [name] * len(none)
     assert branches == []
+
+
+def _words(texts):
+    return Counter(word for text in texts for word in re.findall(r"\w+", text))
+
+
+def test_nothing_is_defined_that_nobody_uses():
+    """Every function, method and class is named once more, by the package or by what a user reads.
+
+    A test alone is no use. A decorator of a framework is one, and so is a handler that `http.server` calls.
+    """
+    plain = {"property", "classmethod", "staticmethod", "abc.abstractmethod"}
+    defined = Counter()
+    for tree in TREES.values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                if {ast.unparse(decorator) for decorator in node.decorator_list} <= plain:
+                    defined[node.name] += 1
+    root = PACKAGE.parent
+    told = [
+        *root.glob("*.md"),
+        *root.glob("docs/**/*.md"),
+        *root.glob("docs/*.py"),
+        *root.glob("examples/*.py"),
+    ]
+    told += [*root.glob("experiments/*.py"), *root.glob("notebooks/*.ipynb")]
+    named = _words(path.read_text(encoding="utf-8") for path in [*PACKAGE.rglob("*.py"), *told])
+    handlers = {"do_GET", "log_message"}
+    unused = {name for name, times in defined.items() if named[name] <= times and not name.startswith("__")}
+    assert unused - handlers == set()

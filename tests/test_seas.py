@@ -324,13 +324,13 @@ def test_a_recorded_series_is_read_from_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("t (s),eta (mm)\n0,1\n", r"eta \(mm\): must be in m"),
-        ("t_ms,eta\n0,1\n", "t_ms: must be in s"),
-        ("time,level\n0,1\n", "has the columns time, level: must be t"),
-        ("", "has the columns none"),
-        ("t,eta\n0,1\n0.1,x\n", "row 3: '0.1,x' are not 2 finite numbers"),
-        ("t,eta\n0,1\n0.1,nan\n", "row 3"),
-        ("t,eta\n0,1\n0.1\n", "row 3"),
+        ("t (s),eta (mm)\n0,1\n", r"line 1 \(14 characters\): eta must be in m"),
+        ("t_ms,eta\n0,1\n", "line 1 .*: t must be in s"),
+        ("time,level\n0,1\n", r"line 1 .*: must name the columns t \(s\), eta \(m\) or t \(s\), X \(m\)"),
+        ("", r"line 1 \(0 characters\): must name"),
+        ("t,eta\n0,1\n0.1,x\n", r"line 3 \(5 characters\): must be 2 finite numbers, t, eta"),
+        ("t,eta\n0,1\n0.1,nan\n", "line 3"),
+        ("t,eta\n0,1\n0.1\n", "line 3"),
     ],
 )
 def test_a_file_that_is_no_series_is_refused(tmp_path, text, words):

@@ -101,11 +101,6 @@ class Pair(NamedTuple):
     W: jax.Array
     """Kernel, m^-D, zero outside the support."""
 
-    @property
-    def grad_W(self) -> Components:
-        """Gradient of the kernel W at particle i, m^-(D+1)."""
-        return tuple(self.F * component for component in self.r)
-
 
 Law = Callable[[Pair, Fields, Fields], Any]
 """Pair law: the term of one pair in a sum, from its geometry and the fields of i and of j."""
@@ -324,8 +319,3 @@ def outer_upper(a: Components, b: Components) -> tuple[jax.Array, ...]:
 def trace_upper(M: tuple[jax.Array, ...], dim: int) -> jax.Array:
     """Trace of symmetric matrices stored as their upper triangles; `dim`: 2 or 3."""
     return M[0] + M[2] if dim == 2 else M[0] + M[3] + M[5]
-
-
-def neighbour_count(table: Int[Array, "K N"], empty: int) -> Int[Array, " N"]:
-    """Number of neighbours of every target: slots that do not hold the index `empty` of the empty source."""
-    return jnp.sum(table != empty, axis=0)

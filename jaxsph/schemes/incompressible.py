@@ -40,6 +40,7 @@ from jaxsph.schemes.base import (
 )
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.schemes.projection import Poisson, PressureEquation, Projection
+from jaxsph.schemes.time_step import stable_dt
 from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
 
 KERNEL = {2: Gaussian(), 3: WendlandC2()}
@@ -500,20 +501,6 @@ def _crowding(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
     excess = filled - 1.0
     within = jnp.clip(excess, -0.05, 0.2)
     return inside * within, jnp.sum((inside == 1.0) & (within != excess)).astype(filled.dtype)
-
-
-def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
-    """Largest stable time step, s: the least of cfl h/speed, an eighth of h^2/nu and a quarter of sqrt(h/g).
-
-    **Arguments**: smoothing length `h` (m), the largest `speed` to expect (m/s), kinematic viscosity `nu`
-    (m2/s), gravity `g` (m/s2).
-    """
-    limits = [cfl * h / speed]
-    if nu > 0:
-        limits.append(0.125 * h * h / nu)
-    if g > 0:
-        limits.append(0.25 * (h / g) ** 0.5)
-    return min(limits)
 
 
 def _lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float]:

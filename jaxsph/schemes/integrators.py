@@ -93,15 +93,7 @@ class SymplecticEuler(AbstractIntegrator):
     def step(self, scheme, model, state, tables):
         """See `AbstractIntegrator`."""
         p, dt = state.particles, model.dt
-        interval = move_walls(scheme, model, state, dt)
-        push = spring_acceleration(model, state.own, p, scheme.c0)
-        ghosts, bodies = _with_bodies(scheme, model, state, tables, interval, push)
-        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts)
-        sources = scheme.sources(ghosts, ghosts.u_shear)
-        rates = scheme.momentum(model, p, sources, tables)
-        u = p.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
-        u, airs, taken = _with_air(scheme, model, state, tables, sources, u, interval, p.u)
-        u, damped = damp(model, p, u, interval)
+        interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, state, state, tables, dt)
         # the continuity equation sees the solids with the velocities after the step
         after = _with_velocities(model, state.own, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
@@ -122,7 +114,7 @@ class SymplecticEuler(AbstractIntegrator):
             dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
         x_old, p = p.x, drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
         own = {**interval.after, **bodies, **airs}
-        ledger = book(state.ledger, taken | damped | work | exchanged)
+        ledger = book(state.ledger, taken | work | exchanged)
         limits = book(state.limits, rates.limited)
         state = State(p, own, ledger, limits, state.step + 1, state.status)
         return scheme.check(model, state, tables, x_old, p.x)
@@ -147,18 +139,9 @@ class PredictorCorrector(AbstractIntegrator):
     ) -> State:
         """State after dt (s) from `start`, with the rates of the state `at`."""
         p0, p = start.particles, at.particles
-        interval = move_walls(scheme, model, start, dt)
-        push = spring_acceleration(model, at.own, p, scheme.c0)
-        ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push)
-        ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts)
-        sources = scheme.sources(ghosts, ghosts.u_shear)
-        rates = scheme.momentum(model, p, sources, tables)
+        interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, start, at, tables, dt)
         sources = scheme.sources(ghosts, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
-        # positions and sources of the air's force are of one time, that of the rates
-        u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
-        u, damped = damp(model, p0, u, interval)
         work = wall_work(scheme, model, at.own, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
@@ -167,9 +150,44 @@ class PredictorCorrector(AbstractIntegrator):
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
         own = {**interval.after, **bodies, **airs}
-        ledger = book(start.ledger, taken | damped | work | exchanged)
+        ledger = book(start.ledger, taken | work | exchanged)
         limits = book(start.limits, rates.limited)
         return State(drift(new, dx), own, ledger, limits, start.step, start.status)
+
+
+class _Accelerated(NamedTuple):
+    """Water, solids and air at the end of an interval, before the water drifts."""
+
+    interval: Interval
+    ghosts: GhostFields
+    """Ghosts at the time of the rates, with the velocities that the walls' friction sees."""
+    rates: Rates
+    u: Float[Array, "N D"]
+    """Velocities, m/s."""
+    bodies: dict[str, Any]
+    """Motions of the bodies, by name."""
+    airs: dict[str, Air]
+    """Air of the chambers, by name."""
+    taken: dict[str, Scalar]
+    """Energies (J, J/m in 2-D) that the air and the dampers have taken from the water, by name."""
+
+
+def _accelerate(
+    scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
+) -> _Accelerated:
+    """Velocities dt (s) after `start`, with every force on the water of the state `at`."""
+    p0, p = start.particles, at.particles
+    interval = move_walls(scheme, model, start, dt)
+    push = spring_acceleration(model, at.own, p, scheme.c0)
+    ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push)
+    ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts)
+    sources = scheme.sources(ghosts, ghosts.u_shear)
+    rates = scheme.momentum(model, p, sources, tables)
+    u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
+    # positions and sources of the air's force are of one time, that of the rates
+    u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
+    u, damped = damp(model, p0, u, interval)
+    return _Accelerated(interval, ghosts, rates, u, bodies, airs, taken | damped)
 
 
 def _with_bodies(

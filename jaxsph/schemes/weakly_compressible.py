@@ -38,6 +38,7 @@ from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.chamber import SurfaceGrip
 from jaxsph.schemes.base import GhostFields, at_rest
 from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, Rates, SymplecticEuler
+from jaxsph.schemes.time_step import stable_dt
 
 
 class DeltaSPH(AbstractRateScheme):
@@ -286,17 +287,3 @@ def _with_gradient(sources: Sources, grad_rho: Components) -> Sources:
 
 SURFACE = 1.89 / 2.0
 """Criterion of Eq. 15 for the surface, as a share of the divergence's ideal value (1.89 of 2 in 2-D)."""
-
-
-def stable_dt(h: float, c0: float, nu: float, g: float, cfl: float) -> float:
-    """Largest stable time step, s: the least of Eq. 10 (with the share cfl), 11 and 12.
-
-    **Arguments**: smoothing length `h` (m), speed of sound `c0` (m/s), kinematic viscosity `nu` (m2/s),
-    gravity `g` (m/s2).
-    """
-    limits = [cfl * h / c0]
-    if nu > 0:
-        limits.append(0.125 * h * h / nu)
-    if g > 0:
-        limits.append(0.25 * (h / g) ** 0.5)
-    return min(limits)

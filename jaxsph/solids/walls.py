@@ -22,7 +22,6 @@ from jaxsph.core.pairs import (
     Smoothing,
 )
 from jaxsph.core.slabs import PointNeighbours, Sources
-from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
 from jaxsph.solids.divisions import (
@@ -317,15 +316,3 @@ def _full(
         h, reach = float(smoothing.h), smoothing.kernel.reach
         full[of] = kernel_fill(ghosts.node[of], x[seen], volume[seen], h, reach)
     return full
-
-
-def wall_normals(
-    ghosts: Float[Array, "G D"], water: Sources, smoothing: Smoothing, table: PointNeighbours
-) -> Float[Array, "G D"]:
-    """Unit normals of walls at the ghosts (m), pointing into the water (Zhu et al. 2020, Eq. 21).
-
-    They come from the sum of the kernel's gradient over the water.
-    """
-    raw = table.sum(laws.surface_vector, smoothing, {"x": columns(ghosts)}, water)
-    length = jnp.sqrt(dot(raw, raw) + 1e-20)
-    return stack([c / length for c in raw])

@@ -13,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from jaxsph.analysis import Mean
 from jaxsph.case.case import Case
-from jaxsph.case.files import read_columns
+from jaxsph.case.data_files import read_columns
 from jaxsph.case.linear import linear_sea, sea_is_linear
 from jaxsph.errors import CaseError
 from jaxsph.study.sweep import Sweep, sweep

@@ -92,17 +92,3 @@ class ActiveAbsorption(eqx.Module):
         """
         lead = waves.k * self.distance + waves.at_peak(self.near_field) / waves.Phi
         return jnp.tan(lead) / waves.omega
-
-    def residual_reflection(self, waves: AbstractWaves, filter_time: ArrayLike = 0.0) -> Scalar:
-        """Reflection coefficient of the paddle for an arriving wave in linear theory (-).
-
-        An arriving wave of amplitude 1 doubles at the fixed paddle; the paddle's motion
-        adds a progressive wave b and its own near field -i near_field b / Phi. Closing
-        the loop through the gauge gives b, and the coefficient is |1 + b|: 0 for a gauge at
-        the paddle without near field. `filter_time` (s) is that of a first-order filter
-        on the feedback. Drift is left out; `near_field` must be that of `at_gauge`.
-        """
-        phase = waves.k * self.distance
-        gain = self.gain / (1.0 + 1j * waves.omega * filter_time)
-        loop = gain * (jnp.exp(-1j * phase) - 1j * waves.at_peak(self.near_field) / waves.Phi)
-        return jnp.abs(1.0 - 2.0 * gain * jnp.cos(phase) / (1.0 + loop))

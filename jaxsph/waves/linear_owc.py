@@ -137,11 +137,6 @@ class RadiationAndScattering:
         nu = max(self.nu, 0.0)  # which rounding can miss where no wave reaches the chamber
         return float(2.0 * nu / (nu + np.hypot(self.mu, nu)))
 
-    @property
-    def open_level(self) -> float:
-        """Ratio of the mean elevation's amplitude in the open chamber to the incident amplitude (-)."""
-        return abs(self.q_S) / (self.omega * self.geometry.length)
-
     def Z(self, rho0: float = 1000.0) -> complex:
         """Radiation admittance Z = B - iA: flow of air into the chamber per unit air pressure, m2/(s Pa)."""
         return -1j * self.omega / (rho0 * self.g) * self.q_R

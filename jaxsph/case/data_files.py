@@ -1,0 +1,125 @@
+"""The one reader of files that a case or a command names: texts, and columns of numbers in CSV files.
+
+A case may come from a stranger, and may name any file of the machine. So messages say where a data file is
+wrong and what belongs there, and never what it holds.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+import stat
+from pathlib import Path
+
+from jaxsph.errors import CaseError
+
+MOST_BYTES = 10**6
+"""Largest case or data file, bytes: ten thousand probes are half of it, 50 000 samples of a series all."""
+
+
+def read_series(path: str | Path) -> dict[str, list[float]]:
+    """Columns t (s) and eta or X (m) of a CSV file, see `read_columns`."""
+    return read_columns(path, {"t": "s", "eta": "m", "X": "m"}, [{"t", "eta"}, {"t", "X"}])
+
+
+def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]) -> dict[str, list[float]]:
+    """Columns of a CSV file by the names in its first line, such as "eta", "eta (m)", "eta [m]" or "eta_m".
+
+    **Arguments**: `units` of columns by their names; `wanted`: the sets of columns of which it must have one.
+    **Raises** CaseError for a file that cannot be read, other columns or units, and what is no number.
+    The message has the number and the length of the line, and nothing of what stands in it.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".csv":
+        raise CaseError(f"{path}: must be a CSV file whose name ends in .csv")
+    rows = _rows(
+        path, read_text(path, "data file", "give the name of a CSV file, from the case's own folder")
+    )
+    place, titles = rows[0] if rows else (f"{path}, line 1 (0 characters)", [])
+    header = [_column(place, title, units) for title in titles]
+    if set(header) not in wanted or len(set(header)) < len(header):
+        sets = " or ".join(
+            ", ".join(f"{name} ({units[name]})" for name in units if name in one) for one in wanted
+        )
+        raise CaseError(f"{place}: must name the columns {sets}, separated by commas")
+    found: dict[str, list[float]] = {name: [] for name in header}
+    for place, row in rows[1:]:
+        values = [_number(cell) for cell in row]
+        if len(row) != len(header) or not all(math.isfinite(value) for value in values):
+            raise CaseError(
+                f"{place}: must be {len(header)} finite numbers, {', '.join(header)}, separated by commas"
+            )
+        for name, value in zip(header, values, strict=True):
+            found[name].append(value)
+    return found
+
+
+def read_text(path: Path, kind: str, remedy: str) -> str:
+    """Text of a file in UTF-8, of at most `MOST_BYTES`.
+
+    **Arguments**: `kind` of the file in words; `remedy`: what to do where there is none.
+    **Raises** CaseError for what is no regular file, is too large, or is no text.
+    """
+    try:
+        # a pipe that nobody writes to would be waited for for ever
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise CaseError(f"{path}: is no {kind} but a folder, a pipe or a device; {remedy}")
+            data = file.read(MOST_BYTES + 1)  # some files, such as those of /proc, do not tell their size
+    except FileNotFoundError:
+        raise CaseError(f"no {kind} {str(path)!r}: {remedy}") from None
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # names that no file can have
+        raise CaseError(f"{str(path)!r}: cannot be read: {error}") from None
+    if len(data) > MOST_BYTES:
+        raise CaseError(f"{path}: is too large for a {kind}, which has at most {MOST_BYTES:.0e} bytes")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise CaseError(
+            f"{path}: not a text in UTF-8 from byte {error.start} on; save the file as UTF-8"
+        ) from None
+    if "\0" in text:
+        raise CaseError(f"{path}: not a text: it has NUL bytes, from byte {data.index(0)} on")
+    return text
+
+
+def _rows(path: Path, text: str) -> list[tuple[str, list[str]]]:
+    """Rows of a CSV text that are not empty, each with its place in words."""
+    lines = io.StringIO(text, newline="").readlines()
+    reader, rows, number = csv.reader(lines, strict=True), [], 0
+    try:
+        for cells in reader:
+            length = sum(len(line.rstrip("\r\n")) for line in lines[number : reader.line_num])
+            place, number = f"{path}, line {number + 1} ({length} characters)", reader.line_num
+            if any(cell.strip() for cell in cells):
+                rows.append((place, [cell.strip() for cell in cells]))
+    except csv.Error:
+        length = len(lines[number].rstrip("\r\n"))
+        raise CaseError(
+            f"{path}, line {number + 1} ({length} characters): not CSV: quotes do not match, or a value is "
+            "too long"
+        ) from None
+    return rows
+
+
+def _number(cell: str) -> float:
+    """Number of a cell, NaN where it is none."""
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
+def _column(place: str, title: str, units: dict[str, str]) -> str:
+    """Name of a column from its title. **Raises** CaseError where that has another unit."""
+    known = [name for name in units if re.match(rf"{re.escape(name)}(?![A-Za-z0-9])", title)]
+    name = max(known, key=len, default=title)
+    unit = title.removeprefix(name).strip(" _()[]")
+    if name in units and unit and unit != units[name]:
+        raise CaseError(f"{place}: {name} must be in {units[name]}; convert the column and its title")
+    return name
