@@ -204,7 +204,7 @@ def test_crash_while_writing_leaves_whole_chunks(run, monkeypatch, name, call, f
     after = _chunks(run)
     assert after in (before, before + 1)
     assert not [file for file in os.listdir(run.path.parent) if file.endswith(".part")]
-    _append(run, after)
+    _append(RunFile.open(run.path), after)
     assert _chunks(run) == after + 1
 
 
@@ -260,6 +260,7 @@ def kill_while_appending(folder, kills):
     for _ in range(kills):
         child = os.fork()
         if child == 0:
+            run = RunFile.open(run.path)
             for k in range(run.snapshot_count, 10**6):
                 _append(run, k)
                 if k % 7 == 0:
@@ -335,6 +336,26 @@ def test_copies_of_killed_runs_are_removed_when_old(run):
 def test_two_runs_on_one_file_are_noticed(run):
     with pytest.raises(FileError, match="another run writes"):
         _append(run, 1)
+
+
+@pytest.mark.parametrize("how", ["replaced", "changed", "ended"])
+def test_a_run_does_not_go_on_in_the_file_of_another(run, how):
+    """It remembers its file's owner, and nothing is changed where that is another by now."""
+    if how == "replaced":
+        other = _create(run.path.parent, overwrite=True)
+        _append(other, 0)
+    elif how == "changed":
+        other = RunFile.open(run.path)
+        other.amend(CASE.replace("0.1", "0.2"), {}, {}, 1.5, {})
+    else:
+        other = RunFile.open(run.path)
+        other.finish({"xi": 0.5})
+    before = _everything(run.path)
+    for write in (lambda: _append(run, 3), lambda: run.finish({})):
+        with pytest.raises(FileError, match="belongs to another run by now"):
+            write()
+    assert _everything(run.path) == before
+    _append(other, 1 if how == "replaced" else 3)
 
 
 # --- wrong files

@@ -3,7 +3,7 @@
 Layout (`SCHEMA`):
 
     attributes             schema, jaxsph_version, case (the whole case as TOML text), machine, run, stage,
-                           read
+                           read; since (s), of a run whose case was changed
     settings               attributes: what fixed the arrays' shapes
     numbers                JSON: numbers that decide the run, such as the time step made of the case
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
@@ -113,6 +113,8 @@ class RunFile:
         """Names a run's file and does not check it, as `create` and `open` do."""
         self.path = Path(path)
         self._index: tuple[Any, list[Head]] = (None, [])
+        self._own: Owner | None = None
+        """Owner of the file when it was made or opened; a file that has another by then is left alone."""
 
     def __repr__(self) -> str:
         """The class and its path."""
@@ -148,8 +150,9 @@ class RunFile:
             )
         with tell_write_errors(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
+        run._own = Owner(uuid.uuid4().hex, 0)
         with replace_file(run.path, "w") as file:
-            file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=uuid.uuid4().hex, stage=0, read=0)
+            file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=run._own.run, stage=0, read=0)
             file.attrs["machine"] = machine
             _describe(file, case_toml, settings, numbers or {})
             write_coordinates(file.create_group("series"), coordinates)
@@ -178,6 +181,7 @@ class RunFile:
                     f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
                 )
             check(file)
+            run._own = _owner(file)
         return run
 
     # --- writing
@@ -206,6 +210,7 @@ class RunFile:
         parts = {"series": series, "snapshot": snapshot or {}}
         chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
         with self._view() as view:
+            self._check_own(view.file)
             wrong = self._continues(view, series)
             owner, known = view.owner, view.journal is not None
             end = view.journal.about["end"] if known else 0
@@ -224,15 +229,7 @@ class RunFile:
 
     def finish(self, results: Mapping[str, float], notices: tuple[str, ...] = ()) -> None:
         """Records scalar results in the place of any earlier ones, and folds the journal into the file."""
-
-        def change(file: h5py.File) -> None:
-            attributes = file["results"].attrs
-            for name in list(attributes):
-                del attributes[name]
-            attributes.update({name: float(value) for name, value in results.items()})
-            _put_text(file, "notices", json.dumps(list(notices)))
-
-        self._fold(change)
+        self._fold(lambda file: _replace_results(file, results, notices))
 
     def fold(self) -> None:
         """Folds the journal into the file of a run that stops before its end."""
@@ -242,10 +239,26 @@ class RunFile:
             self._fold(lambda _: None)
 
     def amend(
-        self, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
+        self,
+        case_toml: str,
+        settings: Mapping[str, int | float],
+        numbers: Mapping[str, list[float]],
+        since: float,
+        checkpoint: Mapping[str, np.ndarray],
     ) -> None:
-        """Replaces the case from the checkpoint on; arguments are those of `create`."""
-        self._fold(lambda file: _describe(file, case_toml, settings, numbers))
+        """Replaces the case from the checkpoint on, and removes results and notices, all in one write.
+
+        **Arguments**: those of `create`; `since`: time from which results count, s; the changed checkpoint.
+        """
+
+        def change(file: h5py.File) -> None:
+            _describe(file, case_toml, settings, numbers)
+            _replace_results(file, {}, ())
+            # another stage: a run that is still in progress must not go on in the changed file
+            file.attrs.update(since=since, stage=int(file.attrs["stage"]) + 1)
+            _replace_arrays(file["checkpoint"], checkpoint)
+
+        self._fold(change)
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
         """Takes the journal into the file, with a change to it, in one step."""
@@ -259,6 +272,8 @@ class RunFile:
                 # from here on the journal has no owner
                 file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
             change(file)
+            owner = _owner(file)
+        self._own = self._own and owner
         with tell_write_errors(self.path):
             journal.remove(self.path)
 
@@ -273,11 +288,19 @@ class RunFile:
         with self._view() as view, replace_file(self.path, "r+") as file:
             for group in _groups(file):
                 check(group)
-            if _owner(file) != view.owner:
-                raise FileError(_gone_on(self.path))
+            self._check_own(file)
             yield file, view
             for group in _groups(file):
                 seal(group)
+
+    def _check_own(self, file: h5py.File) -> None:
+        """**Raises** FileError where another run has taken the file, or has changed or folded it."""
+        if self._own not in (None, _owner(file)):
+            raise FileError(
+                f"{self.path}: belongs to another run by now, or has gone on without this one: another "
+                f"program writes to it. Stop one of them; `jaxsph resume {self.path}` goes on with what the "
+                "file holds"
+            )
 
     def _continues(self, view: _View, series: Mapping[str, np.ndarray]) -> str:
         """Why samples do not go on from those that are there; empty where they do.
@@ -352,6 +375,11 @@ class RunFile:
     def numbers(self) -> dict[str, list[float]]:
         """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
         return self._text("numbers", "{}")
+
+    @property
+    def since(self) -> float:
+        """Time of the last change of the case in the course of its run, from which results count, s."""
+        return float(self._attributes("/").get("since", 0.0))
 
     def progress(self) -> dict[str, float]:
         """Numbers of the run so far, by name, as given to the last `append`."""
@@ -448,13 +476,6 @@ def _groups(file: h5py.File) -> list[h5py.Group]:
     return [file, *(node for node in file.values() if isinstance(node, h5py.Group))]
 
 
-def _gone_on(path: Path) -> str:
-    return (
-        f"{path}: has gone on without this run, or is another run's by now: another program writes to it. "
-        f"Stop one of them; `jaxsph resume {path}` goes on with what the file holds"
-    )
-
-
 def _owner(file: h5py.File) -> Owner:
     return Owner(str(file.attrs.get("run", "")), int(file.attrs.get("stage", 0)))
 
@@ -465,6 +486,14 @@ def _describe(
     file.attrs["case"] = case_toml
     file.require_group("settings").attrs.update(settings)
     _put_text(file, "numbers", json.dumps(dict(numbers)))
+
+
+def _replace_results(file: h5py.File, results: Mapping[str, float], notices: tuple[str, ...]) -> None:
+    attributes = file["results"].attrs
+    for name in list(attributes):
+        del attributes[name]
+    attributes.update({name: float(value) for name, value in results.items()})
+    _put_text(file, "notices", json.dumps(list(notices)))
 
 
 def _put_text(file: h5py.File, name: str, text: str) -> None:
