@@ -83,6 +83,21 @@ def replace_file(path: Path, mode: str) -> Iterator[h5py.File]:
             sync(path.parent)
 
 
+def put_file(path: Path, content: bytes) -> None:
+    """Puts the content in the file's place, whole or not at all."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    if os.name == "posix":  # elsewhere a folder cannot be opened to sync its entries
+        sync(path.parent)
+
+
 @contextlib.contextmanager
 def open_file(path: Path) -> Iterator[h5py.File]:
     """HDF5 file, open for reading. **Raises** FileError where it is missing, cut short or damaged."""

@@ -24,7 +24,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from jaxsph.errors import FileError
-from jaxsph.output.hdf5 import sync
+from jaxsph.output.hdf5 import put_file
 from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
@@ -88,7 +88,8 @@ def beside(run: Path) -> Iterator[Journal | None]:
         except Damage as error:
             raise FileError(
                 f"{journal_path(run)} or {checkpoint_path(run)}: is damaged ({error}). Restore both from a "
-                "copy, or remove both: the run then goes on from what its file holds"
+                "copy, or run the case again with --overwrite. Without the two the file still gives the series "
+                "up to its last update"
             ) from None
 
 
@@ -113,7 +114,7 @@ def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
 def begin(run: Path, owner: Owner, variables: Mapping[str, Any]) -> int:
     """Begins a journal for a run's file, in the place of any other; returns the byte at which it ends."""
     opening = pack({"owner": owner, "variables": variables}, {})
-    _write(journal_path(run), opening)
+    put_file(journal_path(run), opening)
     return len(opening)
 
 
@@ -134,7 +135,7 @@ def append(
         file.flush()
         os.fsync(file.fileno())
     told = {"owner": owner, "end": end + len(record)} | about
-    _write(checkpoint_path(run), pack(told, checkpoint))
+    put_file(checkpoint_path(run), pack(told, checkpoint))
     return told["end"]
 
 
@@ -142,18 +143,3 @@ def remove(run: Path) -> None:
     """Removes the journal and the checkpoint beside a run's file."""
     for path in (checkpoint_path(run), journal_path(run)):
         path.unlink(missing_ok=True)
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Puts the content in the file's place, whole or not at all."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    if os.name == "posix":  # elsewhere a folder cannot be opened to sync its entries
-        sync(path.parent)

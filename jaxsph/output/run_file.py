@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import tomllib
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -366,6 +367,13 @@ class RunFile:
     def case_toml(self) -> str:
         """Whole case of the run as TOML text."""
         return str(self._attributes("/")["case"])
+
+    def case_keys(self) -> dict[str, Any]:
+        """Keys and values of the case. **Raises** FileError where its text is damaged."""
+        try:
+            return tomllib.loads(self.case_toml)
+        except tomllib.TOMLDecodeError as error:
+            raise FileError(f"{self.path}: the text of its case is damaged ({error})") from None
 
     @property
     def settings(self) -> dict[str, int | float]:

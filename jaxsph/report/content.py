@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from typing import Any
 
@@ -56,7 +55,7 @@ RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch
 
 def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[str, Any]:
     """What a page shows of a run, finished or not. **Raises** FileError where it cannot be read."""
-    keys, series = tomllib.loads(run.case_toml), run.series()
+    keys, series = run.case_keys(), run.series()
     case = _case_of(keys)
     results = run.results()
     since = series_since(series, run.since) if series else series

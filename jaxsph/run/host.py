@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -120,7 +119,7 @@ def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, St
 def load_start(path: str | Path, case: Case | None = None) -> Start:
     """Case, model, checkpoint and initial state of a run's file. **Raises** FileError, as `restore`."""
     file = RunFile.open(path)
-    stored = Case.from_dict(tomllib.loads(file.case_toml))
+    stored = Case.from_dict(file.case_keys())
     if case is not None and case != stored:
         raise FileError(
             f"{path}: was made by another case than the one given ({stored.name!r} against "
