@@ -88,7 +88,7 @@ def beside(run: Path) -> Iterator[Journal | None]:
         except Damage as error:
             raise FileError(
                 f"{journal_path(run)} or {checkpoint_path(run)}: is damaged ({error}). Restore both from a "
-                "copy, or run the case again with --overwrite. Without the two the file still gives the series "
+                "copy, or run the case again with --overwrite. Without them the file gives the series "
                 "up to its last update"
             ) from None
 
