@@ -174,7 +174,7 @@ def run(
                 typer.echo(f"note: {notice}", err=True)
         with _resumable(out):
             solution = js.run(
-                loaded, t1=t1, out=out, overwrite=overwrite or quick, progress=not quiet, devices=devices
+                loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
             )
         if is_first:
             _report(solution, out, (plot and not quick, report), quiet)
@@ -390,7 +390,7 @@ def resume(
     with _messages():
         is_first = _find(devices, process)
         quiet = quiet or not is_first
-        stored = tomllib.loads(RunFile.open(file).case_toml)
+        stored = RunFile.open(file).case_keys()
         _match_precision(stored.get("precision"))
         changes = dict(_setting(text) for text in settings or [])
         with _resumable(file):
@@ -428,7 +428,7 @@ def plot(
                 typer.echo(path)
             return
         opened = RunFile.open(file)
-        expected = js.linear_owc(js.Case.from_dict(tomllib.loads(opened.case_toml))) if linear else None
+        expected = js.linear_owc(js.Case.from_dict(opened.case_keys())) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
             typer.echo(path)
         if vtk is not None:
@@ -443,6 +443,9 @@ def write_report(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Default: the first FILE with .html.")
     ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace FILE also where it is no page of jaxsph.")
+    ] = False,
     show: Annotated[bool, typer.Option("--show", help="Open it in the browser.")] = False,
 ) -> None:
     """Write a page for the browser: results, charts, and the particles played back, in one file."""
@@ -450,7 +453,7 @@ def write_report(
 
     with _messages():
         interrupt.raise_again()
-        page = report(files, out)
+        page = report(files, out, overwrite)
         typer.echo(f"{page} ({page.stat().st_size / 1e6:.1f} MB)")
         if show:
             typer.launch(str(page))
@@ -502,6 +505,9 @@ def new(
     from jaxsph.case.commented import commented_toml
 
     with _messages():
+        stem = name.removesuffix(".toml").replace("\\", "/").rpartition("/")[2]
+        if not stem.strip(". ") or not name.isprintable():
+            raise CaseError(f"NAME {name!r}: must end in the name of a file, such as my_owc or cases/my_owc")
         path = Path(name if name.endswith(".toml") else f"{name}.toml")
         case = js.load_case(like).replace({"name": path.stem})
         try:

@@ -75,9 +75,27 @@ def test_quick_run_says_that_it_is_coarse_and_leaves_the_pictures_out(calls, mon
     result = _jaxsph("run", "owc", "--quick", "--no-report")
     assert result.exit_code == 0, result.output
     case, options = calls[0]
-    assert case.changes == {"coarse": True} and options["overwrite"] is True
+    assert case.changes == {"coarse": True} and options["overwrite"] is False
     assert "this was COARSE" in result.stdout and "jaxsph run owc" in result.stdout
     assert "pictures" not in result.stdout and "page for a browser" not in result.stdout
+
+
+def test_quick_run_does_not_replace_a_file(calls, monkeypatch, tmp_path):
+    monkeypatch.setattr(js, "coarsen", lambda case: _Case({"coarse": True}), raising=False)
+    _jaxsph("run", "owc", "--quick", "--no-report")
+    before = (tmp_path / "runs" / "fake.h5").read_bytes()
+    result = _jaxsph("run", "owc", "--quick", "--no-report")
+    assert result.exit_code == 2 and "--overwrite" in result.stderr and "nothing was changed" in result.stderr
+    assert (tmp_path / "runs" / "fake.h5").read_bytes() == before
+    assert _jaxsph("run", "owc", "--quick", "--no-report", "--overwrite").exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a/", "a/.", "..toml", " ", "a/.toml", "a\0b", "a\nb"])
+def test_a_new_case_needs_a_name(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    result = _jaxsph("new", name)
+    assert result.exit_code == 2 and "must end in the name of a file" in result.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_run_records_prints_and_plots(calls, tmp_path):

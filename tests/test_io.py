@@ -204,7 +204,7 @@ def test_crash_while_writing_leaves_whole_chunks(run, monkeypatch, name, call, f
     after = _chunks(run)
     assert after in (before, before + 1)
     assert not [file for file in os.listdir(run.path.parent) if file.endswith(".part")]
-    _append(run, after)
+    _append(RunFile.open(run.path), after)
     assert _chunks(run) == after + 1
 
 
@@ -260,6 +260,7 @@ def kill_while_appending(folder, kills):
     for _ in range(kills):
         child = os.fork()
         if child == 0:
+            run = RunFile.open(run.path)
             for k in range(run.snapshot_count, 10**6):
                 _append(run, k)
                 if k % 7 == 0:
@@ -335,6 +336,26 @@ def test_copies_of_killed_runs_are_removed_when_old(run):
 def test_two_runs_on_one_file_are_noticed(run):
     with pytest.raises(FileError, match="another run writes"):
         _append(run, 1)
+
+
+@pytest.mark.parametrize("how", ["replaced", "changed", "ended"])
+def test_a_run_does_not_go_on_in_the_file_of_another(run, how):
+    """It remembers its file's owner, and nothing is changed where that is another by now."""
+    if how == "replaced":
+        other = _create(run.path.parent, overwrite=True)
+        _append(other, 0)
+    elif how == "changed":
+        other = RunFile.open(run.path)
+        other.amend(CASE.replace("0.1", "0.2"), {}, {}, 1.5, {})
+    else:
+        other = RunFile.open(run.path)
+        other.finish({"xi": 0.5})
+    before = _everything(run.path)
+    for write in (lambda: _append(run, 3), lambda: run.finish({})):
+        with pytest.raises(FileError, match="belongs to another run by now"):
+            write()
+    assert _everything(run.path) == before
+    _append(other, 1 if how == "replaced" else 3)
 
 
 # --- wrong files
@@ -463,3 +484,79 @@ def test_export_spares_other_files(run, tmp_path):
     empty = RunFile.create(tmp_path / "empty.h5", CASE, {}, {})
     with pytest.raises(FileError, match="no snapshots"):
         export_vtkhdf(empty, tmp_path / "a.vtkhdf")
+
+
+# --- damage
+
+
+def _everything(path):
+    """All that a run's file gives to those who read it, as text."""
+    run = RunFile.open(path)
+    found = [run.schema, run.version, run.machine, run.case_toml, run.settings]
+    found += [
+        run.results(),
+        run.notices(),
+        run.series(),
+        run.variables(),
+        run.coordinates(),
+        run.checkpoint(),
+    ]
+    found += [
+        run.has_checkpoint(),
+        run.snapshot_times(),
+        [run.snapshot(i) for i in range(run.snapshot_count)],
+    ]
+    return repr(found)
+
+
+def misread(path, places, bits, whole):
+    """Bytes of a run's file that, with some bits flipped, give other contents or no FileError."""
+    content, wrong = path.read_bytes(), []
+    for place, bit in zip(places, bits, strict=True):
+        changed = bytearray(content)
+        changed[place] ^= bit
+        path.write_bytes(changed)
+        try:
+            if _everything(path.with_name("run.h5")) != whole:
+                wrong.append((place, bit, "other contents"))
+        except FileError:
+            pass
+        except Exception as error:
+            wrong.append((place, bit, repr(error)))
+    path.write_bytes(content)
+    return wrong
+
+
+@pytest.mark.parametrize("name", ["run.h5", "run.h5.journal", "run.h5.checkpoint"])
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_flipped_byte_is_never_read_as_a_number(run, name, ended):
+    """Every stored block has a checksum that is looked at: contents are right, or a FileError tells."""
+    if ended:
+        run.finish({"xi": 0.5}, ("no reflection",))
+        _append(run, 3)
+    whole, rng = _everything(run.path), np.random.default_rng(3)
+    path = run.path.with_name(name)
+    places = rng.integers(0, path.stat().st_size, 60)
+    assert not misread(path, places, rng.integers(1, 256, len(places)), whole)
+
+
+def test_damage_is_not_sealed_by_the_next_chunk(run):
+    """Whoever changes a file checks first what the new checksum will cover."""
+    run.fold()
+    with h5py.File(run.path, "r+") as file:
+        file.attrs["case"] = CASE.replace("0.1", "0.2")
+    with pytest.raises(FileError, match="damaged .*is not what was written"):
+        _append(run, 3)
+    with pytest.raises(FileError, match="damaged"):
+        _ = run.case_toml
+
+
+def test_files_of_older_versions_are_read_without_checksums(run):
+    run.fold()
+    with h5py.File(run.path, "r+") as file:
+        nodes = [file]
+        file.visititems(lambda _, node: nodes.append(node))
+        for node in nodes:
+            del node.attrs["checksum"]
+        file.attrs["schema"] = 3
+    assert _chunks(run) == 3

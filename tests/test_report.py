@@ -2,14 +2,17 @@
 
 import gzip
 import json
+import os
 import re
 import shutil
 import sys
 import threading
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 
+import h5py
 import numpy as np
 import pytest
 
@@ -154,7 +157,8 @@ def test_what_leaves_the_tank_is_not_seen(tmp_path):
     snapshot["x"][4] = np.nan
     frames = Frames(run)
     frames.run = type("One", (), {
-        "path": path, "case_toml": run.case_toml, "snapshot_count": 1, "snapshot": lambda self, i: snapshot,
+        "path": path, "case_keys": lambda self: run.case_keys(), "snapshot_count": 1,
+        "snapshot": lambda self, i: snapshot,
     })()  # fmt: skip
     pack = Pack()
     content = frames.content(pack)
@@ -278,6 +282,56 @@ def test_page_is_one_file_that_asks_nobody(tmp_path):
     assert page.stat().st_size < 2.5e6  # of which the library is 1.9
 
 
+def old_file(path, change):
+    """Makes a run's file one of an older version, without checksums, and changes it."""
+    with h5py.File(path, "r+") as file:
+        nodes = [file]
+        file.visititems(lambda _, node: nodes.append(node))
+        for node in nodes:
+            del node.attrs["checksum"]
+        file.attrs["schema"] = 3
+        change(file)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda file: file.attrs.update(case="name = ["),
+        lambda file: file.attrs.update(case='tank = 1\nscheme = "none"\ndx = "wide"\n'),
+        lambda file: file.__delitem__("snapshots/000001/x"),
+        lambda file: file["snapshots/000001"].attrs.__delitem__("time"),
+        lambda file: file["numbers"].__setitem__((), "[1, 2"),
+        lambda file: file["notices"].__setitem__((), "{"),
+        lambda file: file["series"].move("eta", "etta") or file["series/P_a"].resize(7, axis=0),
+    ],
+)
+def test_page_of_a_damaged_file_is_refused_in_words(tmp_path, change):
+    """Of a file without checksums, whose damage is met only while the page is made."""
+    path = make_run(tmp_path / "run.h5", frames=2)
+    old_file(path, change)
+    with pytest.raises((FileError, CaseError), match=r"run\.h5"):
+        js.report(path)
+    assert not path.with_suffix(".html").exists()
+
+
+def test_page_replaces_a_page_and_nothing_else(tmp_path, monkeypatch):
+    path, out = make_run(tmp_path / "run.h5", frames=1), tmp_path / "thesis.html"
+    out.write_text("three years of work")
+    with pytest.raises(FileError, match="is not a page of jaxsph; .*--overwrite"):
+        js.report(path, out)
+    assert out.read_text() == "three years of work"
+    js.report(path, out, overwrite=True)
+    before = out.read_bytes()
+    js.report(path, out)  # its own page
+    with monkeypatch.context() as full:
+        full.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+        with pytest.raises(FileError, match="No space left"):
+            js.report(path, out)
+    assert out.read_bytes() == before and sorted(os.listdir(tmp_path)) == ["run.h5", "thesis.html"]
+    with pytest.raises(FileError, match="is a folder"):
+        js.report(path, tmp_path)
+
+
 def test_wrong_files_are_refused(tmp_path):
     with pytest.raises(FileError, match="no file"):
         js.report([])
@@ -310,7 +364,7 @@ def test_watch_serves_what_is_new_and_nothing_else(tmp_path):
         assert status == 200 and newer != mark and read(record)["runs"][0]["ended"]
         with pytest.raises(urllib.error.HTTPError, match="404"):
             _get(served.address + "run.h5")
-        port = int(served.address.rstrip("/").rpartition(":")[2])
+        port = urllib.parse.urlsplit(served.address).port
         with pytest.raises(CaseError, match=f"--port {port}"):
             js.Watch(path, port)
 
@@ -325,6 +379,39 @@ def test_watch_tells_what_it_cannot_read_and_goes_on(tmp_path):
         assert b"run.h5" in told.value.read()
         path.write_bytes(whole)
         assert _get(served.address + "record?known=")[0] == 200
+
+
+@pytest.mark.parametrize("text", ["name = [", "dx = -1.0\n", 'dx = "wide"\nwaves = 3\n', "tank = 1\n"])
+def test_a_watched_file_that_gets_a_bad_case_is_told_and_watched_on(tmp_path, text):
+    path = make_run(tmp_path / "run.h5", frames=1)
+    whole = path.read_bytes()
+    with js.Watch(path) as served:
+        old_file(path, lambda file: file.attrs.update(case=text))
+        # a case of another version is shown as far as it goes; whatever cannot be shown is a message
+        try:
+            assert _get(served.address + "record?known=")[0] == 200
+        except urllib.error.HTTPError as told:
+            assert told.code == 503 and b"run.h5" in told.read()
+        path.write_bytes(whole)
+        assert _get(served.address + "record?known=")[0] == 200
+
+
+def test_watch_answers_to_its_own_name_and_token_only(tmp_path):
+    """A page of another site can reach this machine, by any name and without the token."""
+    path = make_run(tmp_path / "run.h5", frames=1)
+    with js.Watch(path) as served, js.Watch(path) as other:
+        port = urllib.parse.urlsplit(served.address).port
+        token = urllib.parse.urlsplit(other.address).path
+        root = f"http://127.0.0.1:{port}"
+        for place in ("/", "/record", "/record?known=", token, token + "record", "/" + served.address[-9:]):
+            with pytest.raises(urllib.error.HTTPError, match="403"):
+                _get(root + place)
+        for host in ("evil.example", f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port}.evil.example"):
+            request = urllib.request.Request(served.address + "record", headers={"Host": host})
+            with pytest.raises(urllib.error.HTTPError, match="403"):
+                _get(request)
+        request = urllib.request.Request(served.address, headers={"Host": f"localhost:{port}"})
+        assert _get(request)[0] == 200
 
 
 # --- in a browser

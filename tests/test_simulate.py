@@ -24,8 +24,10 @@ import jaxsph as js
 from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.model.state import Failure
+from jaxsph.output import run_file
 from jaxsph.output.run_file import RunFile
 from jaxsph.run import chunks, host, recorder, simulate
+from jaxsph.run.amend import amend
 from jaxsph.run.results import flume_gauges, run_results
 from jaxsph.waves import theory
 from jaxsph.waves.second_order import Harmonics, wavenumbers
@@ -305,7 +307,8 @@ def test_checkpoint_of_other_rules_is_refused(whole, tmp_path, monkeypatch):
     monkeypatch.undo()
     with h5py.File(path, "r+") as file:
         file.attrs["schema"] = 1
-    with pytest.raises(FileError, match="checkpoint of layout 1, .* layout 3 only: finish the run with"):
+        del file.attrs["checksum"]
+    with pytest.raises(FileError, match="checkpoint of layout 1, .* layout 4 only: finish the run with"):
         resume(path)
     assert len(RunFile.open(path).series()["time"]) == 20  # its series are read all the same
 
@@ -350,7 +353,88 @@ def test_what_a_run_cannot_change_is_refused_by_name(whole, changes, message):
     assert whole[0].read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("t1", "devices", "message"),
+    [
+        (2 * CHUNK, None, "already at 0.2 s"),
+        (np.nan, None, "t1 = nan s: must be a finite time"),
+        (np.inf, None, "t1 = inf s: must be a finite time"),
+        (5 * CHUNK, 10**6, "devices"),
+    ],
+)
+def test_what_is_refused_has_changed_nothing(whole, t1, devices, message):
+    """Neither the case of a run that goes on nor the file of one that begins anew."""
+    path = whole[0]
+    before = path.read_bytes()
+    with pytest.raises(CaseError, match=message):
+        resume(path, t1=t1, changes={"pto.K_dm": 300.0}, devices=devices)
+    assert path.read_bytes() == before
+    with pytest.raises(CaseError, match="-3|finite|devices"):
+        quiet(OWC, t1=-3.0 if t1 == 2 * CHUNK else t1, out=path, overwrite=True, devices=devices)
+    assert path.read_bytes() == before and len(os.listdir(path.parent)) == 1
+
+
+def test_another_interval_of_samples_keeps_powers_and_what_was_exchanged(whole, tmp_path):
+    """The first sample after the change is a mean over the old interval, and the totals are as before."""
+    path = shutil.copy(whole[0], tmp_path / "wider.h5")
+    plain = quiet(OWC, t1=5 * CHUNK)
+    wider = resume(path, t1=0.24, changes={"output.sample_dt": 0.02})
+    assert RunFile.open(path).since == pytest.approx(0.2)
+    np.testing.assert_allclose(wider.t[19:], [0.19, 0.2, 0.22], atol=1e-12)
+    for name in ("flow_mean", "power_pto", "power_paddle", "power_hyperviscosity", "power_contact"):
+        if name in plain.series:
+            # one rounding of a share of a float32 sum
+            np.testing.assert_allclose(wider[name][20], plain[name][20], rtol=1e-5, err_msg=name)
+    # the same water in one interval or in two; the time step divides the interval, and is another
+    mean = 0.5 * (plain["power_paddle"][21] + plain["power_paddle"][22])
+    assert wider["power_paddle"][21] == pytest.approx(mean, rel=0.01)
+    _, _, state = js.restore(whole[0])
+    other = tmp_path / "killed.h5"
+    shutil.copy(whole[0], other)
+    start, change = amend(RunFile.open(other), host.load_start(other), {"output.sample_dt": 0.02})
+    RunFile.open(other).amend(*change)
+    _assert_same(js.restore(other)[2], start.state)  # a kill before the next chunk loses nothing
+    for name, tally in state.ledger.items():
+        np.testing.assert_allclose(start.state.ledger[name].total, tally.total, rtol=1e-6, atol=1e-12)
+
+
+def test_a_run_that_was_killed_before_its_results_is_ended_by_resume(whole, tmp_path):
+    path = shutil.copy(whole[0], tmp_path / "nearly.h5")
+    with RunFile.open(path)._rewritten() as (file, _):
+        run_file._replace_results(file, {}, ())
+    again = resume(path, t1=4 * CHUNK)
+    assert {k: v for k, v in again.results.items() if "second" not in k} == {
+        k: v for k, v in whole[1].results.items() if "second" not in k
+    }
+
+
 # --- results
+
+
+def test_a_change_restarts_the_record_of_results(tmp_path):
+    """Means are of what follows the change and its transient, or there are none and a notice says why."""
+    case, solution = _ended(js.load_case("owc").replace({"t1": 60.0}), [2.0, 2.3, 2.75])
+    power = solution.series["power_pto"]
+    straight = run_results(case, solution, 1.0, 1)[0]
+    power[solution.t < 20.0] = 7.0
+    results, notices = run_results(case, solution, 1.0, 1, since=20.0)
+    assert not notices and results["xi"] == pytest.approx(straight["xi"], rel=1e-6)
+    late, notices = run_results(case, solution, 1.0, 1, since=55.0)
+    assert not {"xi", "P_owc", "reflection", "periods"} & set(late)
+    assert len(notices) == 1 and re.search(r"changed at t = 55 s.* go on to t1 = \d+", notices[0])
+    # energy, too, is counted from the change on: 1 W/m over the last five seconds
+    assert late["energy_pto"] == pytest.approx(5.0, abs=0.03)
+
+
+def test_results_of_before_a_change_do_not_outlive_it(whole, tmp_path):
+    path = shutil.copy(whole[0], tmp_path / "changed.h5")
+    for changes, since in (({"t1": 9.0}, 0.0), ({"pto.K_dm": 300.0}, 0.2)):
+        file = RunFile.open(path)
+        start, change = amend(file, host.load_start(path), changes)
+        file.amend(*change)
+        assert file.since == pytest.approx(since)
+        assert not RunFile.open(path).results() and not RunFile.open(path).notices()
+        assert start.case == host.load_start(path).case
 
 
 def _ended(case, gauges, reflected=0.3):

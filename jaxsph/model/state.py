@@ -7,6 +7,7 @@ the bed. In two dimensions everything is per metre of width.
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -86,16 +87,28 @@ class Tally(eqx.Module):
         lost = (self.settled - (settled - kept)) + (self.recent - kept)
         return Tally(jnp.zeros_like(self.recent), settled, self.carry + lost)
 
+    def over(self, share: float) -> Tally:
+        """Tally of the same total whose recent amount is the share of another interval, at the same rate."""
+        rest = Tally(self.recent * (1.0 - share), self.settled, self.carry).settle()
+        return Tally(self.recent * share, rest.settled, rest.carry)
+
 
 def settle(tree: Any, due: jax.Array) -> Any:
     """Pytree with every `Tally` settled where a sample is `due`."""
 
-    def settled(leaf):
-        if not isinstance(leaf, Tally):
-            return leaf
-        return jax.tree.map(lambda a, b: jnp.where(due, a, b), leaf.settle(), leaf)
+    def settled(tally):
+        return jax.tree.map(lambda a, b: jnp.where(due, a, b), tally.settle(), tally)
 
-    return jax.tree.map(settled, tree, is_leaf=lambda leaf: isinstance(leaf, Tally))
+    return map_tallies(settled, tree)
+
+
+def map_tallies(change: Callable[[Tally], Tally], tree: Any) -> Any:
+    """Pytree with every `Tally` changed."""
+    return jax.tree.map(
+        lambda leaf: change(leaf) if isinstance(leaf, Tally) else leaf,
+        tree,
+        is_leaf=lambda leaf: isinstance(leaf, Tally),
+    )
 
 
 class Failure(enum.IntFlag):

@@ -3,7 +3,7 @@
 Layout (`SCHEMA`):
 
     attributes             schema, jaxsph_version, case (the whole case as TOML text), machine, run, stage,
-                           read
+                           read; since (s), of a run whose case was changed
     settings               attributes: what fixed the arrays' shapes
     numbers                JSON: numbers that decide the run, such as the time step made of the case
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import tomllib
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -37,18 +38,21 @@ from jaxsph.output.hdf5 import (
     SCHEMA,
     Coordinates,
     Variable,
+    attributes,
+    check,
     check_signature,
     dimension,
-    exact,
     open_file,
     plain,
+    read,
     replace_file,
+    seal,
     tell_write_errors,
     version,
 )
 from jaxsph.output.journal import Journal, Owner
 from jaxsph.output.records import Head, read_arrays
-from jaxsph.output.series_group import extend_series, over_time, time_of, write_coordinates
+from jaxsph.output.series_group import GROUPS, extend_series, over_time, time_of, write_coordinates
 
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
 
@@ -78,7 +82,7 @@ class _View(NamedTuple):
         if self.journal is not None:
             return self.journal.about["time"]
         times = time_of(self.file)
-        return None if times is None or not len(times) else float(times[-1])
+        return None if times is None or not len(times) else float(read(times)[-1])
 
     def variables(self) -> dict[str, Variable]:
         """Meaning of each series, by name."""
@@ -87,13 +91,14 @@ class _View(NamedTuple):
         found = {}
         for name, data in over_time(self.file):
             dim = dimension(data, 1) if data.ndim == 2 else None
+            check(data)
             group = data.parent.name.strip("/")
             found[name] = Variable(data.attrs["units"], data.attrs["long_name"], dim, group)
         return found
 
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, those of the file with the samples that the journal adds."""
-        found = {name: [data[()]] for name, data in over_time(self.file)}
+        found = {name: [read(data)] for name, data in over_time(self.file)}
         for head in self.news():
             for name, values in _part(self.journal, head, "series").items():
                 found.setdefault(name, []).append(values)
@@ -109,6 +114,8 @@ class RunFile:
         """Names a run's file and does not check it, as `create` and `open` do."""
         self.path = Path(path)
         self._index: tuple[Any, list[Head]] = (None, [])
+        self._own: Owner | None = None
+        """Owner of the file when it was made or opened; a file that has another by then is left alone."""
 
     def __repr__(self) -> str:
         """The class and its path."""
@@ -144,13 +151,16 @@ class RunFile:
             )
         with tell_write_errors(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
+        run._own = Owner(uuid.uuid4().hex, 0)
         with replace_file(run.path, "w") as file:
-            file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=uuid.uuid4().hex, stage=0, read=0)
+            file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=run._own.run, stage=0, read=0)
             file.attrs["machine"] = machine
             _describe(file, case_toml, settings, numbers or {})
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)
+            for group in _groups(file):
+                seal(group)
         with tell_write_errors(run.path):
             journal.remove(run.path)
         return run
@@ -171,6 +181,8 @@ class RunFile:
                     f"{path}: has layout {int(schema)} of jaxsph {file.attrs['jaxsph_version']}, "
                     f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
                 )
+            check(file)
+            run._own = _owner(file)
         return run
 
     # --- writing
@@ -199,10 +211,13 @@ class RunFile:
         parts = {"series": series, "snapshot": snapshot or {}}
         chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
         with self._view() as view:
-            self._check_continues(view, series)
+            self._check_own(view.file)
+            wrong = self._continues(view, series)
             owner, known = view.owner, view.journal is not None
             end = view.journal.about["end"] if known else 0
             first, read = "time" not in view.file["series"], int(view.file.attrs["read"])
+        if wrong:
+            raise ValueError(wrong)
         about = {"time": float(series["time"][-1]), "progress": _numbers(progress)}
         with tell_write_errors(self.path):
             if not known:
@@ -215,15 +230,7 @@ class RunFile:
 
     def finish(self, results: Mapping[str, float], notices: tuple[str, ...] = ()) -> None:
         """Records scalar results in the place of any earlier ones, and folds the journal into the file."""
-
-        def change(file: h5py.File) -> None:
-            attributes = file["results"].attrs
-            for name in list(attributes):
-                del attributes[name]
-            attributes.update({name: float(value) for name, value in results.items()})
-            _put_text(file, "notices", json.dumps(list(notices)))
-
-        self._fold(change)
+        self._fold(lambda file: _replace_results(file, results, notices))
 
     def fold(self) -> None:
         """Folds the journal into the file of a run that stops before its end."""
@@ -233,14 +240,30 @@ class RunFile:
             self._fold(lambda _: None)
 
     def amend(
-        self, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
+        self,
+        case_toml: str,
+        settings: Mapping[str, int | float],
+        numbers: Mapping[str, list[float]],
+        since: float,
+        checkpoint: Mapping[str, np.ndarray],
     ) -> None:
-        """Replaces the case from the checkpoint on; arguments are those of `create`."""
-        self._fold(lambda file: _describe(file, case_toml, settings, numbers))
+        """Replaces the case from the checkpoint on, and removes results and notices, all in one write.
+
+        **Arguments**: those of `create`; `since`: time from which results count, s; the changed checkpoint.
+        """
+
+        def change(file: h5py.File) -> None:
+            _describe(file, case_toml, settings, numbers)
+            _replace_results(file, {}, ())
+            # another stage: a run that is still in progress must not go on in the changed file
+            file.attrs.update(since=since, stage=int(file.attrs["stage"]) + 1)
+            _replace_arrays(file["checkpoint"], checkpoint)
+
+        self._fold(change)
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
         """Takes the journal into the file, with a change to it, in one step."""
-        with replace_file(self.path, "r+") as file, self._view() as view:
+        with self._rewritten() as (file, view):
             if view.journal is not None:
                 _take_series(file, view)
                 for head in self._snapshots(view):
@@ -250,19 +273,44 @@ class RunFile:
                 # from here on the journal has no owner
                 file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
             change(file)
+            owner = _owner(file)
+        self._own = self._own and owner
         with tell_write_errors(self.path):
             journal.remove(self.path)
 
     def _bring_up_to_date(self) -> None:
-        with replace_file(self.path, "r+") as file, self._view() as view:
+        with self._rewritten() as (file, view):
             _take_series(file, view)
             file.attrs["read"] = view.journal.about["end"]
 
-    def _check_continues(self, view: _View, series: Mapping[str, np.ndarray]) -> None:
-        """Refuses samples that do not go on from those that are there."""
+    @contextlib.contextmanager
+    def _rewritten(self) -> Iterator[tuple[h5py.File, _View]]:
+        """Copy of the file to change, which takes its place, and the view of file and journal as they are."""
+        with self._view() as view, replace_file(self.path, "r+") as file:
+            for group in _groups(file):
+                check(group)
+            self._check_own(file)
+            yield file, view
+            for group in _groups(file):
+                seal(group)
+
+    def _check_own(self, file: h5py.File) -> None:
+        """**Raises** FileError where another run has taken the file, or has changed or folded it."""
+        if self._own not in (None, _owner(file)):
+            raise FileError(
+                f"{self.path}: belongs to another run by now, or has gone on without this one: another "
+                f"program writes to it. Stop one of them; `jaxsph resume {self.path}` goes on with what the "
+                "file holds"
+            )
+
+    def _continues(self, view: _View, series: Mapping[str, np.ndarray]) -> str:
+        """Why samples do not go on from those that are there; empty where they do.
+
+        **Raises** FileError where another run writes to the file.
+        """
         stored, t = view.last_time(), series["time"]
         if stored is None:
-            return
+            return ""
         if not t[0] > stored:
             raise FileError(
                 f"{self.path}: holds samples up to t = {stored:g} s, and this run is at {t[0]:g} s: "
@@ -270,11 +318,12 @@ class RunFile:
             )
         names = set(view.variables())
         if names != set(series):
-            raise ValueError(f"the file has series {sorted(names)}, not {sorted(series)}")
+            return f"the file has series {sorted(names)}, not {sorted(series)}"
         rows = {name: data.shape[1:] for name, data in over_time(view.file)}
         for name, values in series.items():
             if name in rows and rows[name] != values.shape[1:]:
-                raise ValueError(f"series {name!r}: rows of {rows[name]}, not {values.shape[1:]}")
+                return f"series {name!r}: rows of {rows[name]}, not {values.shape[1:]}"
+        return ""
 
     # --- reading
 
@@ -283,39 +332,48 @@ class RunFile:
         # the journal first: see `journal.beside`
         with journal.beside(self.path) as beside, open_file(self.path) as file:
             ours = beside is not None and beside.owner == _owner(file)
+            check(file)
+            for name in (*GROUPS, "snapshots", "checkpoint"):
+                if name in file:
+                    check(file[name])
             yield _View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
+        """Attributes of a group, "/" for the file's own."""
         with open_file(self.path) as file:
-            return {name: plain(value) for name, value in file[group].attrs.items()}
+            return attributes(file[group])
 
     def _text(self, name: str, default: str) -> Any:
         with open_file(self.path) as file:
-            return json.loads(file[name][()] if name in file else default)
+            check(file)
+            return json.loads(read(file[name]) if name in file else default)
 
     @property
     def schema(self) -> int:
         """Version of the file's layout."""
-        with open_file(self.path) as file:
-            return int(file.attrs["schema"])
+        return int(self._attributes("/")["schema"])
 
     @property
     def version(self) -> str:
         """Version of jaxsph that made the file."""
-        with open_file(self.path) as file:
-            return str(file.attrs["jaxsph_version"])
+        return str(self._attributes("/")["jaxsph_version"])
 
     @property
     def machine(self) -> str:
         """What the run began on, in words; empty in files of older versions."""
-        with open_file(self.path) as file:
-            return str(file.attrs.get("machine", ""))
+        return str(self._attributes("/").get("machine", ""))
 
     @property
     def case_toml(self) -> str:
         """Whole case of the run as TOML text."""
-        with open_file(self.path) as file:
-            return str(file.attrs["case"])
+        return str(self._attributes("/")["case"])
+
+    def case_keys(self) -> dict[str, Any]:
+        """Keys and values of the case. **Raises** FileError where its text is damaged."""
+        try:
+            return tomllib.loads(self.case_toml)
+        except tomllib.TOMLDecodeError as error:
+            raise FileError(f"{self.path}: the text of its case is damaged ({error})") from None
 
     @property
     def settings(self) -> dict[str, int | float]:
@@ -325,6 +383,11 @@ class RunFile:
     def numbers(self) -> dict[str, list[float]]:
         """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
         return self._text("numbers", "{}")
+
+    @property
+    def since(self) -> float:
+        """Time of the last change of the case in the course of its run, from which results count, s."""
+        return float(self._attributes("/").get("since", 0.0))
 
     def progress(self) -> dict[str, float]:
         """Numbers of the run so far, by name, as given to the last `append`."""
@@ -355,10 +418,11 @@ class RunFile:
         """Positions of gauges and sensors, in the form that `create` takes."""
         found = {}
         with open_file(self.path) as file:
+            check(file["series"])
             for name, data in file["series"].items():
                 if not data.is_scale and dimension(data, 0) != "time":
                     units, long_name = data.attrs["units"], data.attrs["long_name"]
-                    found[name] = (dimension(data, 0), data[()], units, long_name)
+                    found[name] = (dimension(data, 0), read(data), units, long_name)
         return found
 
     def has_checkpoint(self) -> bool:
@@ -371,7 +435,7 @@ class RunFile:
         with self._view() as view:
             if view.journal is not None:
                 return view.journal.checkpoint()
-            return {name: exact(data) for name, data in view.file["checkpoint"].items()}
+            return {name: read(data) for name, data in view.file["checkpoint"].items()}
 
     @property
     def snapshot_count(self) -> int:
@@ -384,23 +448,22 @@ class RunFile:
 
         **Raises** IndexError where there is none.
         """
+        count = self.snapshot_count
+        if not -count <= i < count:
+            raise IndexError(f"snapshot {i}: {self.path} holds {count}")
+        i %= count
         with self._view() as view:
             folded, more = len(view.file["snapshots"]), self._snapshots(view)
-            count = folded + len(more)
-            if not -count <= i < count:
-                raise IndexError(f"snapshot {i}: {self.path} holds {count}")
-            i %= count
             if i >= folded:
                 found = _part(view.journal, more[i - folded], "snapshot")
                 return {name: a if a.ndim else a.item() for name, a in found.items()}
             group = view.file["snapshots"][_snapshot_name(i)]
-            found = {name: plain(value) for name, value in group.attrs.items()}
-            return found | {name: data[()] for name, data in group.items()}
+            return attributes(group) | {name: read(data) for name, data in group.items()}
 
     def snapshot_times(self) -> np.ndarray:
         """Times of the snapshots, s."""
         with self._view() as view:
-            times = [group.attrs["time"] for group in view.file["snapshots"].values()]
+            times = [attributes(group)["time"] for group in view.file["snapshots"].values()]
             more = self._snapshots(view)
             times += [_part(view.journal, head, "snapshot", "time")["time"] for head in more]
             return np.asarray(times, np.float64)
@@ -416,6 +479,11 @@ class RunFile:
         return self._index[1]
 
 
+def _groups(file: h5py.File) -> list[h5py.Group]:
+    """The file itself, and the groups that it holds."""
+    return [file, *(node for node in file.values() if isinstance(node, h5py.Group))]
+
+
 def _owner(file: h5py.File) -> Owner:
     return Owner(str(file.attrs.get("run", "")), int(file.attrs.get("stage", 0)))
 
@@ -428,10 +496,18 @@ def _describe(
     _put_text(file, "numbers", json.dumps(dict(numbers)))
 
 
+def _replace_results(file: h5py.File, results: Mapping[str, float], notices: tuple[str, ...]) -> None:
+    attributes = file["results"].attrs
+    for name in list(attributes):
+        del attributes[name]
+    attributes.update({name: float(value) for name, value in results.items()})
+    _put_text(file, "notices", json.dumps(list(notices)))
+
+
 def _put_text(file: h5py.File, name: str, text: str) -> None:
     if name in file:
         del file[name]
-    file.create_dataset(name, data=text, dtype=h5py.string_dtype())
+    seal(file.create_dataset(name, data=text, dtype=h5py.string_dtype()))
 
 
 def _numbers(values: Mapping[str, float]) -> dict[str, float]:
@@ -476,6 +552,8 @@ def _write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, np.ndarray]) -
         data = group.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)
         if name in _SNAPSHOT_UNITS:
             data.attrs["units"] = _SNAPSHOT_UNITS[name]
+        seal(data)
+    seal(group)
 
 
 def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
@@ -486,7 +564,8 @@ def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None
         stored = group.get(name)
         if stored is not None and (stored.shape, stored.dtype) == (value.shape, value.dtype):
             stored[...] = value  # in place: HDF5 does not give back the room of a deleted array
-            continue
-        if stored is not None:
-            del group[name]
-        group.create_dataset(name, data=value)
+        else:
+            if stored is not None:
+                del group[name]
+            stored = group.create_dataset(name, data=value)
+        seal(stored)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,7 +20,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.report.frames import Frames
 from jaxsph.report.labels import in_order, in_words, label_of
 from jaxsph.report.pack import Pack
-from jaxsph.run.results import two_way_sea
+from jaxsph.run.results import series_since, two_way_sea
 
 MOST_SAMPLES = 6000
 """Samples of a line above which it is drawn through the extremes of every few of them."""
@@ -56,9 +55,10 @@ RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch
 
 def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[str, Any]:
     """What a page shows of a run, finished or not. **Raises** FileError where it cannot be read."""
-    keys, series = tomllib.loads(run.case_toml), run.series()
+    keys, series = run.case_keys(), run.series()
     case = _case_of(keys)
     results = run.results()
+    since = series_since(series, run.since) if series else series
     flat = keys.get("tank", {}).get("width") is None
     name = str(keys.get("name", run.path.stem))
     return {
@@ -71,7 +71,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
         "warnings": [*run.notices(), *_warnings(keys, case, series, results)],
         "results": _result_rows(results, flat),
         "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
-        "spectra": _spectrum(case, series, run.coordinates(), pack),
+        "spectra": _spectrum(case, since, run.coordinates(), pack),
         "case": run.case_toml,
         "player": (frames or Frames(run)).content(pack),
     }

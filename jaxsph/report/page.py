@@ -11,8 +11,8 @@ from typing import Any
 
 import jinja2
 
-from jaxsph.errors import FileError
-from jaxsph.output.hdf5 import tell_write_errors
+from jaxsph.errors import FileError, JaxsphError
+from jaxsph.output.hdf5 import put_file, tell_write_errors
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.content import run_content
@@ -24,12 +24,18 @@ SCRIPTS = ("record.js", "player.js", "charts.js", "sweep.js", "page.js")
 """Scripts of the page, in the order in which they stand in it."""
 
 
-def report(files: str | Path | Sequence[str | Path], out: str | Path | None = None) -> Path:
+MARK = b"Made by jaxsph."
+"""Words that every page has, by which a page may be replaced and another file may not."""
+
+
+def report(
+    files: str | Path | Sequence[str | Path], out: str | Path | None = None, overwrite: bool = False
+) -> Path:
     """Page of runs and sweeps, finished or not, as one file that any browser opens without a network.
 
     **Arguments**: one file or several, which are shown side by side; `out`: by default the first file's path
-    with the suffix .html. **Returns** the page's path. **Raises** FileError where a file cannot be read or
-    written.
+    with the suffix .html; `overwrite`: replace `out` also where it is no page of jaxsph. **Returns** the
+    page's path. **Raises** FileError where a file cannot be read or written.
     """
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     if not paths:
@@ -37,10 +43,17 @@ def report(files: str | Path | Sequence[str | Path], out: str | Path | None = No
     out = paths[0].with_suffix(".html") if out is None else Path(out)
     if out.resolve() in {path.resolve() for path in paths}:
         raise FileError(f"{out}: is one of the files to be shown; give another name with --out")
+    if out.is_dir():
+        raise FileError(f"{out}: is a folder; give the name of a page, such as {out / 'page.html'}")
+    if out.exists() and not overwrite and MARK not in out.read_bytes():
+        raise FileError(
+            f"{out}: exists and is not a page of jaxsph; nothing was changed. Give another name with --out, "
+            "or replace it with --overwrite"
+        )
     text = render_page(record_of(paths), title_of(paths))
     with tell_write_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(text, encoding="utf-8")
+        put_file(out, text.encode())
     return out
 
 
@@ -48,12 +61,20 @@ def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -
     """Contents of a page about these files, compressed; `frames`: snapshots that are known already."""
     pack, runs, sweeps = Pack(), [], []
     for path in paths:
-        if SweepFile(path).is_one():
-            sweeps.append(sweep_content(SweepFile(path), pack))
-            continue
-        run = RunFile.open(path)
-        known = None if frames is None else frames.setdefault(path, Frames(run))
-        runs.append(run_content(run, pack, known))
+        try:
+            if SweepFile(path).is_one():
+                sweeps.append(sweep_content(SweepFile(path), pack))
+                continue
+            run = RunFile.open(path)
+            known = None if frames is None else frames.setdefault(path, Frames(run))
+            runs.append(run_content(run, pack, known))
+        except JaxsphError:
+            raise
+        except Exception as error:  # whatever is made of contents that nobody wrote
+            raise FileError(
+                f"{path}: cannot be shown ({type(error).__name__}: {error}): it is damaged, or was made by a "
+                "version that wrote something else"
+            ) from error
     return pack.compress({"runs": _told_apart(runs), "sweeps": sweeps})
 
 

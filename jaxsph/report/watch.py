@@ -1,8 +1,14 @@
-"""`watch`: the page of a run that goes on, from a server that only this machine reaches."""
+"""`watch`: the page of a run that goes on, from a server that only this machine reaches.
+
+A page of another site can send requests to this machine too, and by a name that changes its address (DNS
+rebinding) read the answers. So the server answers to its own name only, and to those who know its token.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import hmac
+import secrets
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -31,6 +37,7 @@ class Watch:
         self.path = Path(file)
         self._frames: dict[Path, Frames] = {}
         self._lock = threading.Lock()
+        self._token = secrets.token_urlsafe(16)
         self._stamp: tuple[float, ...] = ()
         self._record = b""
         self.latest()  # a file that is no run's is refused at once
@@ -42,8 +49,15 @@ class Watch:
 
     @property
     def address(self) -> str:
-        """Address of the page."""
-        return f"http://{HOST}:{self._server.server_address[1]}/"
+        """Address of the page, with the token without which nothing is answered."""
+        return f"http://{HOST}:{self._server.server_address[1]}/{self._token}/"
+
+    def place(self, host: str, path: str) -> str | None:
+        """Place below the address that a request asks for; None without the token, or by another name."""
+        port = self._server.server_address[1]
+        token, slash, place = path.removeprefix("/").partition("/")
+        knows = hmac.compare_digest(token.encode(), self._token.encode())
+        return place if knows and slash and host in (f"{HOST}:{port}", f"localhost:{port}") else None
 
     @property
     def title(self) -> str:
@@ -85,10 +99,13 @@ def _answers_of(watch: Watch) -> type[BaseHTTPRequestHandler]:
     class Answers(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             address = urlsplit(self.path)
-            if address.path == "/":
+            place = watch.place(self.headers.get("Host", ""), address.path)
+            if place is None:
+                self._answer(403, b"open the address that jaxsph watch prints", "text/plain; charset=utf-8")
+            elif place == "":
                 page = render_page(None, watch.title).encode()
                 self._answer(200, page, "text/html; charset=utf-8")
-            elif address.path == "/record":
+            elif place == "record":
                 self._news(parse_qs(address.query).get("known", [""])[0])
             else:
                 self._answer(404, b"there is only the page and its record", "text/plain; charset=utf-8")
@@ -109,6 +126,7 @@ def _answers_of(watch: Watch) -> type[BaseHTTPRequestHandler]:
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
+            self.send_header("Referrer-Policy", "no-referrer")
             if mark:
                 self.send_header("ETag", mark)
             self.end_headers()

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.case.build import build
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.report import steps_per_sample
+from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError
-from jaxsph.model.state import State
+from jaxsph.model.state import State, map_tallies
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.chunks import search_settings, with_settings
-from jaxsph.run.recorder import Start, deciding_numbers
+from jaxsph.run.recorder import Start, deciding_numbers, saved_state
 
 CHANGEABLE = (
     "t1",
@@ -67,33 +68,66 @@ REASONS = {
 """Reasons why a run cannot change a value in its course, by key or section."""
 
 
-def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> Start:
-    """Changes values of a run's case from its checkpoint on, in its file too, and returns the changed start.
+UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
+"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples: results count on."""
 
-    **Raises** CaseError for a value that a run cannot change in its course; the file is then as it was.
+
+class Change(NamedTuple):
+    """Change of a run's file that has been checked and is still to be written by `RunFile.amend`."""
+
+    case_toml: str
+    settings: dict[str, int]
+    numbers: dict[str, list[float]]
+    since: float
+    checkpoint: dict[str, np.ndarray]
+
+
+def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Start, Change]:
+    """The start with values of its case changed from its checkpoint on, and what then is to be written.
+
+    **Raises** CaseError for a value that a run cannot change in its course.
     """
     case = amended_case(start.case, changes)
     model, initial = build(case)
     old_every, every = steps_per_sample(start.case, start.model), steps_per_sample(case, model)
-    t = int(start.state.step) / old_every * start.case.output.sample_dt
-    samples = t / case.output.sample_dt
+    old_dt, dt = start.case.output.sample_dt, case.output.sample_dt
+    t = int(start.state.step) / old_every * old_dt
+    samples = t / dt
     if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
-        raise CaseError(
-            f"output.sample_dt = {case.output.sample_dt:g} s: the run is at {t:g} s, no multiple of it"
-        )
+        raise CaseError(f"output.sample_dt = {dt:g} s: the run is at {t:g} s, no multiple of it")
     known, found = search_settings(start.model), search_settings(model)
     model = with_settings(
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
     state = _carry_over(start.state, initial)
+    # What was exchanged since the last sample belongs to the old interval, and a probe divides it by the new.
+    own, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.own, state.ledger))
+    limits = map_tallies(lambda tally: tally.over(every / old_every), state.limits)
     # time is counted in steps: the same time, in steps of the new length
-    state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(round(samples) * every, state.step.dtype))
-    file.amend(
+    step = jnp.asarray(round(samples) * every, state.step.dtype)
+    state = eqx.tree_at(lambda s: (s.step, s.own, s.ledger, s.limits), state, (step, own, ledger, limits))
+    _check_readings(start, Start(case, model, initial))
+    change = Change(
         _told(file.case_toml, start.case, case, changes, t),
         search_settings(model),
         deciding_numbers(model, initial),
+        file.since if set(changes) <= set(UNMOVED) else t,
+        saved_state(state),
     )
-    return Start(case, model, initial, state)
+    return Start(case, model, initial, state), change
+
+
+def _check_readings(before: Start, now: Start) -> None:
+    """**Raises** CaseError where the changed case reads other series than the file holds."""
+    old, new = (
+        {name for probe in make_probes(s.case, s.model, s.initial) for name in probe.describe()}
+        for s in (before, now)
+    )
+    if old != new:
+        raise CaseError(
+            f"the changed case has other readings than the run ({', '.join(sorted(old ^ new))}): run it anew "
+            "with --set"
+        )
 
 
 def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:

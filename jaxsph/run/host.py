@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,7 @@ from jaxsph.run.processes import Processes, whole
 from jaxsph.run.recorder import (
     Recorder,
     Start,
+    check_end,
     deciding_numbers,
     differences,
     new_file,
@@ -60,10 +60,15 @@ def run(
     """
     find_devices(devices)  # before JAX is first used
     start, processes = Start(case, *build(case)), Processes()
-    file = None
-    if out is not None:
-        file = new_file(out, start, overwrite) if processes.is_first else RunFile(out)
-    return _drive(start, case.t1 if t1 is None else t1, file, progress, devices, processes)
+    t1 = case.t1 if t1 is None else t1
+    check_end(start, t1)
+
+    def take() -> RunFile | None:
+        if out is None:
+            return None
+        return new_file(out, start, overwrite) if processes.is_first else RunFile(out)
+
+    return _drive(start, t1, take, progress, devices, processes)
 
 
 def resume(
@@ -89,8 +94,16 @@ def resume(
             raise CaseError(
                 "changes: a run of several processes takes none; make them with one process first"
             )
-        start = amend(file, start, changes)
-    return _drive(start, start.case.t1 if t1 is None else t1, file, progress, devices, processes)
+        start, change = amend(file, start, changes)
+    t1 = start.case.t1 if t1 is None else t1
+    check_end(start, t1, ended=bool(file.results()))
+
+    def take() -> RunFile:
+        if changes:
+            file.amend(*change)
+        return file
+
+    return _drive(start, t1, take, progress, devices, processes)
 
 
 def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
@@ -106,7 +119,7 @@ def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, St
 def load_start(path: str | Path, case: Case | None = None) -> Start:
     """Case, model, checkpoint and initial state of a run's file. **Raises** FileError, as `restore`."""
     file = RunFile.open(path)
-    stored = Case.from_dict(tomllib.loads(file.case_toml))
+    stored = Case.from_dict(file.case_keys())
     if case is not None and case != stored:
         raise FileError(
             f"{path}: was made by another case than the one given ({stored.name!r} against "
@@ -138,18 +151,22 @@ def load_start(path: str | Path, case: Case | None = None) -> Start:
 
 
 def _drive(
-    start: Start, t1: float, file: RunFile | None, progress: bool, devices: int | None, processes: Processes
+    start: Start,
+    t1: float,
+    take: Callable[[], RunFile | None],
+    progress: bool,
+    devices: int | None,
+    processes: Processes,
 ) -> Solution:
-    path = None if file is None else file.path
-    file = file if processes.is_first else None
-    recorder, count = Recorder(start, t1, file), len(start.state.particles.id)
+    """Runs to t1 (s); `take` makes or changes the run's file, when nothing can be refused any more."""
+    recorder, count = Recorder(start, t1), len(start.state.particles.id)
     own = start.model
     model, state = share(own, start.state, devices or usual_devices(own, start.state))
     probes = everywhere(model.search.slabs, recorder.probes)
     every, last = recorder.sample_every, recorder.last
-    if last <= recorder.first:
-        now = recorder.first / every * start.case.output.sample_dt
-        raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a larger t1")
+    file = take()
+    path = None if file is None else file.path
+    recorder.file = file = file if processes.is_first else None
     bar = tqdm(
         total=last,
         initial=recorder.first,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.report import make_probes, steps_per_sample
-from jaxsph.errors import FileError
+from jaxsph.errors import CaseError, FileError
 from jaxsph.model.interfaces import Model, Reading
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
@@ -37,7 +38,7 @@ class Start:
 class Recorder:
     """Readings of one run, kept in memory and written to its file after every chunk."""
 
-    def __init__(self, start: Start, t1: float, file: RunFile | None) -> None:
+    def __init__(self, start: Start, t1: float, file: RunFile | None = None) -> None:
         """**Arguments**: `t1`: end of the run, s; `file`: the run's file, None for a run that keeps none."""
         self.case, self.file = start.case, file
         self.sample_every = steps_per_sample(start.case, start.model)
@@ -73,7 +74,8 @@ class Recorder:
             series = {k: np.concatenate([r[k] for r in self._chunks]) for k in self._chunks[0]}
         solution = Solution(series, self.units, model, state, self.case)
         seconds = (time.perf_counter() - self._began) / beside
-        results, notices = run_results(self.case, solution, seconds, int(state.step) - self.first)
+        since = 0.0 if self.file is None else self.file.since
+        results, notices = run_results(self.case, solution, seconds, int(state.step) - self.first, since)
         if self.file is not None:
             self.file.finish(results, notices)
         return dataclasses.replace(solution, results=results, notices=notices)
@@ -92,6 +94,16 @@ class Recorder:
             "id": np.asarray(p.id)[order],
         }
         return snapshot | {body.name: np.asarray(state.own[body.name].pose) for body in model.bodies}
+
+
+def check_end(start: Start, t1: float, ended: bool = True) -> None:
+    """**Raises** CaseError for a t1 (s) that is in the past; `ended`: whether the run has results."""
+    dt = start.case.output.sample_dt
+    now = int(start.state.step) / steps_per_sample(start.case, start.model) * dt
+    if not math.isfinite(t1):
+        raise CaseError(f"t1 = {t1:g} s: must be a finite time after the {now:g} s that the run is at")
+    if round(t1 / dt) < round(now / dt) + ended:
+        raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a larger t1")
 
 
 def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:

@@ -5,6 +5,7 @@ A result that cannot be made is absent, and a notice says why: nothing here may 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -14,7 +15,7 @@ from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power
-from jaxsph.case.settling import settled_periods
+from jaxsph.case.settling import settled_periods, settling_time
 from jaxsph.model.solution import Solution
 from jaxsph.waves import theory
 
@@ -22,12 +23,14 @@ Scalars = dict[str, float]
 
 
 def run_results(
-    case: Case, solution: Solution, seconds: float, steps: int
+    case: Case, solution: Solution, seconds: float, steps: int, since: float = 0.0
 ) -> tuple[Scalars, tuple[str, ...]]:
     """Scalars of a run, and notices of those that could not be made.
 
-    **Arguments**: wall time (s) and the steps that it took.
+    **Arguments**: wall time (s) and the steps that it took; `since`: time of the last change of the case in
+    the course of its run, s. Results count from there as from a start: the waves settle anew.
     """
+    solution = dataclasses.replace(solution, series=series_since(solution.series, since))
     made: list[tuple[str, Callable[[Case, Solution], Scalars]]] = [
         ("energy balance", _energy),
         ("noise", _noise),
@@ -41,6 +44,12 @@ def run_results(
         "particle_steps_per_second": steps * solution.state.particles.x.shape[0] / seconds,
     }
     notices = []
+    if since > 0.0 and case.waves is not None and settled_periods(case, float(solution.t[-1])) < 1:
+        end = since + settling_time(case) + case.waves.cycle
+        notices.append(
+            f"no means: the case was changed at t = {since:g} s, and the waves have not settled since; go on "
+            f"to t1 = {end:.4g} s or longer"
+        )
     for name, make in made:
         try:
             results |= make(case, solution)
@@ -50,6 +59,13 @@ def run_results(
     if {"xi", "P_inc_measured"} <= set(results):
         results["xi_measured"] = results["xi"] * results["P_inc"] / results["P_inc_measured"]
     return results, tuple(notices)
+
+
+def series_since(series: dict[str, np.ndarray], since: float) -> dict[str, np.ndarray]:
+    """Series from the time `since` (s) of the last change of the case on, with times counted from there."""
+    there = series["time"] >= since - 1e-9
+    found = {name: values[there] for name, values in series.items()}
+    return found | {"time": found["time"] - since}
 
 
 def _energy(case: Case, solution: Solution) -> Scalars:

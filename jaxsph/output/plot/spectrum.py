@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -22,7 +20,7 @@ WITHIN = 0.9
 def spectrum(run: RunFile) -> Figure | None:
     """Figure of the spectra (m2/Hz) of a run in an irregular sea; None for other waves, and for a record or
     gauges that do not tell incident from reflected waves."""
-    keys, series = tomllib.loads(run.case_toml), run.series()
+    keys, series = run.case_keys(), run.series()
     if keys.get("waves", {}).get("kind") != "irregular" or not has_samples(series, "eta"):
         return None
     case = Case.from_dict(keys)

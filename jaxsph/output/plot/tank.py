@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import tomllib
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +33,7 @@ class Tank:
     @classmethod
     def of(cls, run: RunFile) -> Tank:
         """From the case's text and the snapshots, whatever of the case is there."""
-        case = tomllib.loads(run.case_toml)
+        case = run.case_keys()
         ends = [run.snapshot(i)["x"] for i in pick_snapshots(run, 12)]
         low, high = (f([f(x, axis=0) for x in ends], axis=0) for f in (np.nanmin, np.nanmax))
         spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
