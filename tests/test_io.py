@@ -463,3 +463,79 @@ def test_export_spares_other_files(run, tmp_path):
     empty = RunFile.create(tmp_path / "empty.h5", CASE, {}, {})
     with pytest.raises(FileError, match="no snapshots"):
         export_vtkhdf(empty, tmp_path / "a.vtkhdf")
+
+
+# --- damage
+
+
+def _everything(path):
+    """All that a run's file gives to those who read it, as text."""
+    run = RunFile.open(path)
+    found = [run.schema, run.version, run.machine, run.case_toml, run.settings, run.numbers(), run.progress()]
+    found += [
+        run.results(),
+        run.notices(),
+        run.series(),
+        run.variables(),
+        run.coordinates(),
+        run.checkpoint(),
+    ]
+    found += [
+        run.has_checkpoint(),
+        run.snapshot_times(),
+        [run.snapshot(i) for i in range(run.snapshot_count)],
+    ]
+    return repr(found)
+
+
+def misread(path, places, bits, whole):
+    """Bytes of a run's file that, with some bits flipped, give other contents or no FileError."""
+    content, wrong = path.read_bytes(), []
+    for place, bit in zip(places, bits, strict=True):
+        changed = bytearray(content)
+        changed[place] ^= bit
+        path.write_bytes(changed)
+        try:
+            if _everything(path.with_name("run.h5")) != whole:
+                wrong.append((place, bit, "other contents"))
+        except FileError:
+            pass
+        except Exception as error:
+            wrong.append((place, bit, repr(error)))
+    path.write_bytes(content)
+    return wrong
+
+
+@pytest.mark.parametrize("name", ["run.h5", "run.h5.journal", "run.h5.checkpoint"])
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_flipped_byte_is_never_read_as_a_number(run, name, ended):
+    """Every stored block has a checksum that is looked at: contents are right, or a FileError tells."""
+    if ended:
+        run.finish({"xi": 0.5}, ("no reflection",))
+        _append(run, 3)
+    whole, rng = _everything(run.path), np.random.default_rng(3)
+    path = run.path.with_name(name)
+    places = rng.integers(0, path.stat().st_size, 60)
+    assert not misread(path, places, rng.integers(1, 256, len(places)), whole)
+
+
+def test_damage_is_not_sealed_by_the_next_chunk(run):
+    """Whoever changes a file checks first what the new checksum will cover."""
+    run.fold()
+    with h5py.File(run.path, "r+") as file:
+        file.attrs["case"] = CASE.replace("0.1", "0.2")
+    with pytest.raises(FileError, match="damaged .*is not what was written"):
+        _append(run, 3)
+    with pytest.raises(FileError, match="damaged"):
+        _ = run.case_toml
+
+
+def test_files_of_older_versions_are_read_without_checksums(run):
+    run.fold()
+    with h5py.File(run.path, "r+") as file:
+        nodes = [file]
+        file.visititems(lambda _, node: nodes.append(node))
+        for node in nodes:
+            del node.attrs["checksum"]
+        file.attrs["schema"] = 3
+    assert _chunks(run) == 3

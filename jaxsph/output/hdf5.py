@@ -2,15 +2,21 @@
 
 Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old file or
 the new one, whole.
+
+Groups and datasets carry an attribute `checksum`, two CRC-32: of what is said about them (name, type, shape,
+dimensions, attributes; of a group the names of its members) and of a dataset's values. `seal` writes it,
+`check` and `read` look at it. A dataset that grows goes on with the checksum of what it held.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib.metadata
+import json
 import os
 import shutil
 import time
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +25,16 @@ from typing import Any
 import h5py
 import numpy as np
 
-from jaxsph.errors import FileError
+from jaxsph.errors import FileError, JaxsphError
+from jaxsph.output.records import Damage
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of the layout. Files of a newer one are refused; of those of an older one series and snapshots are
 read, and checkpoints refused: 1 did not say what the run's rules made of its case, 2 had no readings of the
-noise."""
+noise, 3 no checksums."""
+
+SEALED = 4
+"""First version of the layout whose files have checksums."""
 
 
 Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
@@ -83,9 +93,12 @@ def open_file(path: Path) -> Iterator[h5py.File]:
         raise FileError(_no_such_file(path)) from None
     except PermissionError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from None
-    except (OSError, KeyError, RuntimeError) as error:
+    except JaxsphError:
+        raise
+    except Exception as error:  # whatever HDF5, h5py and numpy make of bytes that nobody wrote
+        what = str(error) if isinstance(error, Damage | OSError) else f"{type(error).__name__}: {error}"
         raise FileError(
-            f"{path}: is cut short or damaged ({error}). Restore it from a copy, or run "
+            f"{path}: is cut short or damaged ({what}). Restore it from a copy, or run "
             "the case again with --overwrite"
         ) from error
 
@@ -162,6 +175,7 @@ def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
     if dim not in group:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))
+        seal(bare)
     elif group[dim].shape != (size,):
         raise ValueError(f"dimension {dim!r} has size {group[dim].shape[0]}, not {size}")
     return group[dim]
@@ -178,3 +192,99 @@ def exact(data: h5py.Dataset) -> np.ndarray:
     if found.size:
         data.read_direct(found)
     return found
+
+
+_OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
+_CHECKSUM = "checksum"
+
+
+def seal(node: h5py.Group | h5py.Dataset) -> None:
+    """Writes the checksum of a group, or of a dataset with its values."""
+    _put(node, 0 if isinstance(node, h5py.Group) else _crc(_values(node)))
+
+
+def seal_all(group: h5py.Group) -> None:
+    """Seals a group and all that is in it."""
+    for node in group.values():
+        seal_all(node) if isinstance(node, h5py.Group) else seal(node)
+    seal(group)
+
+
+def check(node: h5py.Group | h5py.Dataset) -> int | None:
+    """Checks what is said about a group or a dataset, and returns the checksum that its values must have.
+
+    None: an older version wrote no checksums. **Raises** Damage.
+    """
+    if _CHECKSUM not in node.attrs:
+        root = node.file.attrs
+        if _CHECKSUM in root or int(root.get("schema", 0)) >= SEALED:
+            raise Damage(f"{node.name} has no checksum")
+        return None
+    words, values = (int(one) for one in node.attrs[_CHECKSUM])
+    if words != _crc_of_words(node):
+        raise Damage(f"{node.name} is not what was written, or another program has changed it")
+    return values
+
+
+def check_all(group: h5py.Group) -> None:
+    """Checks a group and all that is in it, values included. **Raises** Damage."""
+    check(group)
+    for node in group.values():
+        check_all(node) if isinstance(node, h5py.Group) else read(node)
+
+
+def attributes(node: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """Attributes of a group or a dataset, its checksum apart. **Raises** Damage."""
+    check(node)
+    return {name: plain(value) for name, value in node.attrs.items() if name != _CHECKSUM}
+
+
+def read(data: h5py.Dataset) -> Any:
+    """Values of a dataset, text as str; 0-d arrays keep their shape. **Raises** Damage."""
+    checksum = check(data)
+    values = _values(data)
+    if checksum not in (None, _crc(values)):
+        raise Damage(f"the values of {data.name} are not those that were written")
+    return values
+
+
+def extend(data: h5py.Dataset, values: np.ndarray) -> None:
+    """Adds rows to a dataset, and to its checksum. **Raises** Damage."""
+    checksum, old = check(data), len(data)
+    data.resize(old + len(values), axis=0)
+    data[old:] = values
+    if checksum is not None:
+        _put(data, _crc(np.asarray(values, data.dtype), checksum))
+
+
+def _put(node: h5py.Group | h5py.Dataset, values: int) -> None:
+    node.attrs[_CHECKSUM] = np.array([_crc_of_words(node), values], np.uint32)
+
+
+def _values(data: h5py.Dataset) -> Any:
+    return data.asstr()[()] if h5py.check_string_dtype(data.dtype) is not None else exact(data)
+
+
+def _crc(values: Any, start: int = 0) -> int:
+    """CRC-32 of an array's bytes, or of text or an array of text; of more values it goes on from `start`."""
+    if isinstance(values, np.ndarray) and values.dtype != object:
+        return zlib.crc32(np.ascontiguousarray(values).reshape(-1).view(np.uint8), start)
+    return zlib.crc32(json.dumps(np.asarray(values, object).tolist()).encode(), start)
+
+
+def _crc_of_words(node: h5py.Group | h5py.Dataset) -> int:
+    told: list[Any] = [node.name]
+    for name in sorted(set(node.attrs) - _OF_HDF5 - {_CHECKSUM}):
+        value = node.attrs[name]
+        if isinstance(value, str):
+            told.append([name, value])
+        else:
+            array = np.asarray(value)
+            own = array.astype(str).tolist() if array.dtype == object else array.tobytes().hex()
+            told.append([name, array.dtype.str, array.shape, own])
+    if isinstance(node, h5py.Group):
+        told.append(sorted(node))
+    else:
+        scales = [dimension(node, k) if len(node.dims[k]) else "" for k in range(node.ndim)]
+        told += [node.dtype.str, node.shape, bool(node.is_scale), scales]
+    return zlib.crc32(json.dumps(told).encode())

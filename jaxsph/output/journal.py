@@ -25,7 +25,7 @@ import numpy as np
 
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import sync
-from jaxsph.output.records import Head, check_body, pack, read_arrays, read_head
+from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
@@ -57,10 +57,11 @@ class Journal(NamedTuple):
             head = read_head(self.chunks, place)
             yield head
             place = head.end
+        if place != self.about["end"]:
+            raise Damage("its records do not end where its checkpoint says")
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Arrays of the checkpoint, bit for bit."""
-        check_body(self.saved, self.saved_head)
         return read_arrays(self.saved, self.saved_head)
 
 
@@ -83,13 +84,12 @@ def beside(run: Path) -> Iterator[Journal | None]:
     """
     with contextlib.ExitStack() as stack:
         try:
-            journal = _open(run, stack)
-        except ValueError as error:
+            yield _open(run, stack)
+        except Damage as error:
             raise FileError(
                 f"{journal_path(run)} or {checkpoint_path(run)}: is damaged ({error}). Restore both from a "
                 "copy, or remove both: the run then goes on from what its file holds"
             ) from None
-        yield journal
 
 
 def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
@@ -99,14 +99,14 @@ def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
         chunks = stack.enter_context(journal_path(run).open("rb"))
     except FileNotFoundError:
         if checkpoint_path(run).exists() and not journal_path(run).exists():
-            raise ValueError("there is a checkpoint without its journal") from None
+            raise Damage("there is a checkpoint without its journal") from None
         return None
     head, begin = read_head(saved, 0), read_head(chunks, 0)
     owner = Owner(*begin.about["owner"])
     if Owner(*head.about["owner"]) != owner:
         return None  # one was left by a kill, or a new one has just begun
     if os.fstat(chunks.fileno()).st_size < head.about["end"]:
-        raise ValueError("the journal ends before its checkpoint")
+        raise Damage("the journal ends before its checkpoint")
     return Journal(owner, begin.about["variables"], begin.end, head.about, chunks, saved, head)
 
 

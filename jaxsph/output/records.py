@@ -1,10 +1,11 @@
 """Records: named arrays with a few words about them, as bytes that tell whether they are whole.
 
     prefix   magic, length of the head, length of the body, checksum of the head, checksum of the body
-    head     JSON: "about", and (type, shape, place in the body) of every array
+    head     JSON: "about", length of the body, and (type, shape, place in the body, checksum) of every array
     body     the arrays' bytes, one after another
 
-A record is read array by array, without its other arrays, and bit for bit.
+A record is read array by array, without its other arrays, and bit for bit. Records of older versions have one
+checksum for all arrays.
 """
 
 from __future__ import annotations
@@ -22,12 +23,16 @@ _PREFIX = struct.Struct("<8sIQII")
 _MAGIC = b"jaxsph\r\n"
 
 
+class Damage(ValueError):
+    """Stored bytes that are not those that were written. The file's reader raises a FileError from it."""
+
+
 class Head(NamedTuple):
     """Head of a record: its description, and the places of its arrays."""
 
     about: dict[str, Any]
-    arrays: dict[str, tuple[str, tuple[int, ...], int]]
-    """Type, shape and place in the body (bytes) of every array, by name."""
+    arrays: dict[str, tuple[str, tuple[int, ...], int, int | None]]
+    """Type, shape, place in the body (bytes) and checksum of every array, by name; None: the body has one."""
     body: int
     """Byte of the file at which the body begins."""
     end: int
@@ -41,46 +46,54 @@ def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     named, parts, place = {}, [], 0
     for name, array in arrays.items():
         array = np.asarray(array)
-        named[name] = (array.dtype.str, array.shape, place)
         parts.append(array.tobytes())
+        named[name] = (array.dtype.str, array.shape, place, zlib.crc32(parts[-1]))
         place += len(parts[-1])
-    head, body = json.dumps({"about": about, "arrays": named}).encode(), b"".join(parts)
+    told, body = {"about": about, "size": place, "arrays": named}, b"".join(parts)
+    head = json.dumps(told).encode()
     return _PREFIX.pack(_MAGIC, len(head), len(body), zlib.crc32(head), zlib.crc32(body)) + head + body
 
 
 def read_head(file: BinaryIO, place: int) -> Head:
-    """Head of the record at the byte `place`. **Raises** ValueError where it is cut short or damaged."""
+    """Head of the record at the byte `place`. **Raises** Damage where it is cut short or damaged."""
     file.seek(place)
     prefix = file.read(_PREFIX.size)
     if len(prefix) < _PREFIX.size:
-        raise ValueError(f"a record is cut short at byte {place}")
+        raise Damage(f"a record is cut short at byte {place}")
     magic, head_size, body_size, head_sum, body_sum = _PREFIX.unpack(prefix)
     head = file.read(head_size)
     if magic != _MAGIC or len(head) < head_size or zlib.crc32(head) != head_sum:
-        raise ValueError(f"the record at byte {place} is damaged")
+        raise Damage(f"the record at byte {place} is damaged")
     told = json.loads(head)
-    arrays = {name: (kind, tuple(shape), at) for name, (kind, shape, at) in told["arrays"].items()}
+    if told.get("size", body_size) != body_size:
+        raise Damage(f"the record at byte {place} is damaged")
+    arrays = {
+        name: (kind, tuple(shape), at, *(own or [None]))
+        for name, (kind, shape, at, *own) in told["arrays"].items()
+    }
     body = place + _PREFIX.size + head_size
     return Head(told["about"], arrays, body, body + body_size, body_sum)
 
 
 def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) -> dict[str, np.ndarray]:
-    """Arrays of a record by name, by default all. **Raises** ValueError where the body is cut short."""
+    """Arrays of a record by name, by default all. **Raises** Damage where they are not what was written."""
     found = {}
     for name in head.arrays if names is None else names:
-        kind, shape, at = head.arrays[name]
-        size = math.prod(shape) * np.dtype(kind).itemsize
+        kind, shape, at, checksum = head.arrays[name]
+        if checksum is None:
+            _check_body(file, head)
         file.seek(head.body + at)
+        size = math.prod(shape) * np.dtype(kind).itemsize
         raw = file.read(size)
-        if len(raw) < size:
-            raise ValueError(f"{name} is cut short")
+        if len(raw) < size or checksum not in (None, zlib.crc32(raw)):
+            raise Damage(f"{name} is damaged")
         found[name] = np.frombuffer(bytearray(raw), kind).reshape(shape)
     return found
 
 
-def check_body(file: BinaryIO, head: Head) -> None:
-    """**Raises** ValueError where the body of a record is not what was written."""
+def _check_body(file: BinaryIO, head: Head) -> None:
+    """**Raises** Damage where the body of a record of an older version is not what was written."""
     file.seek(head.body)
     body = file.read(head.end - head.body)
     if len(body) < head.end - head.body or zlib.crc32(body) != head.checksum:
-        raise ValueError("the arrays are damaged")
+        raise Damage("the arrays are damaged")

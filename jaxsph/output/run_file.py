@@ -37,18 +37,21 @@ from jaxsph.output.hdf5 import (
     SCHEMA,
     Coordinates,
     Variable,
+    attributes,
+    check,
     check_signature,
     dimension,
-    exact,
     open_file,
     plain,
+    read,
     replace_file,
+    seal,
     tell_write_errors,
     version,
 )
 from jaxsph.output.journal import Journal, Owner
 from jaxsph.output.records import Head, read_arrays
-from jaxsph.output.series_group import extend_series, over_time, time_of, write_coordinates
+from jaxsph.output.series_group import GROUPS, extend_series, over_time, time_of, write_coordinates
 
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
 
@@ -78,7 +81,7 @@ class _View(NamedTuple):
         if self.journal is not None:
             return self.journal.about["time"]
         times = time_of(self.file)
-        return None if times is None or not len(times) else float(times[-1])
+        return None if times is None or not len(times) else float(read(times)[-1])
 
     def variables(self) -> dict[str, Variable]:
         """Meaning of each series, by name."""
@@ -87,13 +90,14 @@ class _View(NamedTuple):
         found = {}
         for name, data in over_time(self.file):
             dim = dimension(data, 1) if data.ndim == 2 else None
+            check(data)
             group = data.parent.name.strip("/")
             found[name] = Variable(data.attrs["units"], data.attrs["long_name"], dim, group)
         return found
 
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, those of the file with the samples that the journal adds."""
-        found = {name: [data[()]] for name, data in over_time(self.file)}
+        found = {name: [read(data)] for name, data in over_time(self.file)}
         for head in self.news():
             for name, values in _part(self.journal, head, "series").items():
                 found.setdefault(name, []).append(values)
@@ -151,6 +155,8 @@ class RunFile:
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)
+            for group in _groups(file):
+                seal(group)
         with tell_write_errors(run.path):
             journal.remove(run.path)
         return run
@@ -171,6 +177,7 @@ class RunFile:
                     f"{path}: has layout {int(schema)} of jaxsph {file.attrs['jaxsph_version']}, "
                     f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
                 )
+            check(file)
         return run
 
     # --- writing
@@ -199,10 +206,12 @@ class RunFile:
         parts = {"series": series, "snapshot": snapshot or {}}
         chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
         with self._view() as view:
-            self._check_continues(view, series)
+            wrong = self._continues(view, series)
             owner, known = view.owner, view.journal is not None
             end = view.journal.about["end"] if known else 0
             first, read = "time" not in view.file["series"], int(view.file.attrs["read"])
+        if wrong:
+            raise ValueError(wrong)
         about = {"time": float(series["time"][-1]), "progress": _numbers(progress)}
         with tell_write_errors(self.path):
             if not known:
@@ -240,7 +249,7 @@ class RunFile:
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
         """Takes the journal into the file, with a change to it, in one step."""
-        with replace_file(self.path, "r+") as file, self._view() as view:
+        with self._rewritten() as (file, view):
             if view.journal is not None:
                 _take_series(file, view)
                 for head in self._snapshots(view):
@@ -254,15 +263,30 @@ class RunFile:
             journal.remove(self.path)
 
     def _bring_up_to_date(self) -> None:
-        with replace_file(self.path, "r+") as file, self._view() as view:
+        with self._rewritten() as (file, view):
             _take_series(file, view)
             file.attrs["read"] = view.journal.about["end"]
 
-    def _check_continues(self, view: _View, series: Mapping[str, np.ndarray]) -> None:
-        """Refuses samples that do not go on from those that are there."""
+    @contextlib.contextmanager
+    def _rewritten(self) -> Iterator[tuple[h5py.File, _View]]:
+        """Copy of the file to change, which takes its place, and the view of file and journal as they are."""
+        with self._view() as view, replace_file(self.path, "r+") as file:
+            for group in _groups(file):
+                check(group)
+            if _owner(file) != view.owner:
+                raise FileError(_gone_on(self.path))
+            yield file, view
+            for group in _groups(file):
+                seal(group)
+
+    def _continues(self, view: _View, series: Mapping[str, np.ndarray]) -> str:
+        """Why samples do not go on from those that are there; empty where they do.
+
+        **Raises** FileError where another run writes to the file.
+        """
         stored, t = view.last_time(), series["time"]
         if stored is None:
-            return
+            return ""
         if not t[0] > stored:
             raise FileError(
                 f"{self.path}: holds samples up to t = {stored:g} s, and this run is at {t[0]:g} s: "
@@ -270,11 +294,12 @@ class RunFile:
             )
         names = set(view.variables())
         if names != set(series):
-            raise ValueError(f"the file has series {sorted(names)}, not {sorted(series)}")
+            return f"the file has series {sorted(names)}, not {sorted(series)}"
         rows = {name: data.shape[1:] for name, data in over_time(view.file)}
         for name, values in series.items():
             if name in rows and rows[name] != values.shape[1:]:
-                raise ValueError(f"series {name!r}: rows of {rows[name]}, not {values.shape[1:]}")
+                return f"series {name!r}: rows of {rows[name]}, not {values.shape[1:]}"
+        return ""
 
     # --- reading
 
@@ -283,39 +308,41 @@ class RunFile:
         # the journal first: see `journal.beside`
         with journal.beside(self.path) as beside, open_file(self.path) as file:
             ours = beside is not None and beside.owner == _owner(file)
+            check(file)
+            for name in (*GROUPS, "snapshots", "checkpoint"):
+                if name in file:
+                    check(file[name])
             yield _View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
+        """Attributes of a group, "/" for the file's own."""
         with open_file(self.path) as file:
-            return {name: plain(value) for name, value in file[group].attrs.items()}
+            return attributes(file[group])
 
     def _text(self, name: str, default: str) -> Any:
         with open_file(self.path) as file:
-            return json.loads(file[name][()] if name in file else default)
+            check(file)
+            return json.loads(read(file[name]) if name in file else default)
 
     @property
     def schema(self) -> int:
         """Version of the file's layout."""
-        with open_file(self.path) as file:
-            return int(file.attrs["schema"])
+        return int(self._attributes("/")["schema"])
 
     @property
     def version(self) -> str:
         """Version of jaxsph that made the file."""
-        with open_file(self.path) as file:
-            return str(file.attrs["jaxsph_version"])
+        return str(self._attributes("/")["jaxsph_version"])
 
     @property
     def machine(self) -> str:
         """What the run began on, in words; empty in files of older versions."""
-        with open_file(self.path) as file:
-            return str(file.attrs.get("machine", ""))
+        return str(self._attributes("/").get("machine", ""))
 
     @property
     def case_toml(self) -> str:
         """Whole case of the run as TOML text."""
-        with open_file(self.path) as file:
-            return str(file.attrs["case"])
+        return str(self._attributes("/")["case"])
 
     @property
     def settings(self) -> dict[str, int | float]:
@@ -355,10 +382,11 @@ class RunFile:
         """Positions of gauges and sensors, in the form that `create` takes."""
         found = {}
         with open_file(self.path) as file:
+            check(file["series"])
             for name, data in file["series"].items():
                 if not data.is_scale and dimension(data, 0) != "time":
                     units, long_name = data.attrs["units"], data.attrs["long_name"]
-                    found[name] = (dimension(data, 0), data[()], units, long_name)
+                    found[name] = (dimension(data, 0), read(data), units, long_name)
         return found
 
     def has_checkpoint(self) -> bool:
@@ -371,7 +399,7 @@ class RunFile:
         with self._view() as view:
             if view.journal is not None:
                 return view.journal.checkpoint()
-            return {name: exact(data) for name, data in view.file["checkpoint"].items()}
+            return {name: read(data) for name, data in view.file["checkpoint"].items()}
 
     @property
     def snapshot_count(self) -> int:
@@ -384,23 +412,22 @@ class RunFile:
 
         **Raises** IndexError where there is none.
         """
+        count = self.snapshot_count
+        if not -count <= i < count:
+            raise IndexError(f"snapshot {i}: {self.path} holds {count}")
+        i %= count
         with self._view() as view:
             folded, more = len(view.file["snapshots"]), self._snapshots(view)
-            count = folded + len(more)
-            if not -count <= i < count:
-                raise IndexError(f"snapshot {i}: {self.path} holds {count}")
-            i %= count
             if i >= folded:
                 found = _part(view.journal, more[i - folded], "snapshot")
                 return {name: a if a.ndim else a.item() for name, a in found.items()}
             group = view.file["snapshots"][_snapshot_name(i)]
-            found = {name: plain(value) for name, value in group.attrs.items()}
-            return found | {name: data[()] for name, data in group.items()}
+            return attributes(group) | {name: read(data) for name, data in group.items()}
 
     def snapshot_times(self) -> np.ndarray:
         """Times of the snapshots, s."""
         with self._view() as view:
-            times = [group.attrs["time"] for group in view.file["snapshots"].values()]
+            times = [attributes(group)["time"] for group in view.file["snapshots"].values()]
             more = self._snapshots(view)
             times += [_part(view.journal, head, "snapshot", "time")["time"] for head in more]
             return np.asarray(times, np.float64)
@@ -414,6 +441,18 @@ class RunFile:
             heads = view.journal.heads()
             self._index = key, [h for h in heads if any(n.startswith("snapshot/") for n in h.arrays)]
         return self._index[1]
+
+
+def _groups(file: h5py.File) -> list[h5py.Group]:
+    """The file itself, and the groups that it holds."""
+    return [file, *(node for node in file.values() if isinstance(node, h5py.Group))]
+
+
+def _gone_on(path: Path) -> str:
+    return (
+        f"{path}: has gone on without this run, or is another run's by now: another program writes to it. "
+        f"Stop one of them; `jaxsph resume {path}` goes on with what the file holds"
+    )
 
 
 def _owner(file: h5py.File) -> Owner:
@@ -431,7 +470,7 @@ def _describe(
 def _put_text(file: h5py.File, name: str, text: str) -> None:
     if name in file:
         del file[name]
-    file.create_dataset(name, data=text, dtype=h5py.string_dtype())
+    seal(file.create_dataset(name, data=text, dtype=h5py.string_dtype()))
 
 
 def _numbers(values: Mapping[str, float]) -> dict[str, float]:
@@ -476,6 +515,8 @@ def _write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, np.ndarray]) -
         data = group.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)
         if name in _SNAPSHOT_UNITS:
             data.attrs["units"] = _SNAPSHOT_UNITS[name]
+        seal(data)
+    seal(group)
 
 
 def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
@@ -486,7 +527,8 @@ def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None
         stored = group.get(name)
         if stored is not None and (stored.shape, stored.dtype) == (value.shape, value.dtype):
             stored[...] = value  # in place: HDF5 does not give back the room of a deleted array
-            continue
-        if stored is not None:
-            del group[name]
-        group.create_dataset(name, data=value)
+        else:
+            if stored is not None:
+                del group[name]
+            stored = group.create_dataset(name, data=value)
+        seal(stored)
