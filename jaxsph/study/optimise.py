@@ -57,7 +57,7 @@ def maximise(
     ones of 1.1).
     **Returns** the best evaluation. The search ends where every slope is within its error, or points out of
     the bounds.
-    **Raises** as `derivative`; FileError where `out`, or what lies in `<out>.evaluations`, is of a search with
+    **Raises** as `derivative`; FileError where `out`, or what lies in `<out>.evaluations`, is of a search of
     another case, result, scatter table or method, or where another process runs a study with this output.
     """
     if evaluations < 1:

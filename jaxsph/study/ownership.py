@@ -56,8 +56,8 @@ def refuse_other(
         few = ", ".join(differing[:_FEW])
         more = f" and {len(differing) - _FEW} more" if len(differing) > _FEW else ""
         raise FileError(
-            f"{path}: holds {what}, and nothing was changed. It differs in {few}{more}. Give another name for "
-            f"the output, or remove {remove or path}"
+            f"{path}: holds {what}, and nothing was changed. It differs in {few}{more}. Give another name "
+            f"for the output, or remove {remove or path}"
         )
 
 
