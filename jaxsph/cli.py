@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -217,7 +218,7 @@ def sweep(
 
     with _messages(), _cluster(scheduler) as executor:
         loaded = _load(case, settings)
-        over = dict(_values(text) for text in grid)
+        over = _each_once((_values(text) for text in grid), "--grid")
         if t1 is not None:
             if "t1" in over:
                 raise CaseError("--t1: is one of the parameters of --grid; give one of the two")
@@ -357,7 +358,7 @@ def optimise(  # of a command the options are the arguments
     with _messages():
         loaded = _load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
-        bounds = dict(_bounds(text) for text in over)
+        bounds = _each_once((_bounds(text) for text in over), "--over")
         way = method.of(spread, members)
         if table is not None:
             of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
@@ -572,22 +573,38 @@ def _setting(text: str) -> tuple[str, Any]:
 
 def _values(text: str, option: str = "--grid") -> tuple[str, list[float]]:
     """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"; whole numbers where all are written so."""
+    from jaxsph.study.sweep import MOST_MEMBERS
+
     key, equals, value = (part.strip() for part in text.partition("="))
     values: list[float] = []
-    try:
+    with contextlib.suppress(ValueError):  # what is not a number is refused below
         if value.count(":") == 2:
-            first, last, count = value.split(":")
-            step = (float(last) - float(first)) / max(int(count) - 1, 1)
-            values = [float(first) + k * step for k in range(int(count))]
+            first, last, number = value.split(":")
+            count = int(number)
+            if count > MOST_MEMBERS:
+                raise CaseError(f"{option} {text!r}: COUNT must be {MOST_MEMBERS} or less")
+            step = (float(last) - float(first)) / max(count - 1, 1)
+            values = [float(first) + k * step for k in range(count)]
         else:
             values = [float(part) for part in value.split(",")]
-    except ValueError:
-        pass  # what is not a number is refused below
-    if not key or not equals or not values:
-        raise CaseError(f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT")
+    if not key or not equals or not values or not all(map(math.isfinite, values)):
+        raise CaseError(
+            f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT, of finite numbers and with "
+            "a COUNT of 1 or more"
+        )
     if "." not in value and all(one.is_integer() and abs(one) < 2**53 for one in values):
         values = [int(one) for one in values]  # a seed must be one
     return key, values
+
+
+def _each_once(pairs: Iterable[tuple[str, Any]], option: str) -> dict[str, Any]:
+    """Values by key. **Raises** CaseError for a key that is given twice."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise CaseError(f"{option} {key}: is given twice; give all that it may be in one {option}")
+        found[key] = value
+    return found
 
 
 def _bounds(text: str) -> tuple[str, tuple[float, float]]:
@@ -668,11 +685,14 @@ def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
         for j, period in enumerate(done.Tp):
             linear = done.linear[i, j]
             theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: it has none
-            value = f"{done.P[i, j]:.3g} +- {done.error[i, j]:.1g} {unit} (xi {done.xi[i, j]:.3g}){theory}"
+            error = "" if math.isnan(done.error[i, j]) else f" +- {done.error[i, j]:.1g}"
+            xi = "" if math.isnan(done.xi[i, j]) else f" (xi {done.xi[i, j]:.3g})"
+            value = f"{done.P[i, j]:.3g}{error} {unit}{xi}{theory}"
             rows.append((f"Hs = {height:g} m, Tp = {period:g} s", value))
     if scatter is not None:
         mean = done.annual(scatter)
-        rows.append(("mean over the year", f"{mean.value:.3g} +- {mean.error:.1g} {unit}"))
+        error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
+        rows.append(("mean over the year", f"{mean.value:.3g}{error} {unit}"))
     return rows
 
 

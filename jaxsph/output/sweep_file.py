@@ -1,15 +1,18 @@
 """The file of a sweep: results and series of its members over the swept parameters, in HDF5.
 
-    attributes             schema, jaxsph_version, kind = "sweep", case (what all members share, as TOML text)
+    attributes             schema, jaxsph_version, kind = "sweep", case (what all members share, as TOML),
+                           about (JSON: what else makes it this study, of a search its result and method)
     one per parameter      its values, a dimension of the rest
     one per result         over the parameters, NaN where a member has none; `failure`: text
     series                 over the parameters and `time`, padded with NaN
 
-The file is written anew whenever a member has ended, and takes the place of the one before.
+The file is written anew whenever a member has ended, and takes the place of the one before. Every block has
+a checksum (`output.hdf5`), and all are looked at before anything is read.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,11 +24,13 @@ from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import (
     SCHEMA,
     Variable,
+    check_all,
     check_signature,
     dimension,
     open_file,
     replace_file,
     scale,
+    seal_all,
     tell_write_errors,
     version,
 )
@@ -39,6 +44,8 @@ class StoredSweep(NamedTuple):
     shape: tuple[int, ...]
     members: dict[int, dict[str, Any]]
     variables: dict[str, Variable]
+    about: dict[str, Any]
+    version: str
 
 
 class SweepFile:
@@ -68,18 +75,21 @@ class SweepFile:
         shape: tuple[int, ...],
         members: Mapping[int, Mapping[str, Any]],
         variables: Mapping[str, Variable],
+        about: Mapping[str, Any] | None = None,
     ) -> None:
         """Writes a whole sweep, in the place of the file before.
 
         **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (of a
         list: all of them over one dimension); `members`: by flat index, "results" (scalars), "series"
         (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
-        well); `variables`: what each series is. **Raises** FileError where it cannot be written.
+        well); `variables`: what each series is; `about`: what else makes it this study, in numbers, texts and
+        lists by name. **Raises** FileError where it cannot be written.
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(self.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), case=case_toml, kind="sweep")
+            file.attrs["about"] = json.dumps(dict(about or {}))
             dims = _write_axes(file, axes, shape)
             for name, values in over_members(members, shape).items():
                 _over(file, name, values, dims)
@@ -92,6 +102,7 @@ class SweepFile:
             with_series = {i: m["series"] for i, m in members.items() if "time" in m["series"]}
             if with_series:
                 _write_padded(group, with_series, variables, dims, shape)
+            seal_all(file)
 
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.
@@ -102,7 +113,9 @@ class SweepFile:
         with open_file(self.path) as file:
             if file.attrs.get("kind") != "sweep":
                 raise FileError(f"{self.path}: is not the file of a sweep; give another name")
-            case = str(file.attrs["case"])
+            check_all(file)
+            about = json.loads(file.attrs.get("about", "{}"))
+            case, made_by = str(file.attrs["case"]), str(file.attrs["jaxsph_version"])
             order = [str(name) for name in file.attrs["parameters"]]
             axes = {name: file[name][()] for name in order}
             failure = file["failure"].asstr()[()]
@@ -128,7 +141,7 @@ class SweepFile:
                 there |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
             own = {n: v[there] for n, v in own.items()} | {"time": time[there]} if there.any() else {}
             members[index] = {"results": results, "series": own, "failure": text}
-        return StoredSweep(case, axes, shape, members, variables)
+        return StoredSweep(case, axes, shape, members, variables, about, made_by)
 
 
 def over_members(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:

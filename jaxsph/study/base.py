@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import functools
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -71,10 +74,32 @@ class AbstractMethod(eqx.Module):
     def derivative(self, case: Case, parameter: str, of: str, progress: bool) -> Derivative:
         """Value and slope of a result; arguments and errors are those of `study.derivative`."""
 
+    def identity(self) -> dict[str, Any]:
+        """All that decides the method's slopes, as numbers, texts and lists by name: a search goes on only
+        with the method that it began with."""
+        return {"method": type(self).__name__} | _told(self, "method.")
+
     def kept(self, path: Path) -> AbstractMethod:
         """The method with its runs kept in a file of this path, where it has many and no path yet."""
         del path
         return self
+
+
+def _told(one: Any, before: str) -> dict[str, Any]:
+    """Fields of a dataclass by dotted name, without those that say where to write and how many at a time."""
+    found: dict[str, Any] = {}
+    for part in dataclasses.fields(one):
+        value, name = getattr(one, part.name), before + part.name
+        if part.name in ("out", "workers"):
+            continue
+        if isinstance(value, AbstractMethod):
+            found |= {name: type(value).__name__}
+        if dataclasses.is_dataclass(value):
+            found |= _told(value, f"{name}.")
+        else:
+            found[name] = value.tolist() if hasattr(value, "tolist") else value
+    # as they come back from a file
+    return json.loads(json.dumps(found, default=str))
 
 
 def parameter_value(case: Case, parameter: str) -> float:
@@ -101,6 +126,8 @@ def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], f
         return lambda _, power: float(np.sum(power) * case.output.sample_dt)
     if of not in ("xi", "P_owc"):
         raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
+    if of == "xi" and case.tank.width is not None:
+        raise CaseError("of = 'xi': a tank with a width has no efficiency; take of = 'P_owc', the mean power")
     periods = settled_periods(case, case.t1 - case.output.sample_dt) if case.waves is not None else 0
     if periods < 1:
         raise CaseError(

@@ -17,7 +17,7 @@ from jaxsph.study.base import (
     parameter_value,
     result_of_power,
 )
-from jaxsph.study.sweep import sweep
+from jaxsph.study.sweep import MOST_MEMBERS, sweep
 
 
 class Ensemble(AbstractMethod):
@@ -38,10 +38,10 @@ class Ensemble(AbstractMethod):
 
     def __check_init__(self) -> None:
         """Refuses what gives no slope, or one without an error."""
-        if not 0.0 < self.spread < 1.0 or self.members < 4:
+        if not 0.0 < self.spread < 1.0 or not 4 <= self.members <= MOST_MEMBERS:
             raise CaseError(
                 f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} be four "
-                "or more"
+                f"or more, up to {MOST_MEMBERS}"
             )
 
     def kept(self, path):
@@ -50,7 +50,7 @@ class Ensemble(AbstractMethod):
 
     def derivative(self, case, parameter, of, progress):
         """See `AbstractMethod`."""
-        value = parameter_value(case, parameter)
+        value, energy = parameter_value(case, parameter), result_of_power(case, of)
         if value == 0.0:
             raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
         offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
@@ -60,14 +60,16 @@ class Ensemble(AbstractMethod):
             done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
         if of == "energy_pto":
             # the sweep's own result of that name is of the last whole periods only
-            energy = result_of_power(case, of)
             series = [done.members.get((i,), {}) for i in range(len(values))]
             found = np.array(
                 [energy(s["time"], s["power_pto"]) if "power_pto" in s else np.nan for s in series]
             )
             found[[place[0] for place in done.failures]] = np.nan
         else:
-            found = done[of]
+            # the mean power of a body has a name of its own
+            names = ("P_owc", "P_pto") if of == "P_owc" else (of,)
+            nothing = np.full(len(values), np.nan)
+            found = next((done[name] for name in names if name in done.results), nothing)
         known = np.isfinite(found)
         if known.sum() < 4:
             first = next(iter(done.failures.values()), "the members have no such result")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns
 from jaxsph.case.linear import linear_sea, sea_is_linear
 from jaxsph.errors import CaseError
-from jaxsph.study.sweep import Sweep, sweep
+from jaxsph.study.base import result_of_power
+from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
 HOURS = 8766.0
 """Hours of a year, leap years counted."""
@@ -64,9 +66,10 @@ class PowerMatrix:
     P: NDArray[np.float64]
     """Mean absorbed power, `[Hs, Tp]`, W (W/m in 2-D), a mean over the seeds; NaN where none ended."""
     error: NDArray[np.float64]
-    """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D)."""
+    """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN where it is not known, as of a single
+    run in a tank with a width."""
     xi: NDArray[np.float64]
-    """Hydrodynamic efficiency, `[Hs, Tp]` (-)."""
+    """Hydrodynamic efficiency, `[Hs, Tp]` (-); NaN in a tank with a width, which has none."""
     linear: NDArray[np.float64]
     """Mean power by linear theory, `[Hs, Tp]`, W/m; NaN where the theory does not cover the case."""
     sweep: Sweep
@@ -137,12 +140,14 @@ def power_matrix(
     """
     if case.waves is None or case.waves.kind != "irregular":
         raise CaseError('a power matrix needs waves.kind = "irregular", whose Hs, Tp and seed it varies')
-    if seeds < 1:
-        raise CaseError(f"seeds = {seeds}: must be 1 or more")
+    if not 1 <= seeds <= MOST_MEMBERS:
+        raise CaseError(f"seeds = {seeds}: must be 1 or more, up to {MOST_MEMBERS}")
     axes = {"Hs": np.asarray(Hs, float), "Tp": np.asarray(Tp, float)}
     for name, values in axes.items():
         if values.ndim != 1 or not values.size or np.any(np.diff(values) <= 0.0):
             raise CaseError(f"{name} = {list(values)}: must be one value or more, ascending")
+    for height, period in itertools.product(axes["Hs"].tolist(), axes["Tp"].tolist()):
+        result_of_power(case.replace({"waves.Hs": height, "waves.Tp": period}), "P_owc")
     first = case.waves.seed
     over = {
         "waves.Hs": axes["Hs"],
@@ -164,17 +169,24 @@ def matrix_of(done: Sweep) -> PowerMatrix:
         raise CaseError(
             "the runs have no absorbed power: is there a device with a damping, and t1 long enough?"
         )
-    powers, within = done.results[named[0]], done.results["xi_error"] * done.results["P_inc"]
+    powers = done.results[named[0]]
+    # a tank with a width has neither an efficiency nor its error
+    unknown = np.full(powers.shape, np.nan)
+    efficiency, xi_error = (done.results.get(name, unknown) for name in ("xi", "xi_error"))
+    within = xi_error * done.results["P_inc"]
     count = np.sum(np.isfinite(powers), axis=2)
     known = np.maximum(count, 1)
     P = np.where(count > 0, np.nansum(powers, axis=2) / known, np.nan)
     between = np.sqrt(np.nansum((powers - P[..., None]) ** 2, axis=2) / np.maximum(count - 1, 1) / known)
-    of_runs = np.sqrt(np.nansum(within**2, axis=2)) / known
+    between = np.where(count > 1, between, np.nan)
+    of_runs = np.where(
+        np.any(np.isfinite(within), axis=2), np.sqrt(np.nansum(within**2, axis=2)) / known, np.nan
+    )
     Hs, Tp = (np.asarray(done.axes[name], float) for name in ("waves.Hs", "waves.Tp"))
     linear = np.full(P.shape, np.nan)
     if sea_is_linear(done.case):
         for i, j in np.ndindex(P.shape):
             linear[i, j] = linear_sea(done.case.replace({"waves.Hs": Hs[i], "waves.Tp": Tp[j]})).P_owc
-    xi = np.where(count > 0, np.nansum(done.results["xi"], axis=2) / known, np.nan)
-    error = np.where(count > 0, np.maximum(between, of_runs), np.nan)
+    xi = np.where(np.any(np.isfinite(efficiency), axis=2), np.nansum(efficiency, axis=2) / known, np.nan)
+    error = np.where(count > 0, np.fmax(between, of_runs), np.nan)
     return PowerMatrix(Hs, Tp, P, error, xi, linear, done)

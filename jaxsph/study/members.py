@@ -15,8 +15,9 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from pathlib import Path
 from queue import SimpleQueue
@@ -28,6 +29,7 @@ from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.interrupt import ATTACHED
 from jaxsph.run.together import run_together, shape
+from jaxsph.study.ownership import case_keys, refuse_other
 
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
 """Flags of the compiler (XLA) for members: a step takes 0.83 of its time. With them a checkpointed reverse
@@ -44,6 +46,19 @@ GRACE = 4 * LOOK
 
 Ended = tuple[dict[str, Any], dict[str, Variable]]
 """Results, series and failure of a member that has ended, and the meaning of each series."""
+
+
+def check_members(cases: Sequence[Case], folder: Path) -> None:
+    """**Raises** FileError where the folder holds a member that is not of these cases."""
+    for run in sorted(folder.glob("[0-9]*.h5")):
+        i = int(run.stem) if run.stem.isdecimal() else len(cases)
+        if i < len(cases):
+            _stage(run, cases[i])
+        else:
+            raise FileError(
+                f"{run}: is a member of another sweep, and nothing was changed; give another name for the "
+                f"output, or remove {folder}"
+            )
 
 
 def run_each(cases: Mapping[int, Case], folder: Path, executor: Executor) -> Iterator[tuple[int, Ended]]:
@@ -75,7 +90,7 @@ def run_in_batches(
     runs = {i: folder / f"{i:04d}.h5" for i in cases}
     alike: dict[Any, list[int]] = {}
     for i, member in cases.items():
-        if _stage(runs[i])[1]:
+        if _stage(runs[i], member)[1]:
             yield i, _read(runs[i])
         else:
             alike.setdefault(shape(member), []).append(i)
@@ -111,8 +126,8 @@ def one_per_core(workers: int | None) -> Executor:
 def run_member(case: Case, stem: Path) -> Ended:
     """Runs, or finishes, one member in a process of its own; its files have the path `stem` and a suffix.
 
-    **Raises** FileError where this machine does not see the folder, or where another worker has claimed the
-    member.
+    **Raises** FileError where this machine does not see the folder, where another worker has claimed the
+    member, or where its file is of another case.
     """
     if not stem.parent.is_dir():
         raise FileError(
@@ -123,7 +138,7 @@ def run_member(case: Case, stem: Path) -> Ended:
     status = 0
     with _claim(stem.with_suffix(".owner")) as claim:
         # only now: a worker that had it before may have taken it on, or to its end
-        begun, ended = _stage(run)
+        begun, ended = _stage(run, case)
         if not ended:
             toml.write_text(case.to_toml(), encoding="utf-8")
             on, anew = ["resume", run, "--t1", repr(case.t1)], ["run", toml, "--out", run, "--overwrite"]
@@ -212,11 +227,20 @@ def _read(run: Path) -> Ended:
         return {"results": {}, "series": {}, "failure": ""}, {}
 
 
-def _stage(run: Path) -> tuple[bool, bool]:
+def _stage(run: Path, case: Case) -> tuple[bool, bool]:
     """Whether a member has a checkpoint to go on from, and whether it has ended: a sweep that was stopped
-    before it recorded such a member has nothing left to run."""
+    before it recorded such a member has nothing left to run.
+
+    **Raises** FileError where the file is of another case.
+    """
     try:
         file = RunFile.open(run)
-        return file.has_checkpoint(), bool(file.results())
-    except FileError:
+        text, stage = file.case_toml, (file.has_checkpoint(), bool(file.results()))
+    except FileError:  # missing or damaged: the member is run anew
         return False, False
+    try:
+        stored = case_keys(Case.from_dict(tomllib.loads(text)))
+    except (JaxsphError, tomllib.TOMLDecodeError):  # of another version of jaxsph
+        stored = {}
+    refuse_other(run, "a member of another sweep", stored, case_keys(case), run.parent)
+    return stage

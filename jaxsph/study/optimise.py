@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import optax
 
 from jaxsph.case.case import Case
-from jaxsph.errors import CaseError, FileError
+from jaxsph.errors import CaseError
+from jaxsph.output.hdf5 import tell_write_errors
 from jaxsph.output.sweep_file import SweepFile
-from jaxsph.study.base import (
-    AbstractMethod,
-    parameter_value,
-)
+from jaxsph.study.base import AbstractMethod, parameter_value, result_of_power
 from jaxsph.study.derivative import derivative
 from jaxsph.study.ensemble import Ensemble
+from jaxsph.study.ownership import case_keys, only_study, refuse_other
+from jaxsph.study.sweep import stored_case
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,32 @@ def maximise(
     ones of 1.1).
     **Returns** the best evaluation. The search ends where every slope is within its error, or points out of
     the bounds.
-    **Raises** as `derivative`; FileError where `out` is of another search.
+    **Raises** as `derivative`; FileError where `out`, or what lies in `<out>.evaluations`, is of a search of
+    another case, result, scatter table or method, or where another process runs a study with this output.
     """
-    names = [*over]
+    if evaluations < 1:
+        raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
     _check_bounds(case, over)
-    file = SweepFile(out)
-    known = _known_evaluations(file, case, names)
-    folder = file.path.with_name(f"{file.path.name}.evaluations")
+    result_of_power(case, of)
     method = Ensemble() if method is None else method
+    with only_study(Path(out)):
+        return _climb(case, over, SweepFile(out), of, method, optimiser, evaluations, progress)
+
+
+def _climb(
+    case: Case,
+    over: Mapping[str, tuple[float, float]],
+    file: SweepFile,
+    of: str,
+    method: AbstractMethod,
+    optimiser: optax.GradientTransformation | None,
+    evaluations: int,
+    progress: bool,
+) -> Maximum:
+    names, folder = [*over], file.path.with_name(f"{file.path.name}.evaluations")
+    about = {"of": of} | method.identity()
+    known = _known_evaluations(file, case, names, about)
+    _check_folder(folder, case_keys(case) | {"parameters": names} | about)
     if optimiser is None:
         optimiser = optax.adam(optax.exponential_decay(0.6, 1, 0.82), b1=0.5)
     bounds = np.log([over[name] for name in names])
@@ -79,7 +99,7 @@ def maximise(
             found = _evaluate(case.replace(here), here, of, method, folder / f"{k:02d}", progress)
         history.append(found)
         if k >= len(known):
-            _write_evaluations(file, case, names, history)
+            _write_evaluations(file, case, names, history, about)
         slopes = np.array([found[f"slope {name}"] * here[name] for name in names])
         errors = np.array([found[f"error {name}"] * here[name] for name in names])
         outward = np.where(slopes > 0, z >= bounds[:, 1] - 1e-9, z <= bounds[:, 0] + 1e-9)
@@ -95,9 +115,11 @@ def maximise(
 
 
 def _check_bounds(case: Case, over: Mapping[str, tuple[float, float]]) -> None:
+    if not over:
+        raise CaseError("a search needs at least one parameter, with its bounds")
     for name, (low, high) in over.items():
         value = parameter_value(case, name)
-        if not 0.0 < low < high or not low <= value <= high:
+        if not 0.0 < low < high < np.inf or not low <= value <= high:
             raise CaseError(
                 f"{name} from {low:g} to {high:g}: must be positive and in order, and hold the case's own "
                 f"value, {value:g}"
@@ -115,25 +137,43 @@ def _evaluate(
     return found
 
 
-def _known_evaluations(file: SweepFile, case: Case, names: Sequence[str]) -> list[dict[str, float]]:
+def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
+    """Marks the folder of the evaluations as of this search. **Raises** FileError where it is of another."""
+    mark = folder / "search.json"
+    if folder.exists() and any(folder.iterdir()):
+        try:
+            stored = json.loads(mark.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            stored = {}
+        refuse_other(folder, "evaluations of a search from another case or by another method", stored, search)
+    with tell_write_errors(folder):
+        folder.mkdir(exist_ok=True)
+        mark.write_text(json.dumps(search), encoding="utf-8")
+
+
+def _known_evaluations(
+    file: SweepFile, case: Case, names: Sequence[str], about: Mapping[str, Any]
+) -> list[dict[str, float]]:
     if not file.path.exists():
         return []
     stored = file.read()
-    if stored.case_toml != case.to_toml() or [*stored.axes] != [*names]:
-        raise FileError(
-            f"{file.path}: holds a search from another case or over other parameters, and nothing was "
-            "changed; give another name, or remove it"
-        )
+    before = case_keys(stored_case(file.path, stored)) | {"parameters": [*stored.axes]} | stored.about
+    now = case_keys(case) | {"parameters": [*names]} | about
+    refuse_other(
+        file.path, "a search from another case, or for another result or by another method", before, now
+    )
     return [
         {name: float(values[i]) for name, values in stored.axes.items()} | member["results"]
         for i, member in sorted(stored.members.items())
     ]
 
 
-def _write_evaluations(file: SweepFile, case: Case, names: Sequence[str], history: list[dict]) -> None:
+def _write_evaluations(
+    file: SweepFile, case: Case, names: Sequence[str], history: list[dict], about: Mapping[str, Any]
+) -> None:
     axes = {name: np.array([found[name] for found in history]) for name in names}
     members = {
         i: {"results": {k: v for k, v in found.items() if k not in names}, "series": {}, "failure": ""}
         for i, found in enumerate(history)
     }
-    file.write(case.to_toml(), axes, (len(history),), members, {})
+    file.write(case.to_toml(), axes, (len(history),), members, {}, about)

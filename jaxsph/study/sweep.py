@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import shutil
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -20,11 +21,14 @@ from tqdm import tqdm
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import Variable
-from jaxsph.output.sweep_file import SweepFile, over_members
-from jaxsph.study.members import one_per_core, run_each, run_in_batches
+from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
+from jaxsph.study.members import check_members, one_per_core, run_each, run_in_batches
+from jaxsph.study.ownership import case_keys, only_study, refuse_other
 
 BATCH = 8
 """Number of members in one vmapped call on an accelerator, by default."""
+MOST_MEMBERS = 100_000
+"""Largest number of members of a sweep: each is a run, and its case is checked before any begins."""
 
 
 @dataclass(frozen=True)
@@ -74,16 +78,35 @@ def sweep(
     `client.get_executor(pure=False)`; its workers must see the folder of `out`. A member whose worker was
     lost goes on from its last checkpoint on the next one. The executor is left open.
     **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
-    **Raises** CaseError for a member that cannot be built, before any runs; FileError where `out` is of
-    another sweep.
+    **Raises** CaseError for a member that cannot be built, and for values that are no numbers, before any
+    runs; FileError where `out`, or a member in `<out>.members`, is of another sweep, or another process
+    runs one with this output.
     """
     batch = _checked_batch(workers, batch, executor)
-    axes = {name: np.asarray(values) for name, values in over.items()}
+    axes = {name: _numbers(name, values) for name, values in over.items()}
     cases, shape = _cases(case, axes, grid)
     file = SweepFile(Path(out).resolve())  # workers may be in other folders
+    with only_study(file.path):
+        members = _run_missing(file, case, axes, shape, cases, batch, workers, executor, progress)
+    return _make_sweep(case, axes, shape, members)
+
+
+def _run_missing(
+    file: SweepFile,
+    case: Case,
+    axes: Mapping[str, np.ndarray],
+    shape: tuple[int, ...],
+    cases: Sequence[Case],
+    batch: int | None,
+    workers: int | None,
+    executor: Executor | None,
+    progress: bool,
+) -> dict[int, Any]:
+    """Runs the members that the file does not hold yet, and returns all."""
     members, variables = _ended_before(file, case, axes, shape) if file.path.exists() else ({}, {})
     folder = file.path.with_name(f"{file.path.name}.members")
-    folder.mkdir(parents=True, exist_ok=True)
+    check_members(cases, folder)
+    folder.mkdir(exist_ok=True)
     missing = {i: member for i, member in enumerate(cases) if i not in members}
     bar = tqdm(total=len(cases), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
     with contextlib.ExitStack() as stack:
@@ -104,7 +127,7 @@ def sweep(
             if members[i]["failure"]:
                 bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
     shutil.rmtree(folder)
-    return _make_sweep(case, axes, shape, members)
+    return members
 
 
 def _checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
@@ -125,26 +148,56 @@ def _ended_before(
 ) -> tuple[dict[int, Any], dict[str, Variable]]:
     """Members of an earlier call that went well, and what their series are; failed ones are tried again."""
     stored = file.read()
-    same = (stored.case_toml, stored.shape, [*stored.axes]) == (case.to_toml(), shape, [*axes])
-    if not same or any(np.any(stored.axes[name] != axes[name]) for name in axes):
-        raise FileError(
-            f"{file.path}: holds a sweep of another case or of other values, and nothing was changed; "
-            "give another name, or remove it"
-        )
+    before = case_keys(stored_case(file.path, stored)) | _told(stored.axes, stored.shape) | stored.about
+    now = case_keys(case) | _told(axes, shape)
+    refuse_other(file.path, "a sweep of another case or of other values", before, now)
     return {i: m for i, m in stored.members.items() if not m["failure"]}, stored.variables
+
+
+def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, Any]:
+    """Axes and shape of a sweep by words of an error."""
+    values = {f"values of {name}": values.tolist() for name, values in axes.items()}
+    return values | {"parameters in order": [*axes], "members": list(shape)}
+
+
+def stored_case(path: Path, stored: StoredSweep) -> Case:
+    """Case in a sweep's file. **Raises** FileError where it is none of this version."""
+    try:
+        return Case.from_dict(tomllib.loads(stored.case_toml))
+    except (CaseError, tomllib.TOMLDecodeError) as error:
+        raise FileError(
+            f"{path}: this version does not read its case ({error}); take the version that wrote it, "
+            f"{stored.version}"
+        ) from None
 
 
 def read_sweep(path: str | Path) -> Sweep:
     """Results in a sweep's file, whether the sweep has ended or not. **Raises** FileError."""
     stored = SweepFile(path).read()
-    case = Case.from_dict(tomllib.loads(stored.case_toml))
-    return _make_sweep(case, stored.axes, stored.shape, stored.members)
+    return _make_sweep(stored_case(Path(path), stored), stored.axes, stored.shape, stored.members)
+
+
+def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
+    """Values of a parameter as an array. **Raises** CaseError for what is no row of finite numbers."""
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        found = np.asarray(None)
+    if found.ndim != 1 or not found.size or found.dtype.kind not in "iuf" or not np.all(np.isfinite(found)):
+        raise CaseError(
+            f"{name} = {values!r}: a sweep goes over a row of finite numbers; for texts, switches and absent "
+            "keys run a sweep of each case, made by case.replace"
+        )
+    return found
 
 
 def _cases(case: Case, axes: Mapping[str, np.ndarray], grid: bool) -> tuple[list[Case], tuple[int, ...]]:
-    if not axes or any(values.ndim != 1 or not values.size for values in axes.values()):
-        raise CaseError("a sweep needs at least one parameter, and a row of values for each")
+    if not axes:
+        raise CaseError("a sweep needs at least one parameter, and a row of values for it")
     lengths = [values.size for values in axes.values()]
+    count = math.prod(lengths) if grid else lengths[0]
+    if count > MOST_MEMBERS:
+        raise CaseError(f"{' x '.join(map(str, lengths))} members: a sweep has at most {MOST_MEMBERS}")
     if not grid and len(set(lengths)) > 1:
         names = ", ".join(axes)
         raise CaseError(f"values of {names} have lengths {lengths}: a list of members needs equal ones")
