@@ -13,6 +13,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.series import energy_terms, work_of
@@ -48,7 +49,10 @@ PANELS = {
     "noise": "Noise of the particles, and their RMS speed",
 }
 """Titles of the panels over time, by the series that each shows, in the order of the page."""
-FIRST = ("periods", "P_inc", "P_owc", "P_pto", "capture_width", "xi", "xi_scatter", "xi_error", "xi_measured")
+FIRST = (
+    *("periods", "periods_left_out", "P_inc", "E_inc", "P_owc", "P_pto", "capture_width"),
+    *("xi", "xi_scatter", "xi_error", "xi_measured"),
+)
 """Results that a page begins with, where they are there."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
 """Series whose values run along with the particles."""
@@ -141,12 +145,12 @@ def _warnings(
             f"({100 * UNBOOKED:g} % is much).",
         ),
         (
-            0 < periods < FEW,
+            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice of the run says so
             f"Results are averaged over {periods:.0f} periods only: raise t1, so that the waves have settled "
             "for longer.",
         ),
         (
-            bool(results and keys.get("waves")) and "periods" not in results,
+            bool(results and keys.get("waves")) and not {"periods", "E_inc"} & set(results),
             "The run is too short for a mean over a settled wave period: raise t1.",
         ),
     ]
@@ -296,7 +300,9 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
     if case.waves is None or case.waves.kind != "irregular" or "eta" not in series:
         return None
     try:
-        sea = two_way_sea(case, series["time"], series["eta"], Geometry.of(case).depth)
+        t = series["time"]
+        over = settled_window(case, t, ()).over  # a whole repetition, or what there is of it
+        sea = two_way_sea(case, t[over], series["eta"][over], Geometry.of(case).depth)
     except ValueError:
         return None
     f, asked = sea.incident.f, case.waves.shape(case.waves.height)
