@@ -16,7 +16,7 @@ from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
 from jaxsph.output.hdf5 import Variable
-from jaxsph.output.plot.series import energy_terms, work_of
+from jaxsph.output.plot.series import energy_terms, harvested, work_of
 from jaxsph.output.plot.spectrum import WITHIN
 from jaxsph.output.run_file import RunFile
 from jaxsph.report.frames import Frames
@@ -206,7 +206,10 @@ def panels(
                 lines.append(_line("linear theory", ends, np.full(2, level), pack) | {"dash": True})
             made.append(_panel(name, title, variables[name].units, lines))
     if {"kinetic", "potential", "compression"} <= set(series):
-        terms = [("work of the paddle", work_of(series, "power_paddle"), ""), *energy_terms(series)]
+        terms = [
+            ("work of the paddle", work_of(series, "power_paddle"), ""),
+            *energy_terms(series, harvested(variables)),
+        ]
         lines = [_line(label, t, values, pack) for label, values, _ in terms if np.any(values)]
         made.append(_panel("energy", "Energy since the start", variables["kinetic"].units, lines))
     return made
