@@ -13,6 +13,11 @@ import jaxsph as js
 from jaxsph import analysis
 from jaxsph.model.interfaces import Exchange
 from jaxsph.model.state import Tally
+from jaxsph.parts.rotational import RotationalPTO
+from jaxsph.probes.default import _harvest
+from jaxsph.probes.devices import BodyProbe, ChamberProbe
+from jaxsph.probes.gauges import WaveGauge
+from jaxsph.probes.joined import described, measured
 from jaxsph.schemes.base import at_rest, move_walls
 from jaxsph.schemes.integrators import PredictorCorrector
 
@@ -135,3 +140,44 @@ def test_every_energy_of_the_ledger_is_described(damped_vessel):
     assert entries["pto"].exchange is Exchange.HARVESTED
     interval = move_walls(model.scheme, model, state, model.dt)
     assert set(interval.after) == set(state.own) == {"chamber"}
+
+
+def test_readings_that_share_a_name_are_refused(hydrostatic):
+    """Where probes are measured and where they are described; the later would have won."""
+    case, model, state = hydrostatic
+    probes = (WaveGauge(jnp.array([0.3]), jnp.array([0.0])), WaveGauge(jnp.array([0.6]), jnp.array([0.0])))
+    for join in (lambda: described(probes), lambda: measured(probes, model, state, None)):
+        with pytest.raises(ValueError, match="the reading 'eta' is of two probes, WaveGauge and WaveGauge"):
+            join()
+    assert set(described(probes[:1])) == {"time", "eta"}
+
+
+def test_a_chamber_and_a_body_have_readings_of_their_own():
+    """A body without a power take-off has no power, and takes none from the chamber's."""
+    chamber = js.Chamber.of(
+        js.PneumaticPTO(jnp.float32(100.0)), between=(1.0, 1.2), tip=0.2, level=0.4, dx=0.04
+    )
+    block = js.Block((0.4, 0.28), (0.64, 0.52))
+    bodies = [js.RigidBody.of(block, (0, 1), ("heave",), density=500.0)]
+    hinge = RotationalPTO.of(damping=1.0)
+    bodies.append(js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="body_2"))
+    probes = [ChamberProbe(jnp.float32(0.01), 0, "", (), _harvest(chamber))]
+    probes += [
+        BodyProbe(jnp.float32(0.01), k, body.name.removeprefix("body"), 2, _harvest(body))
+        for k, body in enumerate(bodies)
+    ]
+    powers = [name for name in described(probes) if name.startswith("power_")]
+    assert powers == ["power_pto", "power_pto_2"]
+
+
+@pytest.mark.parametrize(
+    ("dim", "force", "flow"), [(2, "N m-1, N m-1, N", "m2 s-1"), (3, "N, N, N m", "m3 s-1")]
+)
+def test_amounts_of_two_dimensions_are_per_metre_of_width(dim, force, flow):
+    """No amount of a device has the unit of the other number of dimensions."""
+    every = jnp.float32(0.01)
+    found = described((BodyProbe(every, dim=dim, harvest=("pto_b",)), ChamberProbe(every, dim=dim)))
+    assert found["body_force"].units == found["body_force_mean"].units == force
+    assert found["flow"].units == found["flow_mean"].units == flow
+    assert found["chamber_volume"].units == ("m2" if dim == 2 else "m3")
+    assert found["power_pto"].units == found["power_pto_b"].units == ("W m-1" if dim == 2 else "W")

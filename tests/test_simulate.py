@@ -21,11 +21,15 @@ import pytest
 from conftest import advance, coarse, enable_x64, with_velocity
 
 import jaxsph as js
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
+from jaxsph.model.interfaces import Entry, Exchange
 from jaxsph.model.state import Failure
 from jaxsph.output import run_file
 from jaxsph.output.run_file import RunFile
+from jaxsph.report.labels import label_of
 from jaxsph.run import chunks, host, recorder, simulate
 from jaxsph.run.amend import amend
 from jaxsph.run.results import flume_gauges, run_results
@@ -437,6 +441,10 @@ def test_results_of_before_a_change_do_not_outlive_it(whole, tmp_path):
         assert start.case == host.load_start(path).case
 
 
+def _one_pto():
+    return {"pto": Entry("power take-off", Exchange.HARVESTED)}
+
+
 def _ended(case, gauges, reflected=0.3):
     """A run of regular waves and what they make of the gauges, without running it."""
     case = case.replace({"probes.gauges": gauges})
@@ -446,7 +454,7 @@ def _ended(case, gauges, reflected=0.3):
     x = np.asarray(gauges)[:, None]
     eta = 0.02 * (np.cos(k * x - omega * t) + reflected * np.cos(k * x + omega * t))
     ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression", "power_pto")}
-    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1)
+    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1, entries=_one_pto)
     state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
     return case, js.Solution({"time": t, "eta": eta.T} | ones, {}, model, state, case)
 
@@ -513,7 +521,7 @@ def test_results_of_a_sea_have_errors_and_its_measured_height():
     gauges = [Harmonics(a * np.exp(-1j * k * x), omega, k).at(t) for x in case.probes.gauges]
     ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
     power = 0.5 + 0.5 * np.random.default_rng(0).normal(size=len(t))
-    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1)
+    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1, entries=_one_pto)
     state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
     series = {"time": t, "eta": np.transpose(gauges), "power_pto": power} | ones
     results, notices = run_results(case, js.Solution(series, {}, model, state, case), 1.0, 100)
@@ -524,6 +532,89 @@ def test_results_of_a_sea_have_errors_and_its_measured_height():
     # white noise: its standard deviation over the root of the number of samples, of the 2,800 of 40 periods
     expected = 0.5 / np.sqrt(2800) / results["P_inc"]
     assert results["xi_error"] == pytest.approx(expected, rel=0.15)
+
+
+def _with_transient(case, solution, since=0.0):
+    """The run with a power that has not settled before 16 s, and a scatter of 1 % from period to period."""
+    t, T = solution.t, case.waves.T
+    period = np.floor((solution.t[-1] - t) / T - 1e-9).astype(int)
+    scatter = 0.01 * np.random.default_rng(3).normal(size=period.max() + 1)
+    solution.series["power_pto"] = 0.5 * (1.0 + scatter[period]) + np.where(t < max(16.0, since), 0.2, 0.0)
+    return case, solution
+
+
+def test_means_begin_when_the_record_has_settled():
+    """One window for all: of ten periods of 1.2 s those go that begin before 16 s."""
+    case, solution = _with_transient(*_ended(js.load_case("owc"), [2.0, 2.3, 2.75]))
+    t = solution.t
+    late = t >= t[-1] - 5 * 1.2 - 1e-6
+    series = solution.series
+    series |= {"noise": np.where(late, 0.3, 7.0), "rms_speed": np.full(len(t), 2.0)}
+    results, notices = run_results(case, solution, 1.0, 100)
+    assert results["periods_left_out"] == 5 and results["periods"] == 5 and not notices
+    assert results["P_owc"] == pytest.approx(0.5, rel=0.02)  # the scatter; with all ten periods 0.58
+    assert results["energy_pto"] == pytest.approx(results["P_owc"] * 5 * 1.2, rel=1e-6)
+    assert results["noise"] == pytest.approx(0.15, rel=0.02)
+    words = [(label_of(name, True).text, label_of(name, True).meaning) for name in ("periods_left_out",)]
+    assert words[0][0].strip() != "periods_left_out" and words[0][1]
+
+
+def test_too_few_settled_periods_ask_for_a_longer_run():
+    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    solution.series["power_pto"] = 0.1 * solution.t
+    results, notices = run_results(case, solution, 1.0, 100)
+    assert results["periods"] == 3 and results["periods_left_out"] == 7
+    assert len(notices) == 1 and "3 periods only, as the 7 before them had not settled" in notices[0]
+
+
+def test_results_begin_after_a_change_and_its_transient():
+    """To the far end of the tank the waves' energy takes 7 s: of a change at 8 s none counts before 15."""
+    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    solution.series["power_pto"] = np.where(solution.t < 8.0, 100.0, 0.5)
+    results, notices = run_results(case, solution, 1.0, 100, since=8.0)
+    assert results["periods"] == 6 and results["P_owc"] == pytest.approx(0.5) and not notices
+    results, notices = run_results(case, solution, 1.0, 100, since=20.0)
+    assert not {"xi", "P_owc", "periods", "reflection"} & set(results)
+    assert len(notices) == 1 and "changed at t = 20 s" in notices[0]
+    # the budget is of what came after the change: 0.5 W/m to the last sample, at 22.79 s
+    assert results["energy_pto"] == pytest.approx(0.5 * (solution.t[-1] - 20.0), rel=0.01)
+
+
+def test_efficiency_of_a_focused_group_is_energy_over_energy():
+    """Half of the group's energy, taken in its half minute: 0.5 however long the record is."""
+    waves = {"kind": "focused", "crest": 0.04, "Tp": 1.2, "x": 4.0, "t": 14.0}
+    whole = incident_power(js.load_case("owc").replace({"waves": waves})) * 64 * 1.2
+    for t1 in (24.0, 34.0):
+        case = js.load_case("owc").replace({"waves": waves, "t1": t1})
+        t = np.arange(0.0, t1, 0.01)
+        power = 0.5 * whole * np.exp(-(((t - 16.5) / 1.5) ** 2)) / (1.5 * np.sqrt(np.pi))
+        ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
+        model = types.SimpleNamespace(depth=0.42, time=lambda state, t1=t1: t1, entries=_one_pto)
+        state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
+        solution = js.Solution({"time": t, "power_pto": power} | ones, {}, model, state, case)
+        results, notices = run_results(case, solution, 1.0, 100)
+        assert results["xi"] == pytest.approx(0.5, rel=1e-3) and not notices
+        assert results["E_inc"] == pytest.approx(whole) and not {"P_owc", "periods"} & set(results)
+    early = js.Solution({k: v[:1500] for k, v in solution.series.items()}, {}, model, state, case)
+    results, notices = run_results(case, early, 1.0, 100)
+    assert "xi" not in results and "of the group's energy has come" in " ".join(notices)
+
+
+def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
+    """A device that takes half of what comes has 0.5, in a part of the sea that is lower than the whole."""
+    sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}
+    case = js.load_case("owc").replace({"waves": sea, "t1": 40.0})
+    t, x = np.arange(0.0, 40.0, 0.02), Geometry.of(case).plate.x0
+    power = np.zeros(len(t))
+    for k in range(1, len(t)):
+        power[k] = 0.5 * incident_energy(case, x, t[k - 1], t[k]) / 0.02
+    ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
+    model = types.SimpleNamespace(depth=0.42, time=lambda state: 40.0, entries=_one_pto)
+    state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
+    solution = js.Solution({"time": t, "power_pto": power} | ones, {}, model, state, case)
+    results, _ = run_results(case, solution, 1.0, 100)
+    assert results["xi"] == pytest.approx(0.5, rel=0.01)
+    assert results["P_inc"] != pytest.approx(incident_power(case), rel=0.03)
 
 
 def test_whatever_goes_wrong_in_a_result_is_a_notice():

@@ -8,7 +8,14 @@ from jaxsph.analysis.oscillation import (
     fit_damped_oscillation,
     oscillation_period,
 )
-from jaxsph.analysis.periods import Efficiency, efficiency, phase_average, whole_periods
+from jaxsph.analysis.periods import (
+    Efficiency,
+    efficiency,
+    per_period,
+    phase_average,
+    settled_from,
+    whole_periods,
+)
 from jaxsph.analysis.reflection import Reflection, TwoWaySea, fundamental, reflection, two_way_sea
 from jaxsph.analysis.spectrum import (
     Mean,
@@ -40,9 +47,11 @@ __all__ = [
     "matched_extrema",
     "mean_with_error",
     "oscillation_period",
+    "per_period",
     "phase_average",
     "rayleigh_exceedance",
     "reflection",
+    "settled_from",
     "spectrum",
     "takers",
     "two_way_sea",

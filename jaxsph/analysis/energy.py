@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 
-def takers(series: Iterable[str]) -> list[str]:
-    """Names of what takes energy from the water besides power take-offs, by the series `power_<name>`."""
+def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
+    """Names of what takes energy from the water besides the power take-offs, by the series `power_<name>`.
+
+    `harvested`: names of the power take-offs' series.
+    """
     powers = [name for name in series if name.startswith("power_")]
-    return [n.removeprefix("power_") for n in powers if not n.startswith(("power_paddle", "power_pto"))]
+    return [n.removeprefix("power_") for n in powers if n != "power_paddle" and n not in harvested]
 
 
-def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
+def energy_budget(
+    series: dict[str, np.ndarray], harvested: Collection[str] = ("power_pto",)
+) -> dict[str, float]:
     """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it went.
 
     Keys: `paddle` (work of paddles and driven bodies), `stored` (change of kinetic, potential and compression
@@ -21,8 +26,9 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     series `power_`, such as `sponge`, `contact`, `projection` (each taken from the water); `residual` (the
     imbalance) and `residual_share` (its ratio to the paddle's work, or to the largest kinetic energy where
     that is larger).
-    Powers called `power_` are means over the interval before their sample; the losses called `loss_` are
-    values at their sample, and integrated by the trapezoidal rule.
+    `harvested`: names of the power take-offs' series. Powers called `power_` are means over the interval
+    before their sample; the losses called `loss_` are values at their sample, and integrated by the
+    trapezoidal rule. `projection` is negative where the projection gives the water energy.
     """
     t = series["time"]
     dt = np.diff(t)
@@ -37,12 +43,12 @@ def energy_budget(series: dict[str, np.ndarray]) -> dict[str, float]:
     budget = {
         "paddle": work("power_paddle"),
         "stored": float(total[-1] - total[0]),
-        "pto": sum((work(name) for name in series if name.startswith("power_pto")), 0.0),
+        "pto": sum((work(name) for name in harvested), 0.0),
         "sponge": work("power_sponge"),
         "viscous": loss("loss_viscous"),
         "diffusive": loss("loss_diffusive"),
     }
-    budget |= {taker: work(f"power_{taker}") for taker in takers(series)}
+    budget |= {taker: work(f"power_{taker}") for taker in takers(series, harvested)}
     spent = sum(v for k, v in budget.items() if k != "paddle")
     budget["residual"] = budget["paddle"] - spent
     scale = max(abs(budget["paddle"]), float(np.max(np.abs(series["kinetic"]))), 1e-12)

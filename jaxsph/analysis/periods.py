@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 Series = NDArray[np.float64]
 """Array of samples in double precision."""
@@ -70,23 +71,63 @@ def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tup
     return np.arange(n_bins) / n_bins, mean, deviation
 
 
+def per_period(t: ArrayLike, y: ArrayLike, T: float, periods: int) -> Series:
+    """Mean of `y` in each of the last whole periods, oldest first, in the unit of y.
+
+    `y` at times `t` (s) is a mean over the interval before its sample, as the powers of a run are: the first
+    sample of a record, which has no interval, has no part in it. **Raises** ValueError for a short record.
+    """
+    t, y = checked(t, y)
+    whole_periods(t, T, periods)
+    integral = np.concatenate([[0.0], np.cumsum(y[1:] * np.diff(t))])
+    ends = np.maximum(t[-1] - T * np.arange(periods, -1, -1), t[0])
+    return np.diff(np.interp(ends, t, integral)) / T
+
+
 def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: int) -> Efficiency:
     """Hydrodynamic efficiency xi over the last whole periods (-), Eqs 24 and 25.
 
-    `power`: absorbed by the device at times `t` (s), in the unit of the incident power
-    `P_inc` (W, or W/m per unit width as `theory.incident_power`). The integral is
-    trapezoidal, with the power interpolated at the ends of the periods. **Raises** ValueError
+    `power`: absorbed by the device, mean over the interval before each of the times `t` (s), in the unit of
+    the incident power `P_inc` (W, or W/m per unit width as `theory.incident_power`). **Raises** ValueError
     for a short record.
     """
-    t, power = checked(t, power)
     if not P_inc > 0.0:
         raise ValueError(f"incident power P_inc = {P_inc} must be positive")
-    whole_periods(t, T, periods)
-    energy = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))])
-    # The integral of a linear interpolant is quadratic between samples.
-    ends = np.maximum(t[-1] - T * np.arange(periods, -1, -1), t[0])
-    j = np.clip(np.searchsorted(t, ends, side="right") - 1, 0, t.size - 2)
-    step = ends - t[j]
-    at_ends = energy[j] + 0.5 * step * (power[j] + np.interp(ends, t, power))
-    per_period = np.diff(at_ends) / (T * P_inc)
-    return Efficiency(float(np.mean(per_period)), per_period)
+    found = per_period(t, power, T, periods) / P_inc
+    return Efficiency(float(np.mean(found)), found)
+
+
+SIGNIFICANT = 0.05
+"""Probability with which `settled_from` leaves out the first period of a record that has settled."""
+LEAST_PERIODS = 3
+"""Fewest periods in which `settled_from` looks for a trend, and which it leaves."""
+
+
+def settled_from(values: ArrayLike) -> int:
+    """Number of leading periods to leave out of a mean, by the means `values` of all periods, oldest first.
+
+    Leading periods go until those that remain show neither a linear trend nor a first period unlike the
+    others: Student's t for the slope of a regression and for a single observation against the rest, each at
+    half of `SIGNIFICANT`. Truncation of an initial transient by the record itself: White (1997), whose own
+    rule (MSER) leaves out a quarter of ten settled periods; this one 1 %. A transient below the scatter of
+    the periods is not seen. At least `LEAST_PERIODS` are left.
+    """
+    values = np.asarray(values, np.float64)
+    least = 1e-6 * np.max(np.abs(values), initial=0.0)  # rounding of the readings is no trend
+    for first in range(max(len(values) - LEAST_PERIODS, 0)):
+        if not _has_transient(values[first:], least):
+            return first
+    return max(len(values) - LEAST_PERIODS, 0)
+
+
+def _has_transient(y: Series, least: float) -> bool:
+    """Whether periods have a trend, or a first one unlike the others; scatter below `least` counts as it."""
+    n, rest = len(y), y[1:]
+    scatter = max(float(np.std(rest, ddof=1)), least, 1e-300)
+    first = abs(y[0] - np.mean(rest)) / (scatter * np.sqrt(1.0 + 1.0 / (n - 1)))
+    place = np.arange(n) - 0.5 * (n - 1)
+    slope = float(place @ y / (place @ place))
+    residual = np.sqrt(np.sum((y - np.mean(y) - slope * place) ** 2) / (n - 2))
+    trend = abs(slope) * np.sqrt(place @ place) / max(residual, least, 1e-300)
+    # two tests: each at half of the level, and both sides
+    return bool(max(first, trend) > stats.t.isf(0.25 * SIGNIFICANT, n - 2))

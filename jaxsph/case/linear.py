@@ -7,7 +7,7 @@ import numpy as np
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
-from jaxsph.waves import theory
+from jaxsph.waves import second_order, theory
 from jaxsph.waves.linear_owc import (
     ChamberGeometry,
     LinearAir,
@@ -27,6 +27,20 @@ def incident_power(case: Case) -> float:
     a, omega = case.waves.sum_of_waves(depth, case.g)
     each = theory.incident_power(2.0 * np.abs(a), 2.0 * np.pi / omega, depth, case.fluid.rho0, case.g)
     return float(np.sum(each))
+
+
+def incident_energy(case: Case, x: float, start: float, end: float) -> float:
+    """Energy (J per metre of crest) that a case's waves carry past x (m) from `start` to `end` (s), by linear
+    theory without the ramp; over a sea's whole repetition that of `incident_power`."""
+    depth = Geometry.of(case).depth
+    a, omega = case.waves.sum_of_waves(depth, case.g)
+    height, T = 2.0 * np.abs(a), 2.0 * np.pi / omega
+    power = np.asarray(theory.incident_power(height, T, depth, case.fluid.rho0, case.g), np.float64)
+    k = second_order.wavenumbers(omega, depth, case.g)
+    # waves of these amplitudes have the power of each as their mean square
+    root = np.sqrt(2.0 * power) * np.exp(1j * (np.angle(a) - k * x))
+    t = np.linspace(start, end, int(np.ceil((end - start) / (0.02 * case.waves.period))) + 2)
+    return float(np.trapezoid(second_order.Harmonics(root, omega, k).at(t) ** 2, t))
 
 
 def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.waves import theory
@@ -11,17 +16,60 @@ from jaxsph.waves import theory
 
 def settling_time(case: Sections) -> float:
     """Time for the waves' ramp and for their energy to reach the far end of the tank, s."""
+    return case.waves.ramp_periods * case.waves.period + travel_time(case, Geometry.of(case).length)
+
+
+def travel_time(case: Sections, x: float) -> float:
+    """Time in which the waves' energy comes from the paddle to x (m), s."""
     omega = 2 * np.pi / case.waves.period
-    geometry = Geometry.of(case)
-    speed = float(theory.group_velocity(omega, geometry.depth, case.g))
-    return case.waves.ramp_periods * case.waves.period + geometry.length / speed
+    return x / float(theory.group_velocity(omega, Geometry.of(case).depth, case.g))
 
 
-def settled_periods(case: Sections, t1: float) -> int:
-    """Whole periods at the end of a run to t1 (s) over which its results are averaged; below 1: none.
+def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
+    """Whole periods at the end of a run to t1 (s) that may be averaged, by the waves' travel; below 1: none.
 
-    Periods of regular waves, groups of two waves, and peak periods of a sea, of which all count.
+    Periods of regular waves, groups of two waves, and peak periods of a sea, of which all count. `since`:
+    time (s) of the run's last change, from which its energy has to reach the far end of the tank anew.
+    `settled_window` tells which of the periods have settled.
     """
     waves = case.waves
-    whole = int((t1 - settling_time(case)) / waves.cycle + 1e-6)
+    begin = settling_time(case)
+    if since > 0.0:
+        begin = max(begin, since + travel_time(case, Geometry.of(case).length))
+    whole = int((t1 - begin) / waves.cycle + 1e-6)
     return min(whole, case.output.periods if waves.repeats is None else round(waves.repeats / waves.cycle))
+
+
+class Window(NamedTuple):
+    """Part of a record over which every mean of a run is taken."""
+
+    over: NDArray[np.bool_]
+    """Mask of its samples; the first begins the window, and the means before it are not in it."""
+    periods: int
+    """Whole periods in the window; 0 where none has settled, and the window is all of the record."""
+    left_out: int
+    """Periods before the window that the waves had reached, and in which the record still had a trend."""
+
+
+def settled_window(
+    case: Sections, t: NDArray[np.float64], settling: Iterable[NDArray[np.floating]], since: float = 0.0
+) -> Window:
+    """Window of settled whole periods at the end of a record, by `analysis.settled_from`.
+
+    **Arguments**: times `t` (s); `settling`: series that must all have settled, each a mean since the sample
+    before; `since`: time from which the record counts, s. A sea is averaged over its repetition: it has no
+    two periods alike that could be compared. A focused group has no mean, and its window is the record.
+    """
+    # a sample is a mean over the interval before it: `since` is a sample
+    counts = t >= since - 1e-9
+    if case.waves is None or case.waves.kind == "focused":
+        return Window(counts, 0, 0)
+    whole, left_out = settled_periods(case, float(t[-1]), since), 0
+    if whole < 1:
+        return Window(counts, 0, 0)
+    if case.waves.repeats is None:
+        cycle = case.waves.cycle
+        starts = [analysis.settled_from(analysis.per_period(t, y, cycle, whole)) for y in settling]
+        left_out = max(starts, default=0)
+    periods = whole - left_out
+    return Window(analysis.whole_periods(t, case.waves.cycle, periods), periods, left_out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import AbstractBody, AbstractChamber, AbstractProbe, Exchange, Model
 from jaxsph.model.state import State
 from jaxsph.parts.paddle import Paddle
 from jaxsph.parts.rim import Rim
@@ -26,8 +26,14 @@ def default_probes(model: Model, state: State, sample_dt: float) -> tuple[Abstra
     found += [PaddleProbe(wall.name) for wall in model.moving if isinstance(wall, Paddle)]
     for k, chamber in enumerate(model.chambers):
         suffix, further = chamber.name.removeprefix("chamber"), tuple(chamber.readings().items())
-        found.append(ChamberProbe(every, k, suffix, further))
+        found.append(ChamberProbe(every, k, suffix, further, _harvest(chamber), len(model.g)))
     for k, body in enumerate(model.bodies):
-        found.append(BodyProbe(every, k, body.name.removeprefix("body"), len(model.g)))
+        suffix = body.name.removeprefix("body")
+        found.append(BodyProbe(every, k, suffix, len(model.g), _harvest(body)))
     found += [RimProbe(rim.name, len(model.g)) for rim in model.outlets if isinstance(rim, Rim)]
     return tuple(found)
+
+
+def _harvest(part: AbstractBody | AbstractChamber) -> tuple[str, ...]:
+    """Names in the ledger of the energies that a part's power take-off takes."""
+    return tuple(name for name, entry in part.entries().items() if entry.exchange is Exchange.HARVESTED)

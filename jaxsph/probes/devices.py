@@ -6,6 +6,7 @@ import equinox as eqx
 
 from jaxsph.core.arrays import Scalar, columns
 from jaxsph.model.interfaces import AbstractProbe, Reading
+from jaxsph.model.state import State
 from jaxsph.probes.energy import per_metre
 
 __all__ = ["BodyProbe", "ChamberProbe", "PaddleProbe", "RimProbe"]
@@ -22,35 +23,41 @@ class ChamberProbe(AbstractProbe):
     """End of the readings' names, where there are several chambers."""
     further: tuple[tuple[str, Reading], ...] = eqx.field(static=True, default=())
     """Readings of the chamber's air besides pressure and flow: names and meanings."""
+    harvest: tuple[str, ...] = eqx.field(static=True, default=("pto",))
+    """Names in the ledger of the energies that its power take-off takes."""
+    dim: int = eqx.field(static=True, default=2)
+    """Number of dimensions."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         x, V = columns(state.particles.x), model.scheme.volume(state.particles)
         chamber = model.chambers[self.which]
-        air, taken = state.own[chamber.name], state.ledger[chamber.energy].recent
+        air = state.own[chamber.name]
         readings = {
             "chamber_level": chamber.level(x, V, model.dx),
             "chamber_volume": chamber.volume(x, V, model.dx),
             "P_a": air.P_a,
             "flow": air.q,
             "flow_mean": air.driven.recent / self.sample_dt,
-            "power_pto": taken / self.sample_dt,
             **chamber.read(air),
         }
-        return {name + self.suffix: value for name, value in readings.items()}
+        readings = {name + self.suffix: value for name, value in readings.items()}
+        return readings | _powers(self.harvest, state, self.sample_dt)
 
     def describe(self):
         """See `AbstractProbe`."""
+        area, flow = ("m2", "m2 s-1") if self.dim == 2 else ("m3", "m3 s-1")
+        width = " per unit width" if self.dim == 2 else ""
         found = {
             "chamber_level": Reading("m", "mean elevation of the chamber's surface over the still level"),
-            "chamber_volume": Reading("m2", "water in the chamber above the level where flow is measured"),
+            "chamber_volume": Reading(area, "water in the chamber above the level where flow is measured"),
             "P_a": Reading("Pa", "gauge pressure of the chamber's air, positive when compressed"),
-            "flow": Reading("m2 s-1", "flow of air out of the chamber per unit width"),
-            "flow_mean": Reading("m2 s-1", "flow out of the chamber, mean since the last sample"),
-            "power_pto": Reading("W m-1", "power taken by the PTO, mean since the last sample"),
+            "flow": Reading(flow, f"flow of air out of the chamber{width}"),
+            "flow_mean": Reading(flow, "flow out of the chamber, mean since the last sample"),
             **dict(self.further),
         }
-        return {name + self.suffix: reading for name, reading in found.items()}
+        readings = {name + self.suffix: reading for name, reading in found.items()}
+        return readings | _of_powers(self.harvest, self.dim)
 
 
 class BodyProbe(AbstractProbe):
@@ -64,12 +71,13 @@ class BodyProbe(AbstractProbe):
     """End of the readings' names, where there are several bodies."""
     dim: int = eqx.field(static=True, default=2)
     """Number of dimensions."""
+    harvest: tuple[str, ...] = eqx.field(static=True, default=())
+    """Names in the ledger of the energies that its power take-off takes."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         body = model.bodies[self.which]
         own = state.own[body.name]
-        taken = sum((state.ledger[name].recent for name in body.harvest()), 0.0 * self.sample_dt)
         readings = {
             "surge": own.pose[0],
             "heave": own.pose[1],
@@ -77,13 +85,13 @@ class BodyProbe(AbstractProbe):
             "body_velocity": own.velocity,
             "body_force": own.force + own.contact,
             "body_force_mean": own.impulse.recent / self.sample_dt,
-            "power_pto": taken / self.sample_dt,
         }
-        return {name + self.suffix: value for name, value in readings.items()}
+        readings = {name + self.suffix: value for name, value in readings.items()}
+        return readings | _powers(self.harvest, state, self.sample_dt)
 
     def describe(self):
         """See `AbstractProbe`."""
-        power = per_metre("W", self.dim)
+        units = "N m-1, N m-1, N" if self.dim == 2 else "N, N, N m"
         force = "the water's force on the body, and its moment about the pivot"
         found = {
             "surge": Reading("m", "displacement of the body along the tank"),
@@ -92,11 +100,11 @@ class BodyProbe(AbstractProbe):
             "body_velocity": Reading(
                 "m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion"
             ),
-            "body_force": Reading("N, N, N m", force, "motion"),
-            "body_force_mean": Reading("N, N, N m", f"{force}, mean since the last sample", "motion"),
-            "power_pto": Reading(power, "power taken by the PTO, mean since the last sample"),
+            "body_force": Reading(units, force, "motion"),
+            "body_force_mean": Reading(units, f"{force}, mean since the last sample", "motion"),
         }
-        return {name + self.suffix: reading for name, reading in found.items()}
+        readings = {name + self.suffix: reading for name, reading in found.items()}
+        return readings | _of_powers(self.harvest, self.dim)
 
 
 class PaddleProbe(AbstractProbe):
@@ -131,3 +139,14 @@ class RimProbe(AbstractProbe):
         """See `AbstractProbe`."""
         units = "m2" if self.dim == 2 else "m3"
         return {"spilt": Reading(units, "volume of water that has left over the rim since the start")}
+
+
+def _powers(harvest: tuple[str, ...], state: State, sample_dt: Scalar) -> dict[str, Scalar]:
+    """Powers of power take-offs, W (W/m in 2-D), means since the last sample, by their series' names."""
+    return {f"power_{name}": state.ledger[name].recent / sample_dt for name in harvest}
+
+
+def _of_powers(harvest: tuple[str, ...], dim: int) -> dict[str, Reading]:
+    """Meaning of the readings of `_powers`."""
+    what = "power taken by the PTO, mean since the last sample"
+    return {f"power_{name}": Reading(per_metre("W", dim), what) for name in harvest}

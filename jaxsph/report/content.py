@@ -12,15 +12,16 @@ from jaxsph.case.case import Case
 from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
 from jaxsph.output.hdf5 import Variable
-from jaxsph.output.plot.series import energy_terms, work_of
+from jaxsph.output.plot.series import energy_terms, harvested, work_of
 from jaxsph.output.plot.spectrum import WITHIN
 from jaxsph.output.run_file import RunFile
 from jaxsph.report.frames import Frames
 from jaxsph.report.labels import in_order, in_words, label_of
 from jaxsph.report.pack import Pack
-from jaxsph.run.results import series_since, two_way_sea
+from jaxsph.run.results import two_way_sea
 
 MOST_SAMPLES = 6000
 """Samples of a line above which it is drawn through the extremes of every few of them."""
@@ -47,7 +48,10 @@ PANELS = {
     "noise": "Noise of the particles, and their RMS speed",
 }
 """Titles of the panels over time, by the series that each shows, in the order of the page."""
-FIRST = ("periods", "P_inc", "P_owc", "P_pto", "capture_width", "xi", "xi_scatter", "xi_error", "xi_measured")
+FIRST = (
+    *("periods", "periods_left_out", "P_inc", "E_inc", "P_owc", "P_pto", "capture_width"),
+    *("xi", "xi_scatter", "xi_error", "xi_measured"),
+)
 """Results that a page begins with, where they are there."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
 """Series whose values run along with the particles."""
@@ -58,7 +62,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
     keys, series = run.case_keys(), run.series()
     case = _case_of(keys)
     results = run.results()
-    since = series_since(series, run.since) if series else series
+    counting = {n: a[series["time"] >= run.since - 1e-9] for n, a in series.items()}
     flat = keys.get("tank", {}).get("width") is None
     name = str(keys.get("name", run.path.stem))
     return {
@@ -71,7 +75,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
         "warnings": [*run.notices(), *_warnings(keys, case, series, results)],
         "results": _result_rows(results, flat),
         "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
-        "spectra": _spectrum(case, since, run.coordinates(), pack),
+        "spectra": _spectrum(case, counting, run.coordinates(), pack),
         "case": run.case_toml,
         "player": (frames or Frames(run)).content(pack),
     }
@@ -141,12 +145,12 @@ def _warnings(
             f"({100 * UNBOOKED:g} % is much).",
         ),
         (
-            0 < periods < FEW,
+            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice of the run says so
             f"Results are averaged over {periods:.0f} periods only: raise t1, so that the waves have settled "
             "for longer.",
         ),
         (
-            bool(results and keys.get("waves")) and "periods" not in results,
+            bool(results and keys.get("waves")) and not {"periods", "E_inc"} & set(results),
             "The run is too short for a mean over a settled wave period: raise t1.",
         ),
     ]
@@ -202,7 +206,10 @@ def panels(
                 lines.append(_line("linear theory", ends, np.full(2, level), pack) | {"dash": True})
             made.append(_panel(name, title, variables[name].units, lines))
     if {"kinetic", "potential", "compression"} <= set(series):
-        terms = [("work of the paddle", work_of(series, "power_paddle"), ""), *energy_terms(series)]
+        terms = [
+            ("work of the paddle", work_of(series, "power_paddle"), ""),
+            *energy_terms(series, harvested(variables)),
+        ]
         lines = [_line(label, t, values, pack) for label, values, _ in terms if np.any(values)]
         made.append(_panel("energy", "Energy since the start", variables["kinetic"].units, lines))
     return made
@@ -296,7 +303,9 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
     if case.waves is None or case.waves.kind != "irregular" or "eta" not in series:
         return None
     try:
-        sea = two_way_sea(case, series["time"], series["eta"], Geometry.of(case).depth)
+        t = series["time"]
+        over = settled_window(case, t, ()).over  # a whole repetition, or what there is of it
+        sea = two_way_sea(case, t[over], series["eta"][over], Geometry.of(case).depth)
     except ValueError:
         return None
     f, asked = sea.incident.f, case.waves.shape(case.waves.height)

@@ -34,7 +34,11 @@ LABELS = {
     ),
     "energy_separation": Label("  lost where pairs of particles part", "J/m", "numerical"),
     "energy_contact": Label("  lost by water that meets a solid", "J/m"),
-    "energy_projection": Label("  lost in the projection", "J/m", "numerical: of the incompressible scheme"),
+    "energy_projection": Label(
+        "  lost in the projection",
+        "J/m",
+        "numerical: work of the pressure that the water's motion does not receive; negative where it gains",
+    ),
     "energy_residual": Label(
         "  not accounted for", "J/m", "work less all that is booked; zero in an exact budget"
     ),
@@ -47,14 +51,18 @@ LABELS = {
         "how far velocities scatter about their neighbours': below 0.1 in a good run",
     ),
     "periods": Label("periods averaged", "", "whole ones at the end of the run"),
+    "periods_left_out": Label(
+        "  left out before them", "", "settled by the waves' travel, while the record still had a trend"
+    ),
     "P_inc": Label("incident power", "W/m", "of the waves asked for, by theory"),
+    "E_inc": Label("energy of the group", "J/m", "of the waves asked for, by theory"),
     "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
     "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
     "xi": Label(
         "hydrodynamic efficiency",
         "",
-        "absorbed power over the power of the waves asked for, ± its standard error",
+        "absorbed over incident power, or a group's energy, of the waves asked for, ± its standard error",
     ),
     "xi_scatter": Label("  from period to period", "", "standard deviation of the efficiency of each period"),
     "xi_error": Label("  standard error", "", "of the mean over a sea, from the spread of its groups"),
@@ -67,7 +75,7 @@ LABELS = {
 }
 """Labels of the scalar results in two dimensions, in the order of a table."""
 
-PER_METRE = ("P_inc", "P_inc_measured")
+PER_METRE = ("P_inc", "E_inc", "P_inc_measured")
 """Names of the results that are per metre of width in three dimensions too."""
 
 

@@ -19,11 +19,12 @@ from tqdm import tqdm
 from jaxsph.case.build import build
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError, FileError
-from jaxsph.model.interfaces import AbstractProbe, Model, Reading
+from jaxsph.model.interfaces import AbstractProbe, Model
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import SCHEMA
 from jaxsph.output.run_file import RunFile
+from jaxsph.probes.joined import described
 from jaxsph.run.amend import amend
 from jaxsph.run.chunks import advance_chunk, sample_times, search_settings, with_settings
 from jaxsph.run.devices import everywhere, find_devices, gather, share, unshare, usual_devices
@@ -237,7 +238,4 @@ def march(
     bar.close()
     series = {k: np.asarray(v) for k, v in readings.items()}
     series["time"] = sample_times(series["time"], sample_dt)
-    units = {"time": Reading("s", "time")}
-    for probe in probes:
-        units |= probe.describe()
-    return Solution(series, units, model, state)
+    return Solution(series, described(probes), model, state)

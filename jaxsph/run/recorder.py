@@ -21,6 +21,7 @@ from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import Coordinates, Variable
 from jaxsph.output.run_file import RunFile
+from jaxsph.probes.joined import described
 from jaxsph.run.chunks import sample_times, search_settings, steps_per_chunk
 from jaxsph.run.devices import describe_machine
 from jaxsph.run.results import run_results
@@ -44,9 +45,7 @@ class Recorder:
         self.sample_every = steps_per_sample(start.case, start.model)
         self.per_chunk = steps_per_chunk(start.case, self.sample_every)
         self.probes = make_probes(start.case, start.model, start.initial)
-        self.units = {"time": Reading("s", "time")}
-        for probe in self.probes:
-            self.units |= probe.describe()
+        self.units = described(self.probes)
         self.first = int(start.state.step)
         self.last = round(t1 / start.case.output.sample_dt) * self.sample_every
         self._chunks: list[dict[str, np.ndarray]] = []

@@ -5,7 +5,6 @@ A result that cannot be made is absent, and a notice says why: nothing here may 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -14,12 +13,19 @@ from numpy.typing import NDArray
 from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.linear import incident_power
-from jaxsph.case.settling import settled_periods, settling_time
+from jaxsph.case.linear import incident_energy, incident_power
+from jaxsph.case.settling import Window, settled_window, travel_time
+from jaxsph.model.interfaces import Exchange, Model
 from jaxsph.model.solution import Solution
 from jaxsph.waves import theory
 
 Scalars = dict[str, float]
+
+
+FEW = 5
+"""Periods averaged below which a run is asked to be longer, where others have been left out."""
+WHOLE = 0.95
+"""Share of a focused group's energy that has to have come to the device for an efficiency."""
 
 
 def run_results(
@@ -27,16 +33,9 @@ def run_results(
 ) -> tuple[Scalars, tuple[str, ...]]:
     """Scalars of a run, and notices of those that could not be made.
 
-    **Arguments**: wall time (s) and the steps that it took; `since`: time of the last change of the case in
-    the course of its run, s. Results count from there as from a start: the waves settle anew.
+    **Arguments**: wall time (s) and the steps that it took; `since`: time (s) of the run's last change: means
+    begin when its transient is over, too.
     """
-    solution = dataclasses.replace(solution, series=series_since(solution.series, since))
-    made: list[tuple[str, Callable[[Case, Solution], Scalars]]] = [
-        ("energy balance", _energy),
-        ("noise", _noise),
-    ]
-    if case.waves is not None:
-        made += [("absorbed power", _power), ("reflection", _reflection)]
     results = {
         "t_end": float(solution.model.time(solution.state)),
         "steps": float(int(solution.state.step)),
@@ -44,15 +43,30 @@ def run_results(
         "particle_steps_per_second": steps * solution.state.particles.x.shape[0] / seconds,
     }
     notices = []
-    if since > 0.0 and case.waves is not None and settled_periods(case, float(solution.t[-1])) < 1:
-        end = since + settling_time(case) + case.waves.cycle
+    window = _window(case, solution, since)
+    made: list[tuple[str, Callable[[Case, Solution, Window], Scalars]]] = [
+        ("energy balance", _energy),
+        ("noise", _noise),
+    ]
+    if case.waves is not None and case.waves.kind == "focused":
+        made += [("absorbed energy", _energy_of_a_group), ("reflection", _reflection)]
+    elif window.periods:
+        results |= {"periods": float(window.periods), "periods_left_out": float(window.left_out)}
+        made += [("absorbed power", _power), ("reflection", _reflection)]
+        if window.left_out and window.periods < FEW:
+            notices.append(
+                f"results are averaged over {window.periods} periods only, as the {window.left_out} before "
+                "them had not settled: raise t1"
+            )
+    elif case.waves is not None and since > 0.0:
+        end = since + travel_time(case, Geometry.of(case).length) + case.waves.cycle
         notices.append(
-            f"no means: the case was changed at t = {since:g} s, and the waves have not settled since; go on "
-            f"to t1 = {end:.4g} s or longer"
+            f"no means over periods: the case was changed at t = {since:g} s, and no whole period has settled "
+            f"since; go on to t1 = {end:.4g} s or longer"
         )
     for name, make in made:
         try:
-            results |= make(case, solution)
+            results |= make(case, solution, window)
         except Exception as error:  # whatever it is: the series are worth more than any scalar
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             notices.append(f"no result for the {name}: {kind}{error}")
@@ -61,67 +75,108 @@ def run_results(
     return results, tuple(notices)
 
 
-def series_since(series: dict[str, np.ndarray], since: float) -> dict[str, np.ndarray]:
-    """Series from the time `since` (s) of the last change of the case on, with times counted from there."""
-    there = series["time"] >= since - 1e-9
-    found = {name: values[there] for name, values in series.items()}
-    return found | {"time": found["time"] - since}
+def harvested(model: Model) -> list[str]:
+    """Names of the series of the powers that power take-offs take, by the model's ledger."""
+    return [f"power_{n}" for n, entry in model.entries().items() if entry.exchange is Exchange.HARVESTED]
 
 
-def _energy(case: Case, solution: Solution) -> Scalars:
+def _window(case: Case, solution: Solution, since: float) -> Window:
+    """Window over which all means of a run are taken, found once: its devices' powers have settled in it."""
+    names = [name for name in harvested(solution.model) if name in solution.series]
+    if not names:
+        names = [name for name in ("kinetic",) if name in solution.series]
+    return settled_window(case, solution.t, [solution[name] for name in names], since)
+
+
+def _energy(case: Case, solution: Solution, window: Window) -> Scalars:
     """Energy balance, over whole periods where there are waves: the paddle gives and takes back far more
     than the waves keep."""
-    over = _settled(case, solution, slice(None))
-    budget = analysis.energy_budget({name: values[over] for name, values in solution.series.items()})
+    over = {name: values[window.over] for name, values in solution.series.items()}
+    budget = analysis.energy_budget(over, harvested(solution.model))
     return {f"energy_{name}": value for name, value in budget.items()}
 
 
-def _noise(case: Case, solution: Solution) -> Scalars:
+def _noise(case: Case, solution: Solution, window: Window) -> Scalars:
     """Noise of the particles over their speed, both RMS over settled whole periods where there are waves, or
     over the last tenth of the record; none for water that does not move."""
     if "noise" not in solution.series:
         return {}
-    over = _settled(case, solution, slice(-max(len(solution.t) // 10, 1), None))
+    last = slice(-max(int(np.sum(window.over)) // 10, 1), None)
+    over = window.over if window.periods else last
     # in double precision: the squares of small speeds are nothing in single
     noise, speed = (np.linalg.norm(np.float64(solution[name][over])) for name in ("noise", "rms_speed"))
     return {"noise": float(noise / speed)} if speed > 0.0 else {}
 
 
-def _settled(case: Case, solution: Solution, otherwise: slice) -> slice | NDArray[np.bool_]:
-    """Samples of the settled whole periods; without waves, or before they have settled, those `otherwise`."""
-    if case.waves is None:
-        return otherwise
-    periods = settled_periods(case, float(solution.t[-1]))
-    return analysis.whole_periods(solution.t, case.waves.cycle, periods) if periods >= 1 else otherwise
+def _absorbed(case: Case, solution: Solution) -> NDArray[np.floating] | None:
+    """Power (W; W/m in 2-D) of all power take-offs, each sample the mean since the one before; None without
+    any, and for a pressure that is given."""
+    if case.pto is not None and not case.pto.is_turbine and case.body is None:
+        return None
+    names = [name for name in harvested(solution.model) if name in solution.series]
+    return np.sum([solution[name] for name in names], axis=0) if names else None
 
 
-def _power(case: Case, solution: Solution) -> Scalars:
-    """Incident power, and the share of it that the device absorbs."""
-    t, T = solution.t, case.waves.cycle
-    periods = settled_periods(case, float(t[-1]))
-    if periods < 1:
-        return {}
+def _share(case: Case, share: float) -> Scalars:
+    """Absorbed over incident energy as a result: an efficiency, or a width of crest (m) in 3-D."""
+    return {"xi": share} if case.tank.width is None else {"capture_width": share}
+
+
+def _power(case: Case, solution: Solution, window: Window) -> Scalars:
+    """Incident power, and the share of it that the device absorbs, both over the window."""
+    t, T, waves = solution.t, case.waves.cycle, case.waves
     P_inc = incident_power(case)
-    results = {"periods": float(periods), "P_inc": P_inc}
-    chamber = case.pto is not None and case.pto.is_turbine
-    body = case.body is not None and case.body.pto is not None
-    if "power_pto" not in solution.series or not (chamber or body):
+    if waves.repeats is not None and window.periods < round(waves.repeats / T):
+        # a part of a sea is higher or lower than the whole: the energy of the same waves counts
+        span = window.periods * T
+        P_inc = incident_energy(case, _device_x(case), float(t[-1]) - span, float(t[-1])) / span
+    results = {"P_inc": P_inc}
+    power = _absorbed(case, solution)
+    if power is None:
         return results
-    efficiency = analysis.efficiency(t, solution["power_pto"], T, P_inc, periods)
+    efficiency = analysis.efficiency(t, power, T, P_inc, window.periods)
+    chamber = case.pto is not None and case.pto.is_turbine
     results["P_owc" if chamber else "P_pto"] = efficiency.xi * P_inc
+    results |= _share(case, efficiency.xi)
     if case.tank.width is not None:
-        return results | {"capture_width": efficiency.xi}  # power over power per width
-    results |= {"xi": efficiency.xi, "xi_scatter": float(np.std(efficiency.per_period))}
-    if case.waves.repeats is not None:
-        settled = analysis.whole_periods(t, T, periods)
-        results["xi_error"] = analysis.mean_with_error(solution["power_pto"][settled]).error / P_inc
+        return results
+    results["xi_scatter"] = float(np.std(efficiency.per_period))
+    if waves.repeats is not None:
+        results["xi_error"] = analysis.mean_with_error(power[window.over][1:]).error / P_inc
     return results
 
 
-def _reflection(case: Case, solution: Solution) -> Scalars:
+def _energy_of_a_group(case: Case, solution: Solution, window: Window) -> Scalars:
+    """Energy of a focused group, and the share of it that the device has absorbed by the end of the run.
+
+    A group has no mean power: its device's would be one over one span and its waves' one over another.
+    """
+    whole = incident_power(case) * case.waves.repeats
+    results, power = {"E_inc": whole}, _absorbed(case, solution)
+    if power is None:
+        return results
+    if not np.all(window.over):
+        raise ValueError("the run was changed while the group was on its way: run it anew with --set")
+    t, x = solution.t, _device_x(case)
+    come = incident_energy(case, x, travel_time(case, x), float(t[-1])) / whole if t[-1] > 0.0 else 0.0
+    if come < WHOLE:
+        raise ValueError(f"{come:.0%} of the group's energy has come to x = {x:.3g} m: raise t1")
+    return results | _share(case, float(np.sum(power[1:] * np.diff(t))) / whole)
+
+
+def _device_x(case: Case) -> float:
+    """Where waves meet a case's device, m from the paddle: its plate, or its body; else the tank's end."""
+    geometry = Geometry.of(case)
+    if geometry.plate is not None:
+        return float(geometry.plate.x0)
+    if geometry.solid is not None:
+        return float(geometry.solid.dummies(case.dx, 1)[:, 0].min())
+    return geometry.length
+
+
+def _reflection(case: Case, solution: Solution, window: Window) -> Scalars:
     """Incident and reflected waves, and the power of the incident ones, by the gauges of the free flume."""
-    periods = settled_periods(case, float(solution.t[-1]))
-    if periods < 1 or "eta" not in solution.series:
+    if "eta" not in solution.series:
         return {}
     chosen = flume_gauges(case)
     x = np.asarray(Geometry.of(case).gauges)[chosen]
@@ -131,13 +186,17 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
             f"it needs three gauges or more between x = {first:g} and {last:g} m, where the waves are free, "
             f"and there are {len(x)}: see probes.gauges"
         )
-    depth, eta, waves = float(solution.model.depth), solution["eta"][:, chosen].T, case.waves
+    t, over = solution.t, window.over
+    depth, waves = float(solution.model.depth), case.waves
     if waves.kind == "regular":
-        found = analysis.reflection(eta, x, solution.t, waves.T, depth, g=case.g, periods=periods)
+        eta = solution["eta"][:, chosen].T
+        found = analysis.reflection(eta, x, t, waves.T, depth, g=case.g, periods=window.periods)
         height = 2 * found.incident
         power = float(theory.incident_power(height, waves.T, depth, case.fluid.rho0, case.g))
         return {"reflection": found.coefficient, "incident_height": height, "P_inc_measured": power}
-    sea = two_way_sea(case, solution.t, solution["eta"], depth)
+    sea = two_way_sea(case, t[over], solution["eta"][over], depth)
+    if waves.kind == "focused":
+        return {"reflection": sea.coefficient}  # its mean power would depend on how long the record is
     return {
         "reflection": sea.coefficient,
         "Hm0": sea.incident.Hm0,
@@ -149,7 +208,7 @@ def _reflection(case: Case, solution: Solution) -> Scalars:
 def two_way_sea(
     case: Case, t: NDArray[np.floating], eta: NDArray[np.floating], depth: float
 ) -> analysis.TwoWaySea:
-    """Incident and reflected sea at the gauges of the free flume, over the settled repetition of the sea.
+    """Incident and reflected sea at the gauges of the free flume, over the record given.
 
     **Arguments**: times (s); elevations of all gauges `[T, gauge]` (m); depth (m). **Raises** ValueError for
     gauges that cannot tell the two apart, or a record that is too short.
@@ -158,9 +217,7 @@ def two_way_sea(
     x = np.asarray(Geometry.of(case).gauges)[chosen]
     _, omega = case.waves.sum_of_waves(depth, case.g)
     f = 0.9 * float(np.min(omega)) / (2 * np.pi), 1.1 * float(np.max(omega)) / (2 * np.pi)
-    settled = analysis.whole_periods(t, case.waves.cycle, settled_periods(case, float(t[-1])))
-    found = np.float64(eta)[settled][:, chosen].T
-    return analysis.two_way_sea(found, x, t[settled], depth, case.g, f=f, bands=4)
+    return analysis.two_way_sea(np.float64(eta)[:, chosen].T, x, t, depth, case.g, f=f, bands=4)
 
 
 def flume_gauges(case: Case) -> list[int]:

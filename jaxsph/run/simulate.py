@@ -13,6 +13,7 @@ from jaxsph.core.loop import blocks
 from jaxsph.core.transforms import any_lane
 from jaxsph.model.interfaces import AbstractProbe, Model
 from jaxsph.model.state import State, settle
+from jaxsph.probes.joined import measured
 
 
 def simulate(
@@ -43,10 +44,7 @@ def simulate(
     start = state.step
 
     def read(s, tables):
-        readings = {"time": model.time(s)}
-        for probe in probes:
-            readings |= probe.measure(model, s, tables)
-        return readings
+        return measured(probes, model, s, tables)
 
     def begin(s, tables):
         due = (s.step - start) % sample_every == 0

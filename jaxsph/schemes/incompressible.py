@@ -218,7 +218,7 @@ class ISPH(AbstractParticleScheme):
         """See `AbstractScheme`."""
         return {
             "contact": Entry("energy lost by water that meets a solid"),
-            "projection": Entry("energy lost in the projection"),
+            "projection": Entry("work of the projection's pressure not received as motion, may be negative"),
             **{name: entry for one in self.regularisation for name, entry in one.entries().items()},
         }
 

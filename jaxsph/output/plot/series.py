@@ -6,11 +6,14 @@ shows.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxsph import analysis
+from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.style import (
     BLUE,
     GREEN,
@@ -102,8 +105,9 @@ def body(run: RunFile) -> Figure | None:
         (force[:, 0], "F$_x$", "the water's force along the tank (N; N/m in two dimensions)", RED),
         (force[:, 1], "F$_z$", "the water's force upwards", RED),
         (force[:, 2], "M", "the water's moment about the pivot (N m; N in two dimensions)", RED),
-        (series["power_pto"], "power", "power taken by the PTO (W; W/m in two dimensions)", PURPLE),
     ]
+    power = "power taken by the PTO (W; W/m in two dimensions)"
+    panels += [(series[name], "power", power, PURPLE) for name in harvested(run.variables())]
     panels = [panel for panel in panels if np.ptp(panel[0]) > 0.0]
     if not panels:
         return None
@@ -157,7 +161,8 @@ def energy(run: RunFile) -> Figure | None:
     series = run.series()
     if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None
-    terms = energy_terms(series)
+    from_ptos = harvested(run.variables())
+    terms = energy_terms(series, from_ptos)
     work = work_of(series, "power_paddle")
     t, figure, axes = series["time"], *stacked_axes(1, 5.2)
     ax = axes[0]
@@ -175,7 +180,7 @@ def energy(run: RunFile) -> Figure | None:
     ax.axhline(0.0, color="0.5", lw=0.8)
     units = run.variables()["kinetic"].units
     ax.set_ylabel("energy since the start " + ("(J)" if units == "J" else "(J/m)"))
-    ax.set_title(_budget_title(series))
+    ax.set_title(_budget_title(series, from_ptos))
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="upper left")  # in the order of the areas
     return figure
@@ -192,15 +197,25 @@ LEAST = 3.0e-3
 """Share of the largest energy in a budget below which one has no area or line of its own."""
 
 
-def energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, str]]:
-    """(label, energy since the start, colour), the lasting ones first, the stored one on top."""
+def harvested(variables: dict[str, Variable]) -> list[str]:
+    """Names of the power take-offs' series: of all powers a file keeps these alone beside the readings."""
+    return [name for name, of in variables.items() if name.startswith("power_") and of.group == "series"]
+
+
+def energy_terms(
+    series: dict[str, np.ndarray], from_ptos: Collection[str] = ("power_pto",)
+) -> list[tuple[str, np.ndarray, str]]:
+    """(label, energy since the start, colour), the lasting ones first, the stored one on top.
+
+    `from_ptos`: names of the power take-offs' series.
+    """
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
-        ("taken by the PTO", _of_every_pto(series), GREEN),
+        ("taken by the PTO", _of_every_pto(series, from_ptos), GREEN),
         ("viscous loss", _integral(series, "loss_viscous"), ORANGE),
         ("density diffusion", _integral(series, "loss_diffusive"), RED),
     ]
-    for taker in analysis.takers(series):
+    for taker in analysis.takers(series, from_ptos):
         label, colour = LOSSES.get(taker, (taker.replace("_", " "), GREY))
         terms.append((label, work_of(series, f"power_{taker}"), colour))
     last = (STORED, stored - stored[0], SKY)
@@ -214,9 +229,9 @@ def energy_terms(series: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, s
     return [*shown, last]
 
 
-def _of_every_pto(series: dict[str, np.ndarray]) -> np.ndarray:
+def _of_every_pto(series: dict[str, np.ndarray], from_ptos: Collection[str]) -> np.ndarray:
     """Energy that all power take-offs have taken."""
-    works = [work_of(series, name) for name in series if name.startswith("power_pto")]
+    works = [work_of(series, name) for name in from_ptos]
     return np.sum([np.zeros_like(series["time"]), *works], axis=0)
 
 
@@ -229,8 +244,8 @@ def _areas(ax: Axes, t: np.ndarray, terms: list[tuple[str, np.ndarray, str]]) ->
         base = base + values
 
 
-def _budget_title(series: dict[str, np.ndarray]) -> str:
-    budget = analysis.energy_budget(series)
+def _budget_title(series: dict[str, np.ndarray], from_ptos: list[str]) -> str:
+    budget = analysis.energy_budget(series, from_ptos)
     paddle = abs(budget["paddle"])
     if paddle > 0.0 and paddle >= float(np.max(np.abs(series["kinetic"]))):
         share, whole = budget["residual"] / paddle, "the paddle's work"

@@ -1,0 +1,43 @@
+"""Readings of several probes as one: no two may share a name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
+
+import jax
+
+from jaxsph.model.interfaces import AbstractProbe, Model, Reading
+from jaxsph.model.state import State, Tables
+
+__all__ = ["described", "measured"]
+
+V = TypeVar("V")
+
+
+def measured(
+    probes: Sequence[AbstractProbe], model: Model, state: State, tables: Tables
+) -> dict[str, jax.Array]:
+    """Readings of all probes, by name, with "time" (s). **Raises** ValueError for a name that two have."""
+    found = (probe.measure(model, state, tables) for probe in probes)
+    return _joined({"time": model.time(state)}, probes, found)
+
+
+def described(probes: Sequence[AbstractProbe]) -> dict[str, Reading]:
+    """Unit and meaning of all probes' readings, by name, with "time". **Raises** ValueError as `measured`."""
+    return _joined({"time": Reading("s", "time")}, probes, (probe.describe() for probe in probes))
+
+
+def _joined(
+    first: dict[str, V], probes: Sequence[AbstractProbe], found: Iterable[Mapping[str, V]]
+) -> dict[str, V]:
+    joined, owner = dict(first), dict.fromkeys(first, "the run")
+    for probe, readings in zip(probes, found, strict=True):
+        for name, value in readings.items():
+            if name in joined:
+                raise ValueError(
+                    f"the reading {name!r} is of two probes, {owner[name]} and {type(probe).__name__}: give "
+                    "the parts that they read names of their own, or leave one of the probes out"
+                )
+            joined[name], owner[name] = value, type(probe).__name__
+    return joined
