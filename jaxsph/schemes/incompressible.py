@@ -294,7 +294,7 @@ class ISPH(AbstractParticleScheme):
         u_left, left = u_ghosts - later * ghosts.u, u_star - later * p.u
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
         # positions half a step ahead water swings without a loss to second order.
-        at = self._halfway(model, state, interval, u_star, left)
+        at = self._halfway(model, state, interval, p.u, left)
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(ghosts, u_left)
         projected = self._project(model, at, tables, ghosts, sources, interval)
