@@ -54,10 +54,14 @@ def run_results(
 
 def _energy(case: Case, solution: Solution) -> Scalars:
     """Energy balance, over whole periods where there are waves: the paddle gives and takes back far more
-    than the waves keep."""
-    over = _settled(case, solution, slice(None))
-    budget = analysis.energy_budget({name: values[over] for name, values in solution.series.items()})
-    return {f"energy_{name}": value for name, value in budget.items()}
+    than the waves keep. That of the whole run, with its start, is beside it."""
+    over, series = _settled(case, solution, slice(None)), solution.series
+    budget = analysis.energy_budget({name: values[over] for name, values in series.items()})
+    results = {f"energy_{name}": value for name, value in budget.items()}
+    if case.waves is not None:
+        whole = analysis.energy_budget(series)
+        results |= {f"whole_energy_{name}": value for name, value in whole.items()}
+    return results
 
 
 def _noise(case: Case, solution: Solution) -> Scalars:
