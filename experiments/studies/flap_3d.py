@@ -32,9 +32,9 @@ def main(dx: float = 0.04) -> None:
         lag = float(np.degrees(np.angle(eta / pitch)))
         report.row("lag of the pitch behind the elevation beside the flap", lag, "degrees")
         report.row("wave height beside the flap", 2 * abs(eta), "m", theory=case.waves.H)
-        both = series["eta_particles"][last, 0] - series["eta_interpolated"][last, 0]
+        both = series["eta_wire"][last, 0] - series["eta_interpolated"][last, 0]
         report.row(
-            "elevation by particles off that by density, RMS over dx", float(np.sqrt(np.mean(both**2))) / dx
+            "elevation by a wire off that by density, RMS over dx", float(np.sqrt(np.mean(both**2))) / dx
         )
         front, behind = (
             2 * abs(fundamental(t[last], series["body_pressure"][last, k], T)) / (1000 * 9.81 * case.waves.H)
@@ -57,7 +57,7 @@ def main(dx: float = 0.04) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True)
         upper.plot(t, np.degrees(series["pitch"]))
         upper.set(ylabel="pitch, degrees")
-        for name, label in (("eta_particles", "by particles"), ("eta_interpolated", "by density")):
+        for name, label in (("eta_wire", "by a wire"), ("eta_interpolated", "by density")):
             lower.plot(t, series[name][:, 0], lw=1, label=label)
         lower.set(xlabel="t, s", ylabel="elevation beside the flap, m")
         lower.legend(fontsize="small", ncols=2)

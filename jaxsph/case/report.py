@@ -13,7 +13,7 @@ from jaxsph.case.speeds import wavenumber
 from jaxsph.model.interfaces import AbstractProbe, Model
 from jaxsph.model.state import State
 from jaxsph.probes.default import default_probes
-from jaxsph.probes.gauges import InterpolatedGauge, ParticleGauge, WaveGauge
+from jaxsph.probes.gauges import InterpolatedGauge, WaveGauge, WireGauge
 from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProbe
 
 
@@ -36,9 +36,11 @@ def make_probes(case: Case, model: Model, state: State) -> tuple[AbstractProbe, 
     if geometry.surface:
         at, top = np.asarray(geometry.surface), model.walls.high[-1]
         levels = np.arange(0.0, top, 0.5 * case.dx)
-        at, levels, half = (jnp.asarray(a, dtype) for a in (at, levels, 0.5 * case.dx))
+        at, levels = (jnp.asarray(a, dtype) for a in (at, levels))
         found.append(InterpolatedGauge(at, levels, level))
-        found.append(ParticleGauge(at, level - half))
+        wire = WireGauge(at, jnp.zeros_like(at[:, 0]))
+        still = wire.still if released else wire.measure(model, state, None)["eta_wire"]
+        found.append(WireGauge(at, still))
     if geometry.pressure:
         found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
     if geometry.velocity:

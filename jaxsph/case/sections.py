@@ -303,8 +303,8 @@ class ProbesSection(Section):
     gauges: tuple[Coordinate, ...] = Field((), max_length=MOST_POINTS)
     """Places x of the wave gauges, m; their elevations are averaged across the tank."""
     surface: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
-    """Points, (x,) or (x, y), m, where the elevation is measured by both methods of Yeylaghi et al. 2016:
-    interpolated density, and the surface's particles."""
+    """Points, (x,) or (x, y), m, where the elevation is measured by the wet length of a wire, and by
+    interpolated density (Yeylaghi et al. 2016)."""
     pressure: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points of the pressure sensors, m."""
     velocity: tuple[Point, ...] = Field((), max_length=MOST_POINTS)

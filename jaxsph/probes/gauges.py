@@ -1,4 +1,4 @@
-"""Gauges of the surface elevation: by a water column's volume, interpolated density or surface particles."""
+"""Gauges of the surface elevation: by a column's volume, a wire's wet length or interpolated density."""
 
 from __future__ import annotations
 
@@ -79,36 +79,39 @@ class InterpolatedGauge(AbstractProbe):
         return {"eta_interpolated": Reading("m", what, "surface_point")}
 
 
-class ParticleGauge(AbstractProbe):
-    """Gauge of the surface elevation (m) at points, by the mean height of the surface's particles nearby.
+class WireGauge(AbstractProbe):
+    """Gauge of the surface elevation (m) at points, by the length of a vertical wire that is wet.
 
-    Surface particles are those of Yeylaghi et al. 2016, Eq. 23-24; nearby is within a spacing of the point
-    (their section 4.3.2).
+    A resistance gauge reads that length: a splash counts by the water in it, not by its top, and a dry bed
+    reads a depth of zero. The share of water along the wire is sum_j V_j W(x - x_j), whose integral over the
+    height is sum_j V_j W'(x - x_j), with a Gaussian W' of the horizontal distance, of the smoothing length
+    1.2 dx. A plane surface reads exactly, and a wave of wavenumber k less its share 0.36 (k dx)^2. Beside
+    a wall the wire reads the surface as it is up to 0.7 dx away from it, and within 2.5 dx of a plate it sees
+    the water behind the plate too.
     """
 
     x: Float[Array, "k H"]
-    """Horizontal coordinates of the gauges, m."""
-    still: Scalar
-    """Height (m) of the surface's particles where the elevation is zero: half a spacing under it."""
+    """Horizontal coordinates of the wires, m."""
+    still: Float[Array, " k"]
+    """Depth (m) that a wire reads where the elevation is zero."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
-        p = state.particles
-        surface = model.scheme.kernel_sum(model, state, tables) <= 0.9
-        z = p.x[:, -1]
+        x, V = columns(state.particles.x)[:-1], model.scheme.volume(state.particles)
+        walls, period, h = model.walls, model.scheme.smoothing.period, 1.2 * model.dx
 
-        def at(point):
-            near = surface & (jnp.sum((p.x[:, :-1] - point) ** 2, axis=1) < model.dx**2)
-            # only what is within a spacing of the highest counts: the rim of a bubble below does not
-            highest = jnp.max(jnp.where(near, z, 0.0))
-            near = near & (z > highest - model.dx)
-            mean = jnp.sum(jnp.where(near, z, 0.0)) / jnp.maximum(jnp.sum(near), 1)
-            # without a particle of the surface nearby there is no reading, and none is made up
-            return jnp.where(jnp.any(near), mean, jnp.nan)
+        def depth(point):
+            away = nearest_image(tuple(a - b for a, b in zip(x, point, strict=True)), period)
+            near = jnp.exp(-sum((a / h) ** 2 for a in away)) / (jnp.sqrt(jnp.pi) * h) ** len(x)
+            inside = jnp.ones_like(h)  # the share of the Gaussian that is not behind a wall
+            for b, low, high, side in zip(point, walls.low, walls.high, walls.sides, strict=False):
+                if side != "periodic":
+                    inside = inside * 0.5 * (jax.lax.erf((high - b) / h) - jax.lax.erf((low - b) / h))
+            return jnp.sum(V * near) / inside
 
-        return {"eta_particles": jax.lax.map(at, self.x) - self.still}
+        return {"eta_wire": jax.lax.map(depth, self.x) - self.still}
 
     def describe(self):
         """See `AbstractProbe`."""
-        what = "surface elevation at the point, by the surface's particles"
-        return {"eta_particles": Reading("m", what, "surface_point")}
+        what = "surface elevation at the point, by the wet length of a wire"
+        return {"eta_wire": Reading("m", what, "surface_point")}

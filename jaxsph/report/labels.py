@@ -73,6 +73,11 @@ LABELS = {
     "Te": Label("energy period of the incident waves", "s", "measured by the gauges"),
     "P_inc_measured": Label("measured incident power", "W/m", "of the incident waves at the gauges"),
 }
+LABELS |= {
+    f"whole_{name}": label._replace(text=f"{label.text}, whole run", meaning="from the start of the run on")
+    for name, label in LABELS.items()
+    if name.startswith("energy_")
+}
 """Labels of the scalar results in two dimensions, in the order of a table."""
 
 PER_METRE = ("P_inc", "E_inc", "P_inc_measured")

@@ -16,7 +16,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError, FileError
-from jaxsph.model.interfaces import Model, Reading
+from jaxsph.model.interfaces import Model
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import Coordinates, Variable

@@ -61,8 +61,8 @@ def run_results(
     elif case.waves is not None and since > 0.0:
         end = since + travel_time(case, Geometry.of(case).length) + case.waves.cycle
         notices.append(
-            f"no means over periods: the case was changed at t = {since:g} s, and no whole period has settled "
-            f"since; go on to t1 = {end:.4g} s or longer"
+            f"no means over periods: the case was changed at t = {since:g} s, and no whole period has "
+            f"settled since; go on to t1 = {end:.4g} s or longer"
         )
     for name, make in made:
         try:
@@ -90,10 +90,14 @@ def _window(case: Case, solution: Solution, since: float) -> Window:
 
 def _energy(case: Case, solution: Solution, window: Window) -> Scalars:
     """Energy balance, over whole periods where there are waves: the paddle gives and takes back far more
-    than the waves keep."""
-    over = {name: values[window.over] for name, values in solution.series.items()}
-    budget = analysis.energy_budget(over, harvested(solution.model))
-    return {f"energy_{name}": value for name, value in budget.items()}
+    than the waves keep. That of the whole run, with its start, is beside it."""
+    names, series = harvested(solution.model), solution.series
+    over = {name: values[window.over] for name, values in series.items()}
+    results = {f"energy_{name}": value for name, value in analysis.energy_budget(over, names).items()}
+    if window.periods:
+        whole = analysis.energy_budget(series, names)
+        results |= {f"whole_energy_{name}": value for name, value in whole.items()}
+    return results
 
 
 def _noise(case: Case, solution: Solution, window: Window) -> Scalars:

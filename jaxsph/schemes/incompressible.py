@@ -252,7 +252,7 @@ class ISPH(AbstractParticleScheme):
         u_left = LEFT_OVER * ghosts.u + dt * (model.g + model.acceleration(ghosts.x))
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
         # positions half a step ahead water swings without a loss to second order.
-        at = self._halfway(model, state, interval, u_star, u_star - later * p.u)
+        at = self._halfway(model, state, interval, p.u, u_star - later * p.u)
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(ghosts, u_left)
         projected = self._project(model, at, tables, ghosts, sources, interval)

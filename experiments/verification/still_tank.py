@@ -1,0 +1,72 @@
+"""Incompressible water that nobody disturbs, and the energy of the projection over a whole run.
+
+A tank at rest must keep its level and its potential energy from the first step on, in 2-D and 3-D. In a run
+with waves the projection may give or take only little of the paddle's work, the start of the run included.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import jaxsph as js
+from experiments.common import Report, solved
+from jaxsph.analysis import energy_budget
+
+PERIOD = 1.2
+"""Time that the tanks are watched for, s: the first period of the built-in waves."""
+
+
+def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
+    """Runs a 2-D tank of the size of `wave_tank`, a 3-D one of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
+    flat = still(dx, js.load_case("wave_tank").tank.length)
+    deep = still(dx_3d, 1.0, width=0.3)
+    with Report(f"still_tank_{dx:g}", "Incompressible water at rest from its first step on", dx) as report:
+        for name, case in (("2-D", flat), ("3-D", deep)):
+            level, energy, speed = disturbance(js.run(case, t1=PERIOD, progress=False), case)
+            label = f"{name}, dx = {case.dx:g} m"
+            rows = (
+                ("largest shift of the mean level", 1e3 * level, "mm", 0.1),
+                ("largest potential energy", energy, "J/m", 1.0),
+            )
+            for what, value, unit, bar in rows:
+                report.row(
+                    f"{label}: {what}", value, unit, theory=0.0, bar=f"< {bar:g} {unit}", passes=value < bar
+                )
+            report.row(f"{label}: largest speed at the end", speed, "m/s", theory=0.0)
+        if waves:
+            case = js.load_case("wave_tank").replace({"dx": dx, "scheme.kind": "incompressible"})
+            budget = energy_budget(solved(case, f"still_tank_waves_{dx:g}").series())
+            share = 100 * budget["projection"] / budget["paddle"]
+            report.row(
+                "wave_tank, whole run: energy of the projection over the paddle's work",
+                share,
+                "%",
+                theory=0.0,
+                bar="within 2 %",
+                passes=abs(share) < 2.0,
+            )
+
+
+def still(dx: float, length: float, width: float | None = None) -> js.Case:
+    """A tank of still incompressible water 0.48 m deep, of this length and width (m)."""
+    changes = {
+        "dx": dx,
+        "scheme.kind": "incompressible",
+        "tank.length": length,
+        "tank.depth": 0.48,
+        "tank.height": 0.8,
+        "probes.pressure": None,
+        "output.sample_dt": 0.05,
+    }
+    return js.load_case("hydrostatic").replace(changes | ({} if width is None else {"tank.width": width}))
+
+
+def disturbance(run: js.Solution, case: js.Case) -> tuple[float, float, float]:
+    """Shift of the mean level (m) and potential energy per metre of width (J/m), the largest of the run, and
+    its last speed (m/s).
+
+    The level is that of the centre of mass: water that is lifted evenly by s has the energy rho g d L s.
+    """
+    energy = float(np.max(np.abs(np.float64(run["potential"])))) / (case.tank.width or 1.0)
+    weight = case.fluid.rho0 * case.g * case.tank.depth * case.tank.length
+    return energy / weight, energy, float(run["max_speed"][-1])
