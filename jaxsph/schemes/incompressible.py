@@ -287,16 +287,16 @@ class ISPH(AbstractParticleScheme):
         return self.check(model, state, tables, p.x, at.particles.x)
 
     def _halfway(
-        self, model: Model, state: State, interval: Interval, u_star: jax.Array, u: jax.Array
+        self, model: Model, state: State, interval: Interval, drifting: jax.Array, u: jax.Array
     ) -> State:
-        """State with particles, which move with u_star (m/s), and solids in the middle of the step.
+        """State with particles, which move with `drifting` (m/s), and solids in the middle of the step.
 
         Its velocities are u (m/s).
         """
         dt, own = interval.dt, dict(state.own)
         for solid in (*model.moving, *model.bodies):
             own[solid.name] = solid.halfway(own[solid.name], interval.after[solid.name], dt)
-        particles = eqx.tree_at(lambda p: p.u, drift(state.particles, 0.5 * dt * u_star), u)
+        particles = eqx.tree_at(lambda p: p.u, drift(state.particles, 0.5 * dt * drifting), u)
         return eqx.tree_at(lambda s: (s.particles, s.own), state, (particles, own))
 
     def _exchange(

@@ -1,0 +1,57 @@
+"""Do the readings of pressure and flow obey the law of the power take-off, whatever it is?
+
+The OWC in a tank of 1.2 m over three wave periods: quadratic turbines from soft to nearly closed, and the
+other laws, each fitted to its own readings by least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import jaxsph as js
+from experiments.common import Report
+from experiments.owc_tank import short_case
+
+Pressure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+CURVE = ((-0.1, -900.0), (0.0, 0.0), (0.02, 30.0), (0.1, 900.0))
+PERIODS, BAR = 3.0, 0.002
+
+
+def quadratic(K_dm: float) -> Pressure:
+    """Pressure (Pa) of a quadratic turbine from the flow (m2/s)."""
+    return lambda q: K_dm**2 * np.abs(q) * q
+
+
+def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
+    """Keys of a case, and the pressure (Pa) from the flow (m2/s), by the name of the law."""
+    found: dict[str, tuple[dict[str, Any], Pressure]] = {
+        f"K_dm = {K:g}": ({"pto.K_dm": K}, quadratic(K)) for K in (150.0, 534.66, 2000.0, 1e4)
+    }
+    found["linear turbine (Wells)"] = ({"pto.resistance": 4e3}, lambda q: 4e3 * q)
+    found["curve"] = ({"pto.curve": CURVE}, lambda q: np.interp(q, *np.array(CURVE).T))
+    found["K_dm = 534.66 and a relief valve, below its limit"] = ({"pto.relief": 60.0}, quadratic(534.66))
+    found["K_dm = 534.66 under compressible air"] = ({"air.volume": 0.5}, quadratic(534.66))
+    return found
+
+
+def main(dx: float = 0.04) -> None:
+    """Runs every law."""
+    with Report(f"turbine_law_{dx:g}", "Readings of the chamber against the law", dx) as report:
+        for name, (keys, pressure) in laws().items():
+            case = short_case(dx, 1.0).replace(keys)
+            case = case.replace({"t1": PERIODS * case.waves.T, "device.wall_thickness": max(dx, 0.02)})
+            solution = js.run(case, progress=False)
+            P_a = np.float64(solution["P_a"])
+            law = pressure(np.float64(solution["flow_pto" if case.air is not None else "flow"]))
+            free = P_a < 60.0 if case.pto.relief is not None else np.ones(len(P_a), bool)
+            # of the pressure; a damping's ratio is its square root
+            ratio = float(np.sum(P_a[free] * law[free]) / np.sum(law[free] ** 2))
+            fitted = np.sqrt(ratio) if case.pto.quadratic is not None else ratio
+            report.row(
+                f"{name}: fitted over asked", fitted, theory=1.0, bar="0.002", passes=abs(fitted - 1) < BAR
+            )
