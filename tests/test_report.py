@@ -288,7 +288,7 @@ def old_file(path, change):
         nodes = [file]
         file.visititems(lambda _, node: nodes.append(node))
         for node in nodes:
-            del node.attrs["checksum"]
+            node.attrs.pop("checksum", None)
         file.attrs["schema"] = 3
         change(file)
 

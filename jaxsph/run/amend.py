@@ -107,11 +107,12 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     step = jnp.asarray(round(samples) * every, state.step.dtype)
     state = eqx.tree_at(lambda s: (s.step, s.own, s.ledger, s.limits), state, (step, own, ledger, limits))
     _check_readings(start, Start(case, model, initial))
+    restarts = any(_value(start.case, k) != _value(case, k) for k in set(changes) - set(UNMOVED))
     change = Change(
         _told(file.case_toml, start.case, case, changes, t),
         search_settings(model),
         deciding_numbers(model, initial),
-        file.since if set(changes) <= set(UNMOVED) else t,
+        t if restarts else file.since,
         saved_state(state),
     )
     return Start(case, model, initial, state), change
