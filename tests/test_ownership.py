@@ -274,7 +274,7 @@ def test_a_matrix_in_a_tank_with_a_width_leaves_out_what_its_runs_do_not_have():
     """Such runs have a mean power, no efficiency and no error of their own."""
     axes = {"waves.Hs": np.array([0.04]), "waves.Tp": np.array([1.4]), "waves.seed": np.arange(2)}
     powers = np.array([[[1.0, 3.0]]])
-    wide = SEA.replace({"tank.width": 0.4})
+    wide = js.load_case("flap_3d").replace({"waves": SEA.waves.model_dump(exclude_none=True), "t1": 60.0})
     matrix = matrix_of(js.Sweep(wide, axes, {"P_pto": powers, "P_inc": powers}, {}, {}))
     assert matrix.P[0, 0] == 2.0 and np.isnan(matrix.xi).all()
     assert matrix.error[0, 0] == 1.0  # of a mean of two values two apart

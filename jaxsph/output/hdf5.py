@@ -41,6 +41,10 @@ Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
 """Positions of gauges and sensors: name -> (dimension, values `[k]`, units, long name)."""
 
 
+_WHOLE = b"jaxsph CRC-32 of the bytes before: "
+"""What stands between the end of a file as HDF5 knows it and the checksum of all bytes before."""
+
+
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -61,9 +65,10 @@ class Variable:
 
 
 @contextlib.contextmanager
-def replace_file(path: Path, mode: str) -> Iterator[h5py.File]:
+def replace_file(path: Path, mode: str, whole: bool = False) -> Iterator[h5py.File]:
     """HDF5 file to write, a copy ("r+") or a new one ("w"), that takes the place of `path` if all goes well.
 
+    `whole`: appends the checksum of all its bytes, for `check_whole`, to a file that is always written anew.
     **Raises** FileError where it cannot be written; the file before is then unchanged.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -75,6 +80,9 @@ def replace_file(path: Path, mode: str) -> Iterator[h5py.File]:
             with h5py.File(part, mode) as file:
                 yield file
                 file.flush()
+            if whole:
+                with part.open("ab") as end:
+                    end.write(_WHOLE + _crc_of_bytes(part).to_bytes(4, "little"))
             sync(part)
             os.replace(part, path)
         finally:
@@ -128,6 +136,34 @@ def tell_write_errors(path: Path) -> Iterator[None]:
             f"{path}: could not be written ({error}); what was there before is unchanged. Look at "
             "the space and the permissions of its folder"
         ) from error
+
+
+def check_whole(path: Path) -> None:
+    """**Raises** FileError for a file whose bytes are not those written, before HDF5 is given them.
+
+    HDF5 stops the whole program at some damage. A file without such a checksum, of a run or of an older
+    version, passes.
+    """
+    size = len(_WHOLE) + 4
+    with path.open("rb") as file:
+        file.seek(0, os.SEEK_END)
+        length = max(file.tell() - size, 0)
+        file.seek(length)
+        end = file.read(size)
+    if end.startswith(_WHOLE) and _crc_of_bytes(path, length) != int.from_bytes(end[-4:], "little"):
+        raise FileError(
+            f"{path}: is damaged: its bytes are not those that were written. Restore it from a copy, or "
+            "remove it and run the study again"
+        )
+
+
+def _crc_of_bytes(path: Path, length: int | None = None) -> int:
+    """CRC-32 of the first bytes of a file, by default of all."""
+    found, left = 0, path.stat().st_size if length is None else length
+    with path.open("rb") as file:
+        while left > 0 and (part := file.read(min(left, 1 << 20))):
+            found, left = zlib.crc32(part, found), left - len(part)
+    return found
 
 
 def remove_leftovers(path: Path) -> None:
@@ -218,13 +254,6 @@ def seal(node: h5py.Group | h5py.Dataset) -> None:
     _put(node, 0 if isinstance(node, h5py.Group) else _crc(_values(node)))
 
 
-def seal_all(group: h5py.Group) -> None:
-    """Seals a group and all that is in it."""
-    for node in group.values():
-        seal_all(node) if isinstance(node, h5py.Group) else seal(node)
-    seal(group)
-
-
 def check(node: h5py.Group | h5py.Dataset) -> int | None:
     """Checks what is said about a group or a dataset, and returns the checksum that its values must have.
 
@@ -239,13 +268,6 @@ def check(node: h5py.Group | h5py.Dataset) -> int | None:
     if words != _crc_of_words(node):
         raise Damage(f"{node.name} is not what was written, or another program has changed it")
     return values
-
-
-def check_all(group: h5py.Group) -> None:
-    """Checks a group and all that is in it, values included. **Raises** Damage."""
-    check(group)
-    for node in group.values():
-        check_all(node) if isinstance(node, h5py.Group) else read(node)
 
 
 def attributes(node: h5py.Group | h5py.Dataset) -> dict[str, Any]:

@@ -6,8 +6,8 @@
     one per result         over the parameters, NaN where a member has none; `failure`: text
     series                 over the parameters and `time`, padded with NaN
 
-The file is written anew whenever a member has ended, and takes the place of the one before. Every block has
-a checksum (`output.hdf5`), and all are looked at before anything is read.
+The file is written anew whenever a member has ended, and takes the place of the one before. It ends with
+the checksum of all its bytes, which is looked at before anything is read.
 """
 
 from __future__ import annotations
@@ -24,13 +24,12 @@ from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import (
     SCHEMA,
     Variable,
-    check_all,
     check_signature,
+    check_whole,
     dimension,
     open_file,
     replace_file,
     scale,
-    seal_all,
     tell_write_errors,
     version,
 )
@@ -65,6 +64,7 @@ class SweepFile:
     def is_one(self) -> bool:
         """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
         check_signature(self.path)
+        check_whole(self.path)
         with open_file(self.path) as file:
             return file.attrs.get("kind") == "sweep"
 
@@ -87,7 +87,7 @@ class SweepFile:
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(self.path, "w") as file:
+        with replace_file(self.path, "w", whole=True) as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), case=case_toml, kind="sweep")
             file.attrs["about"] = json.dumps(dict(about or {}))
             dims = _write_axes(file, axes, shape)
@@ -102,7 +102,6 @@ class SweepFile:
             with_series = {i: m["series"] for i, m in members.items() if "time" in m["series"]}
             if with_series:
                 _write_padded(group, with_series, variables, dims, shape)
-            seal_all(file)
 
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.
@@ -110,10 +109,10 @@ class SweepFile:
         **Raises** FileError where the file is missing, damaged or not a sweep's.
         """
         check_signature(self.path)
+        check_whole(self.path)
         with open_file(self.path) as file:
             if file.attrs.get("kind") != "sweep":
                 raise FileError(f"{self.path}: is not the file of a sweep; give another name")
-            check_all(file)
             about = json.loads(file.attrs.get("about", "{}"))
             case, made_by = str(file.attrs["case"]), str(file.attrs["jaxsph_version"])
             order = [str(name) for name in file.attrs["parameters"]]
