@@ -145,7 +145,7 @@ def test_every_energy_of_the_ledger_is_described(damped_vessel):
 
 def test_readings_that_share_a_name_are_refused(hydrostatic):
     """Where probes are measured and where they are described; the later would have won."""
-    case, model, state = hydrostatic
+    _, model, state = hydrostatic
     probes = (WaveGauge(jnp.array([0.3]), jnp.array([0.0])), WaveGauge(jnp.array([0.6]), jnp.array([0.0])))
     for join in (lambda: described(probes), lambda: measured(probes, model, state, None)):
         with pytest.raises(ValueError, match="the reading 'eta' is of two probes, WaveGauge and WaveGauge"):
