@@ -372,7 +372,10 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
         return "plate"
     if platform is not None and x > platform.start + slack and z < platform.height - slack:
         return "platform"
-    if geometry.solid is not None and float(geometry.solid.distance(np.asarray([point]))[0]) < -slack:
+    if (
+        geometry.solid is not None
+        and float(geometry.solid.distance(np.asarray([point], np.float32))[0]) < -slack
+    ):
         return "body"
     return None
 
