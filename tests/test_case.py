@@ -468,3 +468,47 @@ def test_built_in_cases_load_and_check(name):
     assert limits.particle_counts(case, Geometry.of(case)) == pytest.approx(made, rel=0.1)
     assert {"particles", "time step", "neighbours", "wall time"} <= set(rows)
     assert ("incident power" in rows) == (js.load_case(name).waves is not None)
+
+
+RAISED = {
+    "device.platform_length": 1.0,
+    "device.platform_height": 0.1,
+    "probes.velocity": [[7.2, 0.04]],
+}
+FLOATING = {"device": None, "pto": None, "body": {"block": {"low": [3.0, 0.3], "high": [3.4, 0.5]}}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"probes.gauges": [7.7]}, r"probes.gauges\[0\] = 7.7 m: is inside the plate"),
+        ({"probes.pressure": [[7.7, 0.4]]}, r"probes.pressure\[0\] = .* is inside the plate"),
+        ({"probes.velocity": [[7.7, 0.4]]}, r"probes.velocity\[0\] = .* is inside the plate"),
+        (FLOATING | {"probes": {"velocity": [[3.2, 0.4]]}}, r"probes.velocity\[0\] = .* inside the body"),
+        (RAISED, r"probes.velocity\[0\] = .* inside the platform"),
+        ({"sponge.length": 2.0}, "sponge.length = 2 m: the zone .* lies over the device"),
+        (FLOATING | {"sponge.length": 5.0, "probes": {}}, "sponge.length = 5 m: .* lies over the body"),
+        (FLOATING | {"waves.zone": 3.2, "probes": {}}, "waves.zone = 3.2 m: .* lies over the body"),
+    ],
+)
+def test_probes_in_solids_and_zones_over_devices_are_refused(changes, message):
+    with pytest.raises(CaseError, match=message):
+        OWC.replace(changes)
+
+
+def test_probes_on_a_plate_and_under_it_are_taken():
+    assert OWC.replace({"probes.pressure": [[7.69, 0.3], [7.71, 0.3], [7.7, 0.1]]})
+    assert OWC.replace(FLOATING | {"sponge.length": 4.0, "probes": {"velocity": [[3.2, 0.2]]}})
+
+
+@pytest.mark.parametrize(
+    ("changes", "notice"),
+    [
+        ({"output": {"sample_dt": 0.2, "snapshot_dt": 0.2}}, "sample_dt = 0.2 s is more than a tenth"),
+        ({"probes.gauges": [7.64]}, r"probes.gauges\[0\] = 7.64 m: .* the plate is there"),
+        (FLOATING | {"probes": {"gauges": [3.2]}}, r"probes.gauges\[0\] = 3.2 m: .* the body is there"),
+    ],
+)
+def test_long_samples_and_gauges_beside_solids_have_a_notice(changes, notice):
+    assert any(re.search(notice, note) for note in OWC.replace(changes).notices())
+    assert not any(re.search("sample_dt|is there", note) for note in OWC.notices())

@@ -75,7 +75,8 @@ def _make(path, case=CASE, snapshots=3, dim=2, drop=()):
     sensor = {f"sensor_{c}": ("sensor", np.array([0.1]), "m", c) for c in "xz"}
     run = RunFile.create(path, case, {}, gauge | sensor)
     variables = {name: Variable(units, name) for name, units in SCALARS.items()}
-    variables["kinetic"] = Variable(SCALARS["kinetic"], "kinetic", group="energy")
+    for name in ("kinetic", "power_paddle", "power_sponge"):
+        variables[name] = Variable(SCALARS[name], name, group="energy")
     variables |= {"eta": Variable("m", "eta", "gauge"), "pressure": Variable("Pa", "p", "sensor")}
     x = _lattice(dim)
     for k in range(max(snapshots, 1)):

@@ -65,7 +65,8 @@ def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200,
     middle = x.mean(axis=0)
     variables = {name: Variable("m", name) for name in ("eta", "chamber_level", "flow", "P_a")}
     variables |= {name: Variable("J m-1", name) for name in ("kinetic", "potential", "compression")}
-    variables |= {name: Variable("W m-1", name) for name in ("power_pto", "power_paddle")}
+    variables["power_pto"] = Variable("W m-1", "power_pto")
+    variables["power_paddle"] = Variable("W m-1", "power_paddle", group="energy")
     for k in range(frames):
         t = (k * samples + 1 + np.arange(samples)) * 0.01
         wave = np.sin(2 * np.pi * t / 1.2)

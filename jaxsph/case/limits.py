@@ -38,6 +38,10 @@ STANDING_BREAKING = 0.218
 CHAMBER = 6
 """Spacings in a chamber's length below which a case gets a notice: at 3.2 the built-in OWC's efficiency is
 0.53 to 0.57, at 6.5 it is 0.64."""
+SAMPLE = 0.1
+"""Longest sampling interval over the waves' period, above which a case gets a notice."""
+GAUGE = 3.0
+"""Half-width over the spacing of the water column that a gauge reads."""
 NEAR = 0.8
 """Share of the breaking height above which a case gets a notice."""
 
@@ -48,6 +52,8 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
     _check_standing_wave(case, geometry)
     _check_places(case, geometry)
     _check_air(case, geometry)
+    _check_probes(case, geometry)
+    _check_zones(case, geometry)
     _check_steps(case)
 
 
@@ -65,9 +71,16 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             f"{case.device.chamber_length / case.dx:.1f} spacings long: expect an efficiency that is "
             f"a tenth to a fifth too low ({CHAMBER} or more are usual)"
         )
+    notes += _gauge_notices(case, geometry)
     if case.waves is None:
         return notes
     waves = case.waves
+    if case.output.sample_dt > SAMPLE * waves.period:
+        notes.append(
+            f"output.sample_dt = {case.output.sample_dt:g} s is more than a tenth of the waves' period of "
+            f"{waves.period:g} s: peaks are missed, and reflection needs eight samples in a period; take "
+            f"{SAMPLE * waves.period:.3g} s or less"
+        )
     H, T = waves.highest(geometry.depth, case.g), waves.period
     highest, why = breaking_height(T, geometry.depth, case.g)
     if H > NEAR * highest:
@@ -329,6 +342,83 @@ def _check_air(case: Sections, geometry: Geometry) -> None:
             f"{asked} would pull the chamber's level {-fall:.3g} m up, and the walls end {room:.3g} m above "
             f"the water: at least {case.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
         )
+
+
+def _check_probes(case: Sections, geometry: Geometry) -> None:
+    """Refuses probes inside a plate, a platform or a body at rest: there is no water to read."""
+    plate, slack = geometry.plate, 0.01 * case.dx
+    if plate is not None:
+        for index, x in enumerate(geometry.gauges):
+            if plate.x0 + slack < x < plate.x1 - slack:
+                raise CaseError(
+                    f"probes.gauges[{index}] = {x:g} m: is inside the plate, which is between {plate.x0:g} "
+                    f"and {plate.x1:g} m: move it out"
+                )
+    for name in ("pressure", "velocity"):
+        for index, point in enumerate(getattr(geometry, name)):
+            solid = _solid_at(geometry, point, slack)
+            if solid is not None:
+                raise CaseError(
+                    f"probes.{name}[{index}] = {list(point)} m: is inside the {solid}: move it out, or onto "
+                    "its surface"
+                )
+
+
+def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str | None:
+    """Solid that holds a point (m) by more than `slack` (m); None in the water or the air."""
+    x, z = point[0], point[-1]
+    plate, platform = geometry.plate, geometry.platform
+    if plate is not None and plate.x0 + slack < x < plate.x1 - slack and z > plate.tip + slack:
+        return "plate"
+    if platform is not None and x > platform.start + slack and z < platform.height - slack:
+        return "platform"
+    if (
+        geometry.solid is not None
+        and float(geometry.solid.distance(np.asarray([point], np.float32))[0]) < -slack
+    ):
+        return "body"
+    return None
+
+
+def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
+    """Notices of gauges whose water column has a plate in it, or a body."""
+    spans = []
+    if geometry.plate is not None:
+        spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
+    if case.body is not None:
+        low, high = _extent(case)
+        if low[-1] < geometry.depth < high[-1]:  # over a body under water there is a surface to read
+            spans.append(("the body", low[0], high[0]))
+    reach = GAUGE * case.dx - 1e-9
+    return [
+        f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "
+        f"{what} is there, from {low:.4g} to {high:.4g} m: its elevations are mixed or too low"
+        for index, x in enumerate(geometry.gauges)
+        for what, low, high in spans
+        if low - reach < x < high + reach
+    ]
+
+
+def _check_zones(case: Sections, geometry: Geometry) -> None:
+    """Refuses a sponge or a relaxation zone over the device or the body, whose energy it would take."""
+    end, zones = geometry.length, []
+    if case.sponge is not None:
+        zones.append(("sponge.length", case.sponge.length, end - case.sponge.length, end))
+    if case.waves is not None and case.waves.zone is not None:
+        zones.append(("waves.zone", case.waves.zone, 0.0, case.waves.zone))
+    solids = []
+    if geometry.plate is not None:
+        solids.append(("the device", geometry.plate.x0, end))
+    if case.body is not None:
+        low, high = _extent(case)
+        solids.append(("the body", low[0], high[0]))
+    for key, length, first, last in zones:
+        for what, low, high in solids:
+            if first < high - 1e-9 and last > low + 1e-9:
+                raise CaseError(
+                    f"{key} = {length:g} m: the zone from {first:.4g} to {last:.4g} m lies over {what}, from "
+                    f"{low:.4g} to {high:.4g} m, and would take its energy: shorten it, or remove it"
+                )
 
 
 def _check_steps(case: Sections) -> None:
