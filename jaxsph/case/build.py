@@ -14,7 +14,7 @@ import numpy as np
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry, thin_wall
-from jaxsph.case.initial import around_solids, initial_head, initial_velocity, water
+from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
 from jaxsph.case.parts import (
     make_background,
@@ -69,12 +69,14 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     away = [np.asarray(body.distance(body.start(dtype), jnp.asarray(x, dtype))) for body in bodies]
     level = geometry.depth if geometry.column == geometry.length else None
     x, volume = around_solids(x, volume, away, walls, level, case.dx)
+    if level is not None and case.scheme.kind == "incompressible":
+        x = at_rest(x, level, case.dx)
     if not len(x):
         raise CaseError("body: fills the whole tank, and leaves no water in it")
     g = np.zeros(case.dim)
     g[-1] = -case.g
-    at_rest = (x, volume / walls.width)
-    paddles = () if case.waves is None else (make_paddle(case, geometry, walls, at_rest, leaf),)
+    still = (x, volume / walls.width)
+    paddles = () if case.waves is None else (make_paddle(case, geometry, walls, still, leaf),)
     return assemble(
         x,
         initial_velocity(case, geometry, x),
