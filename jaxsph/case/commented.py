@@ -98,7 +98,7 @@ def _comment(text: str) -> str:
 
 
 def _summary(section: type[Section]) -> str:
-    return inspect.getdoc(section).split("\n\n")[0]
+    return (inspect.getdoc(section) or "").split("\n\n")[0]
 
 
 def _key(name: str, field: FieldInfo) -> Key:

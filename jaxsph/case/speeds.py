@@ -75,8 +75,9 @@ def sound_speed(case: Sections) -> float:
 
 def projection_speed(case: Sections) -> float:
     """Largest speed that the incompressible scheme's time step allows for, m/s."""
-    if case.scheme.speed is not None:
-        return case.scheme.speed
+    speed = getattr(case.scheme, "speed", None)
+    if speed is not None:
+        return speed
     if case.tank.column is not None:
         return 1.5 * speed_scale(case)  # the jet where the column's tip meets a wall
     # The projection holds whatever the speed of the waves, and their water is slower. With half of this floor
