@@ -162,9 +162,10 @@ def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
     if dim not in group:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))
-    elif group[dim].shape != (size,):
-        raise ValueError(f"dimension {dim!r} has size {group[dim].shape[0]}, not {size}")
-    return group[dim]
+    found = group[dim]
+    if not isinstance(found, h5py.Dataset) or found.shape != (size,):
+        raise ValueError(f"dimension {dim!r} is not one of size {size}")
+    return found
 
 
 def dimension(data: h5py.Dataset, axis: int) -> str:

@@ -133,7 +133,7 @@ def append(
         file.write(record)
         file.flush()
         os.fsync(file.fileno())
-    told = {"owner": owner, "end": end + len(record)} | about
+    told = {"owner": owner, "end": end + len(record), **about}
     _write(checkpoint_path(run), pack(told, checkpoint))
     return told["end"]
 

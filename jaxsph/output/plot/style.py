@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -46,7 +47,7 @@ STYLE = {
 }
 
 
-in_style = matplotlib.rc_context(STYLE)
+in_style = matplotlib.rc_context(cast(Any, STYLE))
 """Decorator of functions that draw."""
 
 
