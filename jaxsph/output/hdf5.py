@@ -170,7 +170,7 @@ def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
 
 def dimension(data: h5py.Dataset, axis: int) -> str:
     """Name of the dimension along an axis of a dataset."""
-    return data.dims[axis][0].name.rsplit("/", 1)[-1]
+    return str(data.dims[axis][0].name).rsplit("/", 1)[-1]
 
 
 def exact(data: h5py.Dataset) -> np.ndarray:
