@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from jaxsph.analysis.periods import Series, checked
@@ -63,7 +64,9 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
         raise ValueError("a damped oscillation needs 8 samples that are not constant")
     s, duration = t - t[0], t[-1] - t[0]
 
-    def solve(p: Series, s: Series, y: Series) -> tuple[Series, Series]:
+    def solve(
+        p: Sequence[float] | Series, s: Series, y: Series
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         basis = _damped_basis(s, p[0], p[1])
         solution = np.linalg.lstsq(basis, y, rcond=None)[0]
         return solution, basis @ solution - y

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
+from scipy.signal import windows
 
 from jaxsph.analysis.periods import checked, whole_periods
 from jaxsph.analysis.spectrum import BANDS, TAPER, Spectrum, banded, even_step
@@ -146,7 +146,7 @@ def two_way_sea(
     if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
         raise ValueError(f"eta of shape {eta.shape} and x of {x.shape} are not of three gauges or more")
     step = even_step(t)
-    fade = signal.windows.tukey(t.size, TAPER)
+    fade = windows.tukey(t.size, TAPER)
     rest = (eta - eta.mean(axis=1, keepdims=True)) * fade / np.sqrt(np.mean(fade**2))
     B = 2.0 * np.fft.rfft(rest, axis=1) / t.size
     every = np.fft.rfftfreq(t.size, step)
@@ -165,4 +165,5 @@ def two_way_sea(
     # of half the square of an amplitude, over the distance of the frequencies
     both[:, use] = np.where(sound, 0.5 * np.abs([incident, reflected]) ** 2 * t.size * step, np.nan)
     coefficient = float(np.sqrt(np.nansum(both[1]) / np.nansum(both[0])))
-    return TwoWaySea(*(banded(every, S, bands) for S in both), coefficient, float(np.mean(~sound)))
+    incident, reflected = (banded(every, S, bands) for S in both)
+    return TwoWaySea(incident, reflected, coefficient, float(np.mean(~sound)))

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
@@ -53,7 +53,7 @@ def assemble(
     sample_dt: float,
     p: np.ndarray | None = None,
     volume: np.ndarray | float | None = None,
-    g: Sequence[float] | None = None,
+    g: Sequence[float] | np.ndarray | None = None,
     moving: Sequence[AbstractWall] = (),
     bodies: Sequence[AbstractBody] = (),
     chambers: Sequence[AbstractChamber] = (),
@@ -90,7 +90,7 @@ def assemble(
         return jnp.asarray(a, dtype)
 
     m = float(scheme.rho0) * np.broadcast_to(dx**dim if volume is None else volume, n)
-    g = np.zeros(dim) if g is None else np.asarray(g, float)
+    g = np.zeros(dim) if g is None else np.array(g, float)
     skin = skin * dx
     stable = scheme.stable_dt(float(np.linalg.norm(g)), dim) if dt_most is None else dt_most
     if speed is None:
@@ -276,6 +276,6 @@ def _neighbour_count(
     for mask in np.unique(sees):
         of, seen = sees == mask, (kinds & mask) != 0
         if of.any() and seen.any():
-            tree = cKDTree(wrapped(sources[seen]), boxsize=box)
+            tree = KDTree(wrapped(sources[seen]), boxsize=box)
             count[of] = tree.query_ball_point(wrapped(targets[of]), grid.radius, return_length=True)
     return count

@@ -50,7 +50,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     place of those found here; a run that is resumed, or whose tables have grown, passes its own. **Raises**
     CaseError for a case that cannot be built.
     """
-    if case.precision == "float64" and not jax.config.jax_enable_x64:
+    if case.precision == "float64" and jnp.result_type(float) != np.float64:
         raise CaseError(
             'precision = "float64" needs jax.config.update("jax_enable_x64", True) at the start of '
             "the program (the command line does it by itself)"
@@ -111,7 +111,7 @@ def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Gh
         scheme.smoothing,
         FreeSlip() if case.tank.slip == "free_slip" else NoSlip(),
         () if geometry.plate is None else (geometry.plate,),
-        None if geometry.plate is None else thin_wall(case.device),
+        None if geometry.plate is None or case.device is None else thin_wall(case.device),
         dtype=np.dtype(case.precision),
         platform=geometry.platform,
         filling=DummyParticles() if dummies else MirrorNodes(),

@@ -6,7 +6,7 @@ import inspect
 import textwrap
 import types
 import typing
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from pydantic.fields import FieldInfo
 
@@ -48,7 +48,7 @@ def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str
         if prefix + name in KINDS:
             found |= {f'{name} (kind = "{kind}")': one for kind, one in KINDS[prefix + name].items()}
         elif inner is not None:
-            found |= {prefix + name: inner} | sections_of(inner, f"{prefix}{name}.")
+            found |= {prefix + name: inner} | sections_of(cast("type[Section]", inner), f"{prefix}{name}.")
     return found
 
 
@@ -98,7 +98,7 @@ def _comment(text: str) -> str:
 
 
 def _summary(section: type[Section]) -> str:
-    return inspect.getdoc(section).split("\n\n")[0]
+    return (inspect.getdoc(section) or "").split("\n\n")[0]
 
 
 def _key(name: str, field: FieldInfo) -> Key:

@@ -188,6 +188,7 @@ def _inside(case: Sections, dx: float) -> int:
 def _around(case: Sections, dx: float) -> int:
     """Particles that cover a body's surface once."""
     low, high = _extent(case)
+    assert case.body is not None
     sides = [(b - a) / dx + 1 for a, b in zip(low, high, strict=True)]
     if case.body.polygon is not None:
         corners = np.asarray(case.body.polygon)
@@ -199,6 +200,7 @@ def _around(case: Sections, dx: float) -> int:
 def _extent(case: Sections) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Lower and upper corner of a body, m."""
     body = case.body
+    assert body is not None
     if body.block is not None:
         return body.block.low, body.block.high
     if body.disc is not None:
@@ -330,6 +332,7 @@ def _check_air(case: Sections, geometry: Geometry) -> None:
     # the water that leaves one side rises on the other, in inverse proportion to their lengths
     share = geometry.front / (geometry.front + geometry.chamber_length)
     fall = share * case.pto.P_a / (case.fluid.rho0 * case.g)
+    assert geometry.plate is not None  # a device has one
     draught = geometry.depth - geometry.plate.tip
     if fall > draught:
         raise CaseError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsph.case.sections import Sections
+from jaxsph.case.sections import Incompressible, Sections, WeaklyCompressible
 from jaxsph.case.speeds import projection_speed, sound_speed
 from jaxsph.model.background import Background
 from jaxsph.model.shifting import Shifting
@@ -22,9 +22,10 @@ def make_scheme(case: Sections, background: tuple[Background, ...] = ()) -> Abst
 
     `background`: pressures that the weakly compressible scheme takes out of its pair sums.
     """
-    if case.scheme.kind == "incompressible":
-        return _incompressible(case)
-    return _weakly_compressible(case, background)
+    section = case.scheme
+    if isinstance(section, Incompressible):
+        return _incompressible(case, section)
+    return _weakly_compressible(case, section, background)
 
 
 def stable_time_step(case: Sections) -> float:
@@ -50,17 +51,17 @@ def shortest_limit(case: Sections) -> str:
 def _stable_dt(case: Sections, nu: float, g: float) -> float:
     """Stable time step (s) with another kinematic viscosity (m2/s) and gravity (m/s2)."""
     h, section = case.smoothing_length, case.scheme
-    if section.kind == "incompressible":
+    if isinstance(section, Incompressible):
         return stable_dt(h, projection_speed(case), nu, g, section.cfl)
-    cfl = section.cfl if section.cfl is not None else _integrator(case).cfl
+    cfl = section.cfl if section.cfl is not None else _integrator(section).cfl
     # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
     share = cfl * section.h_over_dx * case.dx / h
     return stable_dt(h, sound_speed(case), nu, g, share)
 
 
-def _integrator(case: Sections) -> AbstractIntegrator:
+def _integrator(section: WeaklyCompressible) -> AbstractIntegrator:
     kinds = {"symplectic": SymplecticEuler, "predictor_corrector": PredictorCorrector}
-    return kinds[case.scheme.integrator]()
+    return kinds[section.integrator]()
 
 
 def _viscosity(case: Sections) -> AbstractViscosity:
@@ -74,8 +75,9 @@ def _kinematic_viscosity(case: Sections) -> float:
     return float(_viscosity(case).kinematic(case.smoothing_length, c0, case.dim))
 
 
-def _weakly_compressible(case: Sections, background: tuple[Background, ...]) -> DeltaSPH:
-    section = case.scheme
+def _weakly_compressible(
+    case: Sections, section: WeaklyCompressible, background: tuple[Background, ...]
+) -> DeltaSPH:
     return DeltaSPH.of(
         case.dx,
         sound_speed(case),
@@ -86,14 +88,13 @@ def _weakly_compressible(case: Sections, background: tuple[Background, ...]) -> 
         h_over_dx=section.h_over_dx,
         hyperviscosity=section.hyperviscosity,
         separation=section.separation,
-        integrator=_integrator(case),
+        integrator=_integrator(section),
         dtype=np.dtype(case.precision),
         background=background,
     )
 
 
-def _incompressible(case: Sections) -> ISPH:
-    section = case.scheme
+def _incompressible(case: Sections, section: Incompressible) -> ISPH:
     solvers = {"bicgstab": BiCGStab(section.tolerance), "explicit": Explicit()}
     surfaces = {"empty_neighbours": EmptyNeighbours(), "particles": SurfaceParticles()}
     return ISPH.of(

@@ -343,8 +343,8 @@ class Sections(Section):
     """Floating-point type of the model's and the state's numbers."""
     search: Literal["cells", "jax_md"] = "cells"
     """Neighbour search: the solver's own, or jax-md's (the extra `jaxsph[jax-md]`)."""
-    fluid: Fluid = Fluid()
-    scheme: SchemeSection = WeaklyCompressible()
+    fluid: Fluid = Fluid.model_validate({})
+    scheme: SchemeSection = WeaklyCompressible.model_validate({})
     tank: Tank
     waves: WavesSection | None = None
     sponge: SpongeSection | None = None
@@ -353,8 +353,8 @@ class Sections(Section):
     air: AirSection | None = None
     start: StandingWave | None = None
     body: BodySection | None = None
-    probes: ProbesSection = ProbesSection()
-    output: Output = Output()
+    probes: ProbesSection = ProbesSection.model_validate({})
+    output: Output = Output.model_validate({})
 
     @field_validator("g")
     @classmethod

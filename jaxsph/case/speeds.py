@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.sections import Sections
@@ -16,7 +16,7 @@ LEAST = 1e-3
 
 def wavenumber(T: float, d: float, g: float) -> float:
     """Wavenumber of linear waves of period `T` (s) on the depth `d` (m), rad/m, in JAX's precision."""
-    return _wavenumber(T, d, g, bool(jax.config.jax_enable_x64))
+    return _wavenumber(T, d, g, jnp.result_type(float) == np.float64)
 
 
 @functools.lru_cache(maxsize=64)
@@ -75,8 +75,9 @@ def sound_speed(case: Sections) -> float:
 
 def projection_speed(case: Sections) -> float:
     """Largest speed that the incompressible scheme's time step allows for, m/s."""
-    if case.scheme.speed is not None:
-        return case.scheme.speed
+    speed = getattr(case.scheme, "speed", None)
+    if speed is not None:
+        return speed
     if case.tank.column is not None:
         return 1.5 * speed_scale(case)  # the jet where the column's tip meets a wall
     # The projection holds whatever the speed of the waves, and their water is slower. With half of this floor

@@ -17,7 +17,7 @@ from jaxsph.waves import second_order, spectra
 
 Height = Annotated[float, Field(ge=1e-6, le=1e5)]
 Period = Annotated[float, Field(ge=1e-3, le=1e4)]
-Waves = tuple[NDArray[np.complex128], NDArray[np.float64]]
+Waves = tuple[NDArray[np.complexfloating], NDArray[np.floating]]
 """Complex amplitudes (m) of waves at the paddle, and their angular frequencies (rad/s)."""
 
 MOST_PERIODS = 500
@@ -343,7 +343,8 @@ class RecordedWavesSection(AbstractWavesSection):
     def left_out(self) -> float:
         """Share of the series' variance that is in waves too long or too short to be made."""
         a, _ = self._spectrum
-        return 1.0 - float(np.sum(np.abs(a) ** 2) / 2.0 / np.var(self.X if self.eta is None else self.eta))
+        values = np.array(self.X if self.eta is None else self.eta, float)
+        return 1.0 - float(np.sum(np.abs(a) ** 2) / 2.0 / np.var(values))
 
     @property
     def period(self):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -18,7 +19,7 @@ class Solution(eqx.Module):
 
     series: dict[str, np.ndarray]
     """Readings at every sample by name, `[T]` or `[T, k]`, in `units`; "time" (s) is among them."""
-    units: dict[str, tuple[str, str]] = eqx.field(static=True)
+    units: Mapping[str, tuple[Any, ...]] = eqx.field(static=True)
     """Pair (unit, long name) of each reading, by its name."""
     model: Model
     """Model of the run."""

@@ -16,11 +16,11 @@ class AbstractViscosity(eqx.Module):
     """A viscosity: the pair law of the viscous sum (Eq. 4 and 6), and its coefficient."""
 
     @abc.abstractmethod
-    def coefficient(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
+    def coefficient(self, h: Scalar | float, c0: Scalar | float, dim: int) -> Scalar:
         """Coefficient of the viscous sum, m2/s."""
 
     @abc.abstractmethod
-    def kinematic(self, h: Scalar, c0: Scalar, dim: int) -> Scalar:
+    def kinematic(self, h: Scalar | float, c0: Scalar | float, dim: int) -> Scalar:
         """Kinematic viscosity that the coefficient stands for, m2/s (Eq. 5)."""
 
     @abc.abstractmethod

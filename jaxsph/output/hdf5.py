@@ -227,14 +227,15 @@ def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))
         seal(bare)
-    elif group[dim].shape != (size,):
-        raise ValueError(f"dimension {dim!r} has size {group[dim].shape[0]}, not {size}")
-    return group[dim]
+    found = group[dim]
+    if not isinstance(found, h5py.Dataset) or found.shape != (size,):
+        raise ValueError(f"dimension {dim!r} is not one of size {size}")
+    return found
 
 
 def dimension(data: h5py.Dataset, axis: int) -> str:
     """Name of the dimension along an axis of a dataset."""
-    return data.dims[axis][0].name.rsplit("/", 1)[-1]
+    return str(data.dims[axis][0].name).rsplit("/", 1)[-1]
 
 
 def exact(data: h5py.Dataset) -> np.ndarray:

@@ -134,7 +134,7 @@ def append(
         file.write(record)
         file.flush()
         os.fsync(file.fileno())
-    told = {"owner": owner, "end": end + len(record)} | about
+    told = {"owner": owner, "end": end + len(record), **about}
     put_file(checkpoint_path(run), pack(told, checkpoint))
     return told["end"]
 

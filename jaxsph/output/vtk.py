@@ -81,6 +81,7 @@ def _append_rows(root: h5py.Group, name: str, rows: np.ndarray) -> None:
             shuffle=True,
         )
     data = root[name]
+    assert isinstance(data, h5py.Dataset)
     old = len(data)
     data.resize(old + len(rows), axis=0)
     data[old:] = rows
@@ -94,7 +95,7 @@ def _write_vertices(root: h5py.Group, sizes: np.ndarray) -> None:
         cells = most if kind == "Vertices" else 0
         group = root.create_group(kind)
         group["NumberOfCells"] = sizes if cells else np.zeros_like(sizes)
-        group["NumberOfConnectivityIds"] = group["NumberOfCells"][()]
+        group["NumberOfConnectivityIds"] = sizes if cells else np.zeros_like(sizes)
         group["Connectivity"] = np.arange(cells)
         group["Offsets"] = np.arange(cells + 1)
 
@@ -110,5 +111,5 @@ def _write_steps(root: h5py.Group, times: np.ndarray, sizes: np.ndarray) -> None
     steps["PointOffsets"] = starts
     steps["CellOffsets"] = np.zeros((count, 4), np.int64)
     steps["ConnectivityIdOffsets"] = np.zeros((count, 4), np.int64)
-    for name in root["PointData"]:
+    for name in root.require_group("PointData"):
         steps[f"PointDataOffsets/{name}"] = starts

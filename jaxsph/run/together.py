@@ -98,7 +98,8 @@ def _advance(
         model = eqx.tree_at(lambda m: m.search, lane.model, like.search)
         if int(state.status.bits):
             lane.failure = failure_error(lane.case.name, model, state)
-            lane.recorder.file.fold()
+            if lane.recorder.file is not None:
+                lane.recorder.file.fold()
             continue
         lane.recorder.record(model, state, read)
         lane.model, lane.state = model, state

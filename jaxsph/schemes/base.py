@@ -488,7 +488,7 @@ def wall_work(
 
 def body_work(
     model: Model, body: AbstractBody, old: Any, new: Any, t: Scalar, dt: Scalar
-) -> tuple[Any, dict[str, Scalar], Scalar, Scalar]:
+) -> tuple[Any, Mapping[str, Scalar], jax.Array, jax.Array]:
     """Energies exchanged by a body in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
 
     **Returns** `new` with the impulse of the water's force added; the energies taken by the power take-off

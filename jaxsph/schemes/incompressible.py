@@ -507,7 +507,7 @@ def _lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[f
     """Kernel's sum V W, the particle itself included, and h^2 times the Laplacian's weights, on a lattice."""
     reach = int(np.ceil(kernel.reach * h_over_dx))
     axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
-    r2 = sum(a**2 for a in axes)
+    r2 = np.sum([a**2 for a in axes], axis=0)
     r2 = jnp.asarray(r2[r2 < (kernel.reach * h_over_dx) ** 2])
     pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
     weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)

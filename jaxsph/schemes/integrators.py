@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -216,7 +217,9 @@ def _with_bodies(
     return ghosts, bodies
 
 
-def _with_velocities(model: Model, own: dict, walls: dict, bodies: dict) -> dict[str, Any]:
+def _with_velocities(
+    model: Model, own: Mapping[str, Any], walls: Mapping[str, Any], bodies: Mapping[str, Any]
+) -> dict[str, Any]:
     """States of the parts in their places before the step, with the solids' velocities after it."""
     moved = {wall.name: wall.with_velocity(own[wall.name], walls[wall.name]) for wall in model.moving}
     turned = {

@@ -115,7 +115,8 @@ tolerance in 200.
 
 def _product(a: Unknown, b: Unknown) -> Scalar:
     """Scalar product of two unknowns."""
-    return sum(jnp.vdot(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+    first, *rest = (jnp.vdot(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+    return sum(rest, start=first)
 
 
 def _norm(a: Unknown) -> Scalar:
@@ -123,7 +124,7 @@ def _norm(a: Unknown) -> Scalar:
     return jnp.sqrt(_product(a, a))
 
 
-def _plus(a: Unknown, factor: Scalar, b: Unknown) -> Unknown:
+def _plus(a: Unknown, factor: Scalar | float, b: Unknown) -> Unknown:
     """a + factor b."""
     return jax.tree.map(lambda x, y: x + factor * y, a, b)
 

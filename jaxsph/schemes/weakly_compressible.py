@@ -279,7 +279,7 @@ class DeltaSPH(AbstractRateScheme):
         return self.sources(ghosts, ghosts.u_shear)
 
 
-def _with_gradient(sources: Sources, grad_rho: Components) -> Sources:
+def _with_gradient(sources: Sources, grad_rho: tuple[jax.Array, ...]) -> Sources:
     """Sources with the gradient of the water's density, kg/m4; walls have none."""
     none = jnp.zeros_like(sources.ghosts["V"])
     return sources.adding("grad_rho", grad_rho, tuple(none for _ in grad_rho))

@@ -128,10 +128,11 @@ def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], f
         raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
     if of == "xi" and case.tank.width is not None:
         raise CaseError("of = 'xi': a tank with a width has no efficiency; take of = 'P_owc', the mean power")
-    periods = settled_periods(case, case.t1 - case.output.sample_dt) if case.waves is not None else 0
-    if periods < 1:
+    waves = case.waves
+    periods = settled_periods(case, case.t1 - case.output.sample_dt) if waves is not None else 0
+    if waves is None or periods < 1:
         raise CaseError(
             f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
         )
     P = 1.0 if of == "P_owc" else incident_power(case)
-    return lambda t, power: analysis.efficiency(t, power, case.waves.cycle, P, periods).xi
+    return lambda t, power: analysis.efficiency(t, power, waves.cycle, P, periods).xi

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -116,7 +116,7 @@ def _run_missing(
             if executor is None:
                 executor = stack.enter_context(one_per_core(workers))
             ended = run_each(missing, folder, executor)
-        stack.enter_context(contextlib.closing(ended))
+        stack.enter_context(contextlib.closing(cast(Any, ended)))
         stack.enter_context(bar)
         for i, (members[i], described) in ended:
             variables = variables | described

@@ -161,6 +161,7 @@ class Filtered(_ThroughLoop):
     def _error(self, parameter, case, value, slope):
         if parameter != "pto.K_dm":
             return None
+        assert case.pto is not None and case.pto.K_dm is not None  # the parameter
         lost = LOST[case.scheme.kind] if self.lost is None else self.lost
         return lost * abs(slope - 2.0 * value / case.pto.K_dm)
 

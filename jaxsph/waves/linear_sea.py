@@ -14,6 +14,7 @@ Host numpy in double precision; time goes as exp(-i omega t), as in `linear_owc`
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,8 @@ from scipy.optimize import brentq
 from jaxsph.waves import theory
 from jaxsph.waves.linear_owc import IDEAL_AIR, ChamberGeometry, LinearAir, radiation_and_scattering
 
-Complex = NDArray[np.complex128]
-Real = NDArray[np.float64]
+Complex = NDArray[np.complexfloating]
+Real = NDArray[np.floating]
 
 _GAUSSIAN = np.sqrt(8.0 / np.pi)
 """Ratio of E|q|^3 to sigma_q^3 for a Gaussian flow (-)."""
@@ -94,7 +95,8 @@ def linear_sea_response(
     most = K_dm**2 * _GAUSSIAN * sigma(0.0)
     quadratic = 0.0
     if most > 0.0:
-        quadratic = brentq(lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most)
+        root = brentq(lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most)
+        quadratic = cast(float, root)  # and no more without full_output
     found, resistance = sigma(quadratic), air.resistance + quadratic
     q = passed(quadratic) * (1.0 - softness * resistance)
     # P_a = r q + K_dm^2 |q| q of a Gaussian flow: E |q|^3 = sqrt(8/pi) sigma^3, E q^4 = 3 sigma^4
@@ -145,11 +147,11 @@ def integrated_sea_response(
     resistance = linear.P_owc / max(linear.sigma_q**2, 1e-300)
     n = 4 * last  # samples of a repetition: |q| q has no bounded spectrum
 
-    def in_time(a: Complex) -> Real:
+    def in_time(a: NDArray[Any]) -> Real:
         return np.fft.irfft(np.conj(a), n) * n / 2.0  # of exp(-i omega t); twice a real's spectrum
 
     def in_frequency(y: Real) -> Complex:
-        return 2.0 / n * np.conj(np.fft.rfft(y))[: last + 1]
+        return np.asarray(2.0 / n * np.conj(np.fft.rfft(y))[: last + 1], complex)
 
     q = q_open / (1.0 + Z * resistance)
     for _ in range(400):

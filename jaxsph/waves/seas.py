@@ -100,10 +100,18 @@ class Sea(AbstractWaves):
             bound = second_order.second_order_elevation(amplitude, omega, d, 0.0, g)
         waves = Harmonics(amplitude, omega, second_order.wavenumbers(omega, d, g))
         motion = second_order.displacement(amplitude, omega, d, g)
+        waves, motion, correction, bound = (
+            WaveSum.of(one, dtype) for one in (waves, motion, correction, bound)
+        )
         return cls(
-            *(jnp.asarray(a, dtype) for a in (d, g, ramp)),
+            jnp.asarray(d, dtype),
+            jnp.asarray(g, dtype),
+            jnp.asarray(ramp, dtype),
             jnp.asarray(np.argmin(np.abs(omega - middle)), jnp.int32),
-            *(WaveSum.of(one, dtype) for one in (waves, motion, correction, bound)),
+            waves,
+            motion,
+            correction,
+            bound,
         )
 
     @property

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from jaxsph.waves import theory
 
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating]
 """Complex amplitudes."""
-Real = NDArray[np.float64]
+Real = NDArray[np.floating]
 """Real numbers in double precision."""
 
 MODES = 16
@@ -169,8 +169,8 @@ def second_order_elevation(
 def _modes(first: Harmonics, d: float, g: float, modes: int) -> _Modes:
     """Modes that a piston's first-order displacement sends out, the progressive one first."""
     omega = first.omega
-    k = np.concatenate([first.k[:, None], -1j * evanescent_wavenumbers(omega, d, g, modes)], axis=1)
-    W = (omega**2 / g)[:, None]
+    k = np.concatenate([first.k[:, None] + 0j, -1j * evanescent_wavenumbers(omega, d, g, modes)], axis=1)
+    W = (omega**2 / g)[:, None] + 0j
     B = -omega[:, None] / k * first.amplitude[:, None] * W / k**2 / _size(k, W, d)
     return _Modes(k, np.broadcast_to(omega[:, None] + 0j, k.shape), B)
 
@@ -238,7 +238,7 @@ def _collected(pair, count: int) -> Harmonics:
     weight = np.abs(every) + 1e-300
     total = np.bincount(place, weight)
     return Harmonics(
-        np.bincount(place, every.real) + 1j * np.bincount(place, every.imag),
+        np.bincount(place, np.real(every)) + 1j * np.bincount(place, np.imag(every)),
         rounded * np.max(Omega),
         np.bincount(place, weight * K) / total,
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import quad
 
-Real = NDArray[np.float64]
+Real = NDArray[np.floating]
 """Real numbers in double precision."""
 
 LOWEST, HIGHEST = 0.5, 2.8
@@ -74,7 +74,9 @@ def pierson_moskowitz_height(Tp: float, g: float = 9.81) -> float:
     return float(4.0 * np.sqrt(0.0081 / 5.0) * g * (Tp / (2.0 * np.pi)) ** 2)
 
 
-def draw_sea(spectrum: AbstractSpectrum, duration: float, seed: int) -> tuple[NDArray[np.complex128], Real]:
+def draw_sea(
+    spectrum: AbstractSpectrum, duration: float, seed: int
+) -> tuple[NDArray[np.complexfloating], Real]:
     """Complex amplitudes (m) and angular frequencies (rad/s) of a sea that repeats after `duration` (s).
 
     Amplitudes are those of the spectrum, sqrt(2 S df), and phases random: every sea has the same variance,
@@ -82,12 +84,12 @@ def draw_sea(spectrum: AbstractSpectrum, duration: float, seed: int) -> tuple[ND
     """
     f = _frequencies(spectrum, duration)
     phase = 2.0 * np.pi * np.random.default_rng(seed).random(len(f))
-    return _amplitudes(spectrum, f) * np.exp(1j * phase), 2.0 * np.pi * f
+    return np.asarray(_amplitudes(spectrum, f) * np.exp(1j * phase), complex), 2.0 * np.pi * f
 
 
 def draw_group(
     spectrum: AbstractSpectrum, duration: float, crest: float
-) -> tuple[NDArray[np.complex128], Real]:
+) -> tuple[NDArray[np.complexfloating], Real]:
     """Complex amplitudes (m) and angular frequencies (rad/s) of the group whose crest is at x = 0, t = 0.
 
     NewWave (Tromans, Anaturk and Hagemeijer 1991): amplitudes go with S df, and their sum is the crest's

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
@@ -146,7 +146,9 @@ class _Picture:
             dots.set_array(values[near])
             paddle.set_x(float(snapshot.get("paddle", 0.0)) - 1e3)
         for body in self.bodies:
-            body.set_xy(move(*self.tank.body, np.asarray(snapshot.get("body", np.zeros(3)), float)))
+            assert self.tank.body is not None  # whose outline it is
+            outline, pivot = self.tank.body
+            body.set_xy(move(outline, pivot, np.asarray(snapshot.get("body", np.zeros(3)), float)))
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
 
@@ -180,10 +182,11 @@ def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Pat
     times = run.snapshot_times()[frames]
     rate = float(np.clip((len(frames) - 1) / max(times[-1] - times[0], 1e-9), 2.0, 25.0))
     written = [stem.with_suffix(".gif")]
-    movie.save(written[0], writer=PillowWriter(fps=rate), dpi=75)
+    # matplotlib takes any rate, its stubs whole ones
+    movie.save(written[0], writer=PillowWriter(fps=cast(int, rate)), dpi=75)
     if shutil.which("ffmpeg"):
         written.append(stem.with_suffix(".mp4"))
         # even sides, which the usual encoder demands
         even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
-        movie.save(written[1], writer=FFMpegWriter(fps=rate, extra_args=even), dpi=110)
+        movie.save(written[1], writer=FFMpegWriter(fps=cast(int, rate), extra_args=even), dpi=110)
     return written

@@ -52,7 +52,7 @@ def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
     if overlay is not None:
         # above the axes, where no line can run through it
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
-    share_limits(axes)
+    share_limits(list(axes))
     figure.supylabel("elevation over still water (m)", fontsize=11)
     return figure
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -46,7 +47,7 @@ STYLE = {
 }
 
 
-in_style = matplotlib.rc_context(STYLE)
+in_style = matplotlib.rc_context(cast(Any, STYLE))
 """Decorator of functions that draw."""
 
 
@@ -61,13 +62,13 @@ def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
 
 def axis_name(ax: Axes, kind: str) -> str:
     """Title of an axis in a column: `kind`, and the axis's number from the top."""
-    return f"{kind} {ax.get_subplotspec().rowspan.start + 1}"
+    return f"{kind} {cast(Any, ax.get_subplotspec()).rowspan.start + 1}"
 
 
 def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
     """Figure with a column of `count` axes over one time axis, each `height` inches high."""
     figure = Figure(figsize=(WIDTH, 0.8 + height * count), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)
+    cast(Any, figure.get_layout_engine()).set(w_pad=0.1, h_pad=0.08)
     axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel("time (s)")
     for ax in axes:

@@ -39,8 +39,7 @@ class Tank:
         spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
         dx = float(case.get("dx", spacing))
         tank = case.get("tank", {})
-        length = _snap(tank.get("length"), dx)
-        depth = _snap(tank.get("depth"), dx)
+        length, depth = (None if tank.get(k) is None else _snap(tank[k], dx) for k in ("length", "depth"))
         top = float(max(high[-1], depth or high[-1]))
         top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
         x1 = length if length is not None else float(high[0]) + 0.5 * dx
@@ -71,9 +70,9 @@ class Tank:
         return right - 2.6 * self.top, right
 
 
-def _snap(value: float | None, dx: float) -> float | None:
+def _snap(value: float, dx: float) -> float:
     """A length on the lattice, as the case is built."""
-    return None if value is None else float(np.floor(value / dx + 0.5 + 1e-9)) * dx
+    return float(np.floor(value / dx + 0.5 + 1e-9)) * dx
 
 
 def _plate(
