@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
@@ -377,7 +378,7 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
         return "platform"
     if (
         geometry.solid is not None
-        and float(geometry.solid.distance(np.asarray([point], np.float32))[0]) < -slack
+        and float(geometry.solid.distance(jnp.asarray([point], jnp.float32))[0]) < -slack
     ):
         return "body"
     return None

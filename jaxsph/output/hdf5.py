@@ -265,7 +265,7 @@ def check(node: h5py.Group | h5py.Dataset) -> int | None:
         if _CHECKSUM in root or int(root.get("schema", 0)) >= SEALED:
             raise Damage(f"{node.name} has no checksum")
         return None
-    words, values = (int(one) for one in node.attrs[_CHECKSUM])
+    words, values = (int(one) for one in np.asarray(node.attrs[_CHECKSUM]))
     if words != _crc_of_words(node):
         raise Damage(f"{node.name} is not what was written, or another program has changed it")
     return values
@@ -306,7 +306,7 @@ def _values(data: h5py.Dataset) -> Any:
 def _crc(values: Any, start: int = 0) -> int:
     """CRC-32 of an array's bytes, or of text or an array of text; of more values it goes on from `start`."""
     if isinstance(values, np.ndarray) and values.dtype != object:
-        return zlib.crc32(np.ascontiguousarray(values).reshape(-1).view(np.uint8), start)
+        return zlib.crc32(np.ascontiguousarray(values).tobytes(), start)
     return zlib.crc32(json.dumps(np.asarray(values, object).tolist()).encode(), start)
 
 

@@ -101,7 +101,7 @@ def resume(
 
     def take() -> RunFile:
         if changes:
-            file.amend(*change)
+            file.amend(change.case_toml, change.settings, change.numbers, change.since, change.checkpoint)
         return file
 
     return _drive(start, t1, take, progress, devices, processes)

@@ -158,7 +158,7 @@ def _known_evaluations(
         return []
     stored = file.read()
     before = case_keys(stored_case(file.path, stored)) | {"parameters": [*stored.axes]} | stored.about
-    now = case_keys(case) | {"parameters": [*names]} | about
+    now = case_keys(case) | {"parameters": [*names]} | dict(about)
     refuse_other(
         file.path, "a search from another case, or for another result or by another method", before, now
     )
