@@ -179,7 +179,6 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 """Functions of more than 60 lines, and why."""
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
-    "parts.chamber.of": "an argument for each property, all but five with a default",
     "cli.optimise": "an argument for each option of the command",
     "cli.matrix": "an argument for each option of the command",
     "cli.run": "an argument for each option of the command",

@@ -11,17 +11,25 @@ from numpy.typing import NDArray
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
+from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.waves import theory
+
+
+def given_waves(case: Sections) -> AbstractWavesSection:
+    """Waves of a case that has waves."""
+    assert case.waves is not None, "only waves settle"
+    return case.waves
 
 
 def settling_time(case: Sections) -> float:
     """Time for the waves' ramp and for their energy to reach the far end of the tank, s."""
-    return case.waves.ramp_periods * case.waves.period + travel_time(case, Geometry.of(case).length)
+    waves = given_waves(case)
+    return waves.ramp_periods * waves.period + travel_time(case, Geometry.of(case).length)
 
 
 def travel_time(case: Sections, x: float) -> float:
     """Time in which the waves' energy comes from the paddle to x (m), s."""
-    omega = 2 * np.pi / case.waves.period
+    omega = 2 * np.pi / given_waves(case).period
     return x / float(theory.group_velocity(omega, Geometry.of(case).depth, case.g))
 
 
@@ -32,7 +40,7 @@ def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
     time (s) of the run's last change, from which its energy has to reach the far end of the tank anew.
     `settled_window` tells which of the periods have settled.
     """
-    waves = case.waves
+    waves = given_waves(case)
     begin = settling_time(case)
     if since > 0.0:
         begin = max(begin, since + travel_time(case, Geometry.of(case).length))

@@ -210,10 +210,6 @@ class AbstractScheme(eqx.Module):
         """State after the scheme's regularisation of the particles, at a search where one is due."""
 
     @abc.abstractmethod
-    def kernel_sum(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
-        """Sum of V W of every particle over water and walls, itself included: 1 where the kernel is full."""
-
-    @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
         """Meaning of the energies that the scheme itself books, by their names in the ledger."""
 

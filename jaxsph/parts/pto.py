@@ -184,7 +184,7 @@ class ControlledPTO(AbstractPTO):
         """Power take-off for air at rest."""
         dtype = jnp.result_type(float)
         zero = jnp.zeros((), dtype)
-        return self.at(Air(zero, zero, Tally.zero(dtype)), t)
+        return self.at(Air(zero, zero, Tally.zero(dtype)), jnp.asarray(t, dtype))
 
 
 class ReliefValve(AbstractPTO):
@@ -206,7 +206,7 @@ class ReliefValve(AbstractPTO):
 
     def at(self, own, t):
         """See `AbstractPTO`."""
-        return ReliefValve(self.turbine.at(own, t), self.over, self.under)
+        return ReliefValve(_turbine(self.turbine.at(own, t)), self.over, self.under)
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`."""
@@ -216,11 +216,19 @@ class ReliefValve(AbstractPTO):
         """See `AbstractPTO`: the valve passes what the turbine does not pass at the valve's pressure."""
         # A limit that is not there is never reached: any finite number in its place keeps slopes finite.
         over, under = (jnp.where(jnp.isfinite(limit), limit, 1.0) for limit in (self.over, self.under))
-        out = jnp.maximum(q - self.turbine.flow(over), 0.0)
-        into = jnp.minimum(q - self.turbine.flow(-under), 0.0)
+        turbine = _turbine(self.turbine)
+        out = jnp.maximum(q - turbine.flow(over), 0.0)
+        into = jnp.minimum(q - turbine.flow(-under), 0.0)
         relieved = jnp.where(P_a >= self.over, out, jnp.where(P_a <= -self.under, into, 0.0))
         (name,) = self.turbine.entries("")
         return {name: q - relieved, "relief": relieved}
+
+
+def _turbine(pto: AbstractPTO) -> AbstractTurbine:
+    """Power take-off beside a valve. **Raises** TypeError where its flow does not follow from pressure."""
+    if not isinstance(pto, AbstractTurbine):
+        raise TypeError(f"turbine = {type(pto).__name__}: beside a valve it must be an AbstractTurbine")
+    return pto
 
 
 class PrescribedPressure(AbstractPTO):

@@ -313,15 +313,6 @@ class AbstractParticleScheme(AbstractScheme):
             u_ghosts = u_ghosts.at[rows].set(stack(mirrored))
         return ghosts._replace(u=u_ghosts, u_shear=u_shear)
 
-    def kernel_sum(self, model, state, tables):
-        """See `AbstractScheme`."""
-        p, V = state.particles, self.volume(state.particles)
-        ghosts = self.place_ghosts(model, state, tables)
-        sources = Sources({"x": columns(p.x), "V": V}, {"x": columns(ghosts.x), "V": ghosts.V})
-        targets = {"x": columns(p.x)}
-        around = tables.fluid.sum(lambda pair, _, j: j["V"] * pair.W, self.smoothing, targets, sources)
-        return around + V * self.smoothing.kernel.value(jnp.zeros_like(V), self.smoothing.h, p.x.shape[1])
-
     # ---------------------------------------------------------------- bodies
 
     def body_coupling(

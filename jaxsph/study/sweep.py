@@ -8,11 +8,11 @@ import itertools
 import math
 import shutil
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -22,7 +22,7 @@ from jaxsph.case.case import Case
 from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
-from jaxsph.study.members import check_members, one_per_core, run_each, run_in_batches
+from jaxsph.study.members import Ended, check_members, one_per_core, run_each, run_in_batches
 from jaxsph.study.ownership import case_keys, only_study, refuse_other
 
 BATCH = 8
@@ -87,8 +87,25 @@ def sweep(
     cases, shape = _cases(case, axes, grid)
     file = SweepFile(Path(out).resolve())  # workers may be in other folders
     with only_study(file.path):
-        members = _run_missing(file, case, axes, shape, cases, batch, workers, executor, progress)
+        members = _run_missing(file, case, axes, shape, cases, _Runner(batch, workers, executor), progress)
     return _make_sweep(case, axes, shape, members)
+
+
+class _Runner(NamedTuple):
+    """Way in which members are run: in batches, by an executor, or each in a process on a core."""
+
+    batch: int | None
+    workers: int | None
+    executor: Executor | None
+
+    def run(
+        self, cases: Mapping[int, Case], folder: Path, stack: contextlib.ExitStack, progress: bool
+    ) -> Iterator[tuple[int, Ended]]:
+        """Members as they end; what is opened for them closes with the stack."""
+        if self.batch is not None:
+            return run_in_batches(cases, folder, self.batch, progress)
+        executor = self.executor or stack.enter_context(one_per_core(self.workers))
+        return run_each(cases, folder, executor)
 
 
 def _run_missing(
@@ -97,9 +114,7 @@ def _run_missing(
     axes: Mapping[str, np.ndarray],
     shape: tuple[int, ...],
     cases: Sequence[Case],
-    batch: int | None,
-    workers: int | None,
-    executor: Executor | None,
+    runner: _Runner,
     progress: bool,
 ) -> dict[int, Any]:
     """Runs the members that the file does not hold yet, and returns all."""
@@ -110,12 +125,7 @@ def _run_missing(
     missing = {i: member for i, member in enumerate(cases) if i not in members}
     bar = tqdm(total=len(cases), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
     with contextlib.ExitStack() as stack:
-        if batch is not None:
-            ended = run_in_batches(missing, folder, batch, progress)
-        else:
-            if executor is None:
-                executor = stack.enter_context(one_per_core(workers))
-            ended = run_each(missing, folder, executor)
+        ended = runner.run(missing, folder, stack, progress)
         stack.enter_context(contextlib.closing(cast(Any, ended)))
         stack.enter_context(bar)
         for i, (members[i], described) in ended:
