@@ -18,7 +18,7 @@ from jaxsph.model.state import Tally
 from jaxsph.parts.air import IncompressibleAir, IsentropicAir
 from jaxsph.waves.linear_owc import LinearAir
 
-FLOWS = st.floats(-2.0, 2.0)
+FLOWS = st.floats(-2.0, 2.0, allow_subnormal=False)
 COMPLIANCES = st.floats(1e-9, 1e-4)
 CURVE = [(-0.1, -400.0), (0.0, 0.0), (0.05, 30.0), (0.2, 900.0)]
 
@@ -39,9 +39,9 @@ _press = jax.jit(lambda pto, q, compliance: pto.pressure(q, compliance, 0.0))
 def test_a_linear_turbine_solves_its_law_with_the_water_s_response(q, compliance, resistance):
     with enable_x64():
         P_a = float(_press(js.LinearTurbine(jnp.asarray(resistance)), q, compliance))
-    # round-off of the difference q - compliance P_a
+    # round-off of the difference q - compliance P_a; numbers below the least normal one count as zero
     size = resistance * abs(q)
-    assert P_a == pytest.approx(resistance * (q - compliance * P_a), rel=1e-12, abs=1e-14 * size + 1e-300)
+    assert P_a == pytest.approx(resistance * (q - compliance * P_a), rel=1e-12, abs=1e-14 * size + 1e-290)
     assert P_a * q >= 0.0
 
 
