@@ -433,7 +433,8 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
     K_dm=st.floats(0.0, 1e6),
     H=st.floats(1e-6, 0.1),
     c0=st.none() | st.floats(1e-3, 1e4),
-    gauges=st.lists(st.floats(0.0, 7.84), max_size=4),
+    # the plate is between 7.69 and 7.71 m, and no gauge is inside it
+    gauges=st.lists(st.floats(0.0, 7.84).filter(lambda x: not 7.68 < x < 7.72), max_size=4),
     absorption=st.booleans(),
 )
 def test_case_survives_its_own_text(description, K_dm, H, c0, gauges, absorption):

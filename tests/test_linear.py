@@ -4,6 +4,7 @@ import csv
 import itertools
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from hypothesis import strategies as st
 import jaxsph as js
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power, linear_owc
+from jaxsph.case.settling import settled_window
+from jaxsph.model.interfaces import Entry, Exchange
 from jaxsph.model.solution import Solution
 from jaxsph.run.results import _power
 from jaxsph.study.base import result_of_power
@@ -322,7 +325,7 @@ def test_built_in_case():
 
 def test_lengths_are_those_on_the_lattice():
     """The particles' depth is 0.44 m: theory of 0.42 m would be relative to another incident power."""
-    case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.05})
+    case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.05, "probes.pressure": None})
     assert linear_owc(case).water.geometry == ChamberGeometry(0.44, 0.13, 0.16, 0.05)
 
 
@@ -336,8 +339,9 @@ def test_every_efficiency_is_relative_to_one_incident_power():
     t = np.arange(0.0, case.t1, case.output.sample_dt)
     all_of_it = np.full_like(t, P)
     series = {"power_pto": all_of_it}
-    solution = Solution(series | {"time": t}, {}, None, None)
-    results = _power(case, solution)
+    model = SimpleNamespace(entries=lambda: {"pto": Entry("power take-off", Exchange.HARVESTED)})
+    solution = Solution(series | {"time": t}, {}, model, None)
+    results = _power(case, solution, settled_window(case, t, [all_of_it]))
     assert results["P_inc"] == P and results["P_owc"] == pytest.approx(P, rel=1e-9)
     assert results["xi"] == pytest.approx(1.0, rel=1e-9)
     assert result_of_power(case, "xi")(t, all_of_it) == pytest.approx(1.0, rel=1e-9)

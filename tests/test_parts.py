@@ -116,8 +116,10 @@ def test_a_chamber_works_in_the_incompressible_scheme(K_dm):
     budget = analysis.energy_budget(found.series)
     # every term is summed over the steps: float32 is left, and the viscous loss of 0.2 %, which is not
     assert abs(budget["residual_share"]) < 5e-3
-    # power is the mean over a sample of what P_a q is at its end; both vary within it
-    assert taken.sum() == pytest.approx(float(np.sum(P_a * flow)), rel=0.15)
+    # Power is the mean over a sample of what P_a q is at its end; both vary within it. In a closed chamber
+    # the flow is as small as its change by the particles' motion in a step, a thousandth of 0.01 m2/s.
+    rest = 1e-3 * 0.01 * float(np.sum(np.abs(P_a)))
+    assert taken.sum() == pytest.approx(float(np.sum(P_a * flow)), rel=0.15, abs=rest)
 
 
 def test_parts_have_names_of_their_own(damped_vessel):

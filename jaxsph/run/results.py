@@ -94,7 +94,7 @@ def _energy(case: Case, solution: Solution, window: Window) -> Scalars:
     names, series = harvested(solution.model), solution.series
     over = {name: values[window.over] for name, values in series.items()}
     results = {f"energy_{name}": value for name, value in analysis.energy_budget(over, names).items()}
-    if window.periods:
+    if case.waves is not None:
         whole = analysis.energy_budget(series, names)
         results |= {f"whole_energy_{name}": value for name, value in whole.items()}
     return results
