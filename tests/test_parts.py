@@ -102,8 +102,8 @@ def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
 INCOMPRESSIBLE = {"scheme": {"kind": "incompressible"}}
 
 
-@pytest.mark.parametrize("K_dm", [300.0, 1.0e6])
-def test_a_chamber_works_in_the_incompressible_scheme(K_dm):
+@pytest.mark.parametrize(("K_dm", "least"), [(300.0, 0.0), (1.0e6, 1e-5)])
+def test_a_chamber_works_in_the_incompressible_scheme(K_dm, least):
     """The energy taken is P_a q, never negative; a closed chamber lets next to nothing through."""
     case = coarse("owc", INCOMPRESSIBLE | {"tank.length": 1.2, "probes": {"gauges": [0.5]}, "pto.K_dm": K_dm})
     case = case.replace({"waves.ramp_periods": 0.5})
@@ -117,8 +117,8 @@ def test_a_chamber_works_in_the_incompressible_scheme(K_dm):
     # every term is summed over the steps: float32 is left, and the viscous loss of 0.2 %, which is not
     assert abs(budget["residual_share"]) < 5e-3
     # Power is the mean over a sample of what P_a q is at its end; both vary within it. In a closed chamber
-    # the flow is as small as its change by the particles' motion in a step, a thousandth of 0.01 m2/s.
-    rest = 1e-3 * 0.01 * float(np.sum(np.abs(P_a)))
+    # the flow is as small as its change by the particles' motion in a step: `least`, m2/s.
+    rest = least * float(np.sum(np.abs(P_a)))
     assert taken.sum() == pytest.approx(float(np.sum(P_a * flow)), rel=0.15, abs=rest)
 
 

@@ -304,7 +304,8 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
         return None
     try:
         t = series["time"]
-        over = settled_window(case, t, ()).over  # a whole repetition, or what there is of it
+        # a whole repetition, or what there is of it, since the run's last change: there the series begin
+        over = settled_window(case, t, (), float(t[0])).over
         sea = two_way_sea(case, t[over], series["eta"][over], Geometry.of(case).depth)
     except ValueError:
         return None
