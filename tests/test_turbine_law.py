@@ -122,7 +122,7 @@ def test_a_power_take_off_has_a_ledger_name_of_its_own(swinging):
     case, state = swinging
     model, _ = js.build(case)
     model = eqx.tree_at(lambda m: m.chambers[0].pto, model, _Meter(jnp.float32(500.0)))
-    named = model.chambers[0].energy
+    (named,) = model.chambers[0].entries()
     zero = state.ledger["pto"]
     state = eqx.tree_at(
         lambda s: s.ledger, state, {n: a for n, a in state.ledger.items() if n != "pto"} | {named: zero}

@@ -518,11 +518,6 @@ class AbstractChamber(eqx.Module):
     def read(self, own: Air) -> Mapping[str, Scalar]:
         """Readings of the chamber's air besides pressure and flow."""
 
-    @property
-    @abc.abstractmethod
-    def energy(self) -> str:
-        """Name in the ledger of the energy that the power take-off takes."""
-
     @abc.abstractmethod
     def start(self, dtype: Any) -> Air:
         """Air of the chamber at t = 0."""

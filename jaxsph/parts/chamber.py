@@ -20,7 +20,6 @@ from jaxsph.model.interfaces import (
     AbstractPTO,
     Air,
     AirCoupling,
-    Exchange,
     Pressed,
 )
 from jaxsph.model.state import Tally
@@ -125,13 +124,6 @@ class Chamber(AbstractChamber):
     @property
     def _suffix(self) -> str:
         return self.name.removeprefix("chamber")
-
-    @property
-    def energy(self) -> str:
-        """Name in the ledger of the energy that the PTO takes for use."""
-        entries = self.pto.entries(self._suffix).items()
-        (name,) = (name for name, entry in entries if entry.exchange is Exchange.HARVESTED)
-        return name + self._suffix
 
     def entries(self):
         """See `AbstractChamber`."""
