@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import RUNS, Report
+from experiments.common import RUNS, Report, solved
 from jaxsph import analysis
+from jaxsph.case.geometry import Geometry
+from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.output.run_file import RunFile
+from jaxsph.run.results import run_results
 
 T, K_DM = 1.2, 534.66
 CHAMBER, RHO_AIR = 0.13, 1.2
@@ -46,9 +52,38 @@ def short_case(dx: float, t1: float) -> js.Case:
     )
 
 
+def damped(dx: float, K_dm: float, times: float = 1.0) -> tuple[js.Case, RunFile]:
+    """The built-in OWC with this damping (kg^0.5 m^-2.5), and its run to so many times the case's end."""
+    case = js.load_case("owc").replace({"dx": dx, "pto.K_dm": K_dm})
+    return case, solved(case, f"owc_{dx:g}_{K_dm:g}", times * case.t1)
+
+
+def results_until(case: js.Case, series: dict[str, np.ndarray]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Results of a record that may be the first part of a run's, and their notices."""
+    model = _Ledger(Geometry.of(case).depth, float(series["time"][-1]))
+    state = SimpleNamespace(step=1, particles=SimpleNamespace(x=np.zeros((1, 2))))
+    return run_results(case, js.Solution(series, {}, model, state, case), 1.0, 1)
+
+
 def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = True) -> js.Sweep:
     """The sweep in `runs/<name>.h5`, made, finished or only read."""
     return js.sweep(case, over, RUNS / f"{name}.h5", grid=grid)
+
+
+class _Ledger:
+    """What results ask of the model of a run that is only read."""
+
+    def __init__(self, depth: float, t_end: float) -> None:
+        self.depth, self._t_end = depth, t_end
+
+    def time(self, state: object) -> float:
+        """End of the run, s."""
+        del state
+        return self._t_end
+
+    def entries(self) -> dict[str, Entry]:
+        """The turbine's energy."""
+        return {"pto": Entry("power take-off of the chamber", Exchange.HARVESTED)}
 
 
 def amplitude(series: dict[str, np.ndarray], name: str, period: float, most: int = 10) -> float:

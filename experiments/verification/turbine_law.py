@@ -1,7 +1,8 @@
 """Do the readings of pressure and flow obey the law of the power take-off, whatever it is?
 
 The OWC in a tank of 1.2 m over three wave periods: quadratic turbines from soft to nearly closed, and the
-other laws, each fitted to its own readings by least squares.
+other laws, each fitted to its own readings by least squares. Then, if asked for, the built-in OWC as it is,
+of which efficiency, pressure and flow are stated too.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 
 import jaxsph as js
 from experiments.common import Report
-from experiments.owc_tank import short_case
+from experiments.owc_tank import damped, results_until, short_case
 
 Pressure = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 CURVE = ((-0.1, -900.0), (0.0, 0.0), (0.02, 30.0), (0.1, 900.0))
+DAMPINGS = (150.0, 534.66, 2000.0, 1e4)
 PERIODS, BAR = 3.0, 0.002
 
 
@@ -30,7 +32,7 @@ def quadratic(K_dm: float) -> Pressure:
 def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
     """Keys of a case, and the pressure (Pa) from the flow (m2/s), by the name of the law."""
     found: dict[str, tuple[dict[str, Any], Pressure]] = {
-        f"K_dm = {K:g}": ({"pto.K_dm": K}, quadratic(K)) for K in (150.0, 534.66, 2000.0, 1e4)
+        f"K_dm = {K:g}": ({"pto.K_dm": K}, quadratic(K)) for K in DAMPINGS
     }
     found["linear turbine (Wells)"] = ({"pto.resistance": 4e3}, lambda q: 4e3 * q)
     found["curve"] = ({"pto.curve": CURVE}, lambda q: np.interp(q, *np.array(CURVE).T))
@@ -39,8 +41,8 @@ def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
     return found
 
 
-def main(dx: float = 0.04) -> None:
-    """Runs every law."""
+def main(dx: float = 0.04, built_in: bool = False) -> None:
+    """Runs every law; `built_in`: the four dampings in the whole tank, ten periods of each."""
     with Report(f"turbine_law_{dx:g}", "Readings of the chamber against the law", dx) as report:
         for name, (keys, pressure) in laws().items():
             case = short_case(dx, 1.0).replace(keys)
@@ -49,9 +51,37 @@ def main(dx: float = 0.04) -> None:
             P_a = np.float64(solution["P_a"])
             law = pressure(np.float64(solution["flow_pto" if case.air is not None else "flow"]))
             free = P_a < 60.0 if case.pto.relief is not None else np.ones(len(P_a), bool)
-            # of the pressure; a damping's ratio is its square root
-            ratio = float(np.sum(P_a[free] * law[free]) / np.sum(law[free] ** 2))
-            fitted = np.sqrt(ratio) if case.pto.quadratic is not None else ratio
-            report.row(
-                f"{name}: fitted over asked", fitted, theory=1.0, bar="0.002", passes=abs(fitted - 1) < BAR
-            )
+            fitted = fit(P_a[free], law[free], case.pto.quadratic is not None)
+            obeyed(report, f"{name}: fitted over asked", fitted)
+    if built_in:
+        in_the_tank(dx)
+
+
+def in_the_tank(dx: float) -> None:
+    """The built-in OWC to its end with four dampings: the law, and what the readings amount to."""
+    title = "The built-in OWC with four dampings: the law, efficiency, pressure and flow"
+    with Report(f"turbine_law_{dx:g}_built_in", title, dx) as report:
+        for K in DAMPINGS:
+            case, file = damped(dx, K)
+            series = {k: v[file.series()["time"] <= case.t1 + 1e-6] for k, v in file.series().items()}
+            P_a, flow = np.float64(series["P_a"]), np.float64(series["flow"])
+            found, _ = results_until(case, series)
+            label = f"K_dm = {K:g}"
+            obeyed(report, f"{label}: fitted over asked", fit(P_a, quadratic(K)(flow), True))
+            report.row(f"{label}: xi", found["xi"])
+            report.row(f"{label}: xi of the measured waves", found["xi_measured"])
+            report.row(f"{label}: periods averaged", found["periods"])
+            report.row(f"{label}: largest P_a", P_a.max(), "Pa")
+            report.row(f"{label}: least P_a", P_a.min(), "Pa")
+            report.row(f"{label}: largest flow, either way", np.abs(flow).max(), "m2/s")
+
+
+def fit(P_a: NDArray[np.float64], law: NDArray[np.float64], quadratic: bool) -> float:
+    """Ratio of the pressure read to the law's, by least squares; of a damping its square root."""
+    ratio = float(np.sum(P_a * law) / np.sum(law**2))
+    return float(np.sqrt(ratio)) if quadratic else ratio
+
+
+def obeyed(report: Report, check: str, fitted: float) -> None:
+    """A row that a law is obeyed."""
+    report.row(check, fitted, theory=1.0, bar="0.002", passes=abs(fitted - 1) < BAR)

@@ -3,16 +3,14 @@
 Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old file or
 the new one, whole.
 
-Groups and datasets carry an attribute `checksum`, two CRC-32: of what is said about them (name, type, shape,
-dimensions, attributes; of a group the names of its members) and of a dataset's values. `seal` writes it,
-`check` and `read` look at it. A dataset that grows goes on with the checksum of what it held.
+Files of runs and sweeps end with the CRC-32 of all their bytes, behind the end that HDF5 knows. It is looked
+at before HDF5 is given the file, which stops the whole program at some damage.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib.metadata
-import json
 import os
 import shutil
 import time
@@ -28,20 +26,20 @@ import numpy as np
 from jaxsph.errors import FileError, JaxsphError
 from jaxsph.output.records import Damage
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the layout. Files of a newer one are refused; of those of an older one series and snapshots are
 read, and checkpoints refused: 1 did not say what the run's rules made of its case, 2 had no readings of the
-noise, 3 no checksums."""
+noise, 3 no checksums, 4 one for every part."""
 
-SEALED = 4
-"""First version of the layout whose files have checksums."""
+SEALED = 5
+"""First version of the layout whose files end with a checksum."""
 
 
 Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
 """Positions of gauges and sensors: name -> (dimension, values `[k]`, units, long name)."""
 
 
-_WHOLE = b"jaxsph CRC-32 of the bytes before: "
+_SEAL = b"jaxsph CRC-32 of the bytes before: "
 """What stands between the end of a file as HDF5 knows it and the checksum of all bytes before."""
 
 
@@ -65,10 +63,10 @@ class Variable:
 
 
 @contextlib.contextmanager
-def replace_file(path: Path, mode: str, whole: bool = False) -> Iterator[h5py.File]:
+def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.File]:
     """HDF5 file to write, a copy ("r+") or a new one ("w"), that takes the place of `path` if all goes well.
 
-    `whole`: appends the checksum of all its bytes, for `check_whole`, to a file that is always written anew.
+    `sealed`: ends with the checksum of its bytes, which `open_file` looks at.
     **Raises** FileError where it cannot be written; the file before is then unchanged.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -78,11 +76,11 @@ def replace_file(path: Path, mode: str, whole: bool = False) -> Iterator[h5py.Fi
             if mode == "r+":
                 shutil.copyfile(path, part)
             with h5py.File(part, mode) as file:
-                yield file
-                file.flush()
-            if whole:
+                yield file  # HDF5 cuts off what was behind its end
+            if sealed:
+                checksum = _crc_of_bytes(part, part.stat().st_size)
                 with part.open("ab") as end:
-                    end.write(_WHOLE + _crc_of_bytes(part).to_bytes(4, "little"))
+                    end.write(_SEAL + checksum.to_bytes(4, "little"))
             sync(part)
             os.replace(part, path)
         finally:
@@ -110,7 +108,10 @@ def put_file(path: Path, content: bytes) -> None:
 def open_file(path: Path) -> Iterator[h5py.File]:
     """HDF5 file, open for reading. **Raises** FileError where it is missing, cut short or damaged."""
     try:
+        sealed = _check_seal(path)
         with h5py.File(path, "r") as file:
+            if not sealed and SEALED <= int(file.attrs.get("schema", 0)) <= SCHEMA:
+                raise Damage("the checksum at its end is missing: another program may have changed it")
             yield file
     except FileNotFoundError:
         raise FileError(_no_such_file(path)) from None
@@ -138,31 +139,38 @@ def tell_write_errors(path: Path) -> Iterator[None]:
         ) from error
 
 
-def check_whole(path: Path) -> None:
-    """**Raises** FileError for a file whose bytes are not those written, before HDF5 is given them.
+_intact: dict[Path, tuple[int, ...]] = {}
+"""Files whose checksum this process has found right: device, number, size and time of their last change."""
 
-    HDF5 stops the whole program at some damage. A file without such a checksum, of a run or of an older
-    version, passes.
+
+def _check_seal(path: Path) -> bool:
+    """Whether a file ends with a checksum; files of older versions do not.
+
+    **Raises** Damage for a file whose bytes are not those written.
     """
-    size = len(_WHOLE) + 4
+    found = path.stat()
+    stamp = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+    if _intact.get(path) == stamp:
+        return True
+    length = max(found.st_size - len(_SEAL) - 4, 0)
     with path.open("rb") as file:
-        file.seek(0, os.SEEK_END)
-        length = max(file.tell() - size, 0)
         file.seek(length)
-        end = file.read(size)
-    if end.startswith(_WHOLE) and _crc_of_bytes(path, length) != int.from_bytes(end[-4:], "little"):
-        raise FileError(
-            f"{path}: is damaged: its bytes are not those that were written. Restore it from a copy, or "
-            "remove it and run the study again"
-        )
+        end = file.read()
+    if not end.startswith(_SEAL):
+        return False
+    if _crc_of_bytes(path, length) != int.from_bytes(end[len(_SEAL) :], "little"):
+        raise Damage("its bytes are not those that were written")
+    if time.time_ns() - found.st_mtime_ns > 10**8:  # a change at once could bear the same time
+        _intact[path] = stamp
+    return True
 
 
-def _crc_of_bytes(path: Path, length: int | None = None) -> int:
-    """CRC-32 of the first bytes of a file, by default of all."""
-    found, left = 0, path.stat().st_size if length is None else length
+def _crc_of_bytes(path: Path, length: int) -> int:
+    """CRC-32 of the first bytes of a file."""
+    found = 0
     with path.open("rb") as file:
-        while left > 0 and (part := file.read(min(left, 1 << 20))):
-            found, left = zlib.crc32(part, found), left - len(part)
+        while length > 0 and (part := file.read(min(length, 1 << 20))):
+            found, length = zlib.crc32(part, found), length - len(part)
     return found
 
 
@@ -226,7 +234,6 @@ def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
     if dim not in group:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))
-        seal(bare)
     found = group[dim]
     if not isinstance(found, h5py.Dataset) or found.shape != (size,):
         raise ValueError(f"dimension {dim!r} is not one of size {size}")
@@ -238,91 +245,23 @@ def dimension(data: h5py.Dataset, axis: int) -> str:
     return str(data.dims[axis][0].name).rsplit("/", 1)[-1]
 
 
-def exact(data: h5py.Dataset) -> np.ndarray:
-    """Array of a dataset with its own shape; indexing would turn 0-d arrays into scalars."""
+def attributes(node: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """Attributes of a group or a dataset, as numbers and texts of Python."""
+    return {name: plain(value) for name, value in node.attrs.items()}
+
+
+def read(data: h5py.Dataset) -> Any:
+    """Values of a dataset, text as str; 0-d arrays keep their shape, which indexing does not."""
+    if h5py.check_string_dtype(data.dtype) is not None:
+        return data.asstr()[()]
     found = np.empty(data.shape, data.dtype)
     if found.size:
         data.read_direct(found)
     return found
 
 
-_OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}
-_CHECKSUM = "checksum"
-
-
-def seal(node: h5py.Group | h5py.Dataset) -> None:
-    """Writes the checksum of a group, or of a dataset with its values."""
-    _put(node, 0 if isinstance(node, h5py.Group) else _crc(_values(node)))
-
-
-def check(node: h5py.Group | h5py.Dataset) -> int | None:
-    """Checks what is said about a group or a dataset, and returns the checksum that its values must have.
-
-    None: an older version wrote no checksums. **Raises** Damage.
-    """
-    if _CHECKSUM not in node.attrs:
-        root = node.file.attrs
-        if _CHECKSUM in root or int(root.get("schema", 0)) >= SEALED:
-            raise Damage(f"{node.name} has no checksum")
-        return None
-    words, values = (int(one) for one in np.asarray(node.attrs[_CHECKSUM]))
-    if words != _crc_of_words(node):
-        raise Damage(f"{node.name} is not what was written, or another program has changed it")
-    return values
-
-
-def attributes(node: h5py.Group | h5py.Dataset) -> dict[str, Any]:
-    """Attributes of a group or a dataset, its checksum apart. **Raises** Damage."""
-    check(node)
-    return {name: plain(value) for name, value in node.attrs.items() if name != _CHECKSUM}
-
-
-def read(data: h5py.Dataset) -> Any:
-    """Values of a dataset, text as str; 0-d arrays keep their shape. **Raises** Damage."""
-    checksum = check(data)
-    values = _values(data)
-    if checksum not in (None, _crc(values)):
-        raise Damage(f"the values of {data.name} are not those that were written")
-    return values
-
-
 def extend(data: h5py.Dataset, values: np.ndarray) -> None:
-    """Adds rows to a dataset, and to its checksum. **Raises** Damage."""
-    checksum, old = check(data), len(data)
+    """Adds rows to a dataset."""
+    old = len(data)
     data.resize(old + len(values), axis=0)
     data[old:] = values
-    if checksum is not None:
-        _put(data, _crc(np.asarray(values, data.dtype), checksum))
-
-
-def _put(node: h5py.Group | h5py.Dataset, values: int) -> None:
-    node.attrs[_CHECKSUM] = np.array([_crc_of_words(node), values], np.uint32)
-
-
-def _values(data: h5py.Dataset) -> Any:
-    return data.asstr()[()] if h5py.check_string_dtype(data.dtype) is not None else exact(data)
-
-
-def _crc(values: Any, start: int = 0) -> int:
-    """CRC-32 of an array's bytes, or of text or an array of text; of more values it goes on from `start`."""
-    if isinstance(values, np.ndarray) and values.dtype != object:
-        return zlib.crc32(np.ascontiguousarray(values).tobytes(), start)
-    return zlib.crc32(json.dumps(np.asarray(values, object).tolist()).encode(), start)
-
-
-def _crc_of_words(node: h5py.Group | h5py.Dataset) -> int:
-    told: list[Any] = [node.name]
-    for name in sorted(set(node.attrs) - _OF_HDF5 - {_CHECKSUM}):
-        value = node.attrs[name]
-        if isinstance(value, str):
-            told.append([name, value])
-        else:
-            array = np.asarray(value)
-            own = array.astype(str).tolist() if array.dtype == object else array.tobytes().hex()
-            told.append([name, array.dtype.str, array.shape, own])
-    if isinstance(node, h5py.Group):
-        told.append(sorted(node))
-    else:
-        scales = [dimension(node, k) if len(node.dims[k]) else "" for k in range(node.ndim)]
-        told += [node.dtype.str, node.shape, bool(node.is_scale), scales]
-    return zlib.crc32(json.dumps(told).encode())

@@ -39,20 +39,18 @@ from jaxsph.output.hdf5 import (
     Coordinates,
     Variable,
     attributes,
-    check,
     check_signature,
     dimension,
     open_file,
     plain,
     read,
     replace_file,
-    seal,
     tell_write_errors,
     version,
 )
 from jaxsph.output.journal import Journal, Owner
 from jaxsph.output.records import Head, read_arrays
-from jaxsph.output.series_group import GROUPS, extend_series, over_time, time_of, write_coordinates
+from jaxsph.output.series_group import extend_series, over_time, time_of, write_coordinates
 
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
 
@@ -91,7 +89,6 @@ class _View(NamedTuple):
         found = {}
         for name, data in over_time(self.file):
             dim = dimension(data, 1) if data.ndim == 2 else None
-            check(data)
             group = data.parent.name.strip("/")
             found[name] = Variable(data.attrs["units"], data.attrs["long_name"], dim, group)
         return found
@@ -159,8 +156,6 @@ class RunFile:
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)
-            for group in _groups(file):
-                seal(group)
         with tell_write_errors(run.path):
             journal.remove(run.path)
         return run
@@ -181,7 +176,6 @@ class RunFile:
                     f"{path}: has layout {int(schema)} of jaxsph {file.attrs['jaxsph_version']}, "
                     f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
                 )
-            check(file)
             run._own = _owner(file)
         return run
 
@@ -287,12 +281,8 @@ class RunFile:
     def _rewritten(self) -> Iterator[tuple[h5py.File, _View]]:
         """Copy of the file to change, which takes its place, and the view of file and journal as they are."""
         with self._view() as view, replace_file(self.path, "r+") as file:
-            for group in _groups(file):
-                check(group)
             self._check_own(file)
             yield file, view
-            for group in _groups(file):
-                seal(group)
 
     def _check_own(self, file: h5py.File) -> None:
         """**Raises** FileError where another run has taken the file, or has changed or folded it."""
@@ -332,10 +322,6 @@ class RunFile:
         # the journal first: see `journal.beside`
         with journal.beside(self.path) as beside, open_file(self.path) as file:
             ours = beside is not None and beside.owner == _owner(file)
-            check(file)
-            for name in (*GROUPS, "snapshots", "checkpoint"):
-                if name in file:
-                    check(file[name])
             yield _View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
@@ -345,7 +331,6 @@ class RunFile:
 
     def _text(self, name: str, default: str) -> Any:
         with open_file(self.path) as file:
-            check(file)
             return json.loads(read(file[name]) if name in file else default)
 
     @property
@@ -418,7 +403,6 @@ class RunFile:
         """Positions of gauges and sensors, in the form that `create` takes."""
         found = {}
         with open_file(self.path) as file:
-            check(file["series"])
             for name, data in file["series"].items():
                 if not data.is_scale and dimension(data, 0) != "time":
                     units, long_name = data.attrs["units"], data.attrs["long_name"]
@@ -479,11 +463,6 @@ class RunFile:
         return self._index[1]
 
 
-def _groups(file: h5py.File) -> list[h5py.Group]:
-    """The file itself, and the groups that it holds."""
-    return [file, *(node for node in file.values() if isinstance(node, h5py.Group))]
-
-
 def _owner(file: h5py.File) -> Owner:
     return Owner(str(file.attrs.get("run", "")), int(file.attrs.get("stage", 0)))
 
@@ -507,7 +486,7 @@ def _replace_results(file: h5py.File, results: Mapping[str, float], notices: tup
 def _put_text(file: h5py.File, name: str, text: str) -> None:
     if name in file:
         del file[name]
-    seal(file.create_dataset(name, data=text, dtype=h5py.string_dtype()))
+    file.create_dataset(name, data=text, dtype=h5py.string_dtype())
 
 
 def _numbers(values: Mapping[str, float]) -> dict[str, float]:
@@ -552,8 +531,6 @@ def _write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, np.ndarray]) -
         data = group.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)
         if name in _SNAPSHOT_UNITS:
             data.attrs["units"] = _SNAPSHOT_UNITS[name]
-        seal(data)
-    seal(group)
 
 
 def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
@@ -567,5 +544,4 @@ def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None
         else:
             if stored is not None:
                 del group[name]
-            stored = group.create_dataset(name, data=value)
-        seal(stored)
+            group.create_dataset(name, data=value)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import h5py
 import numpy as np
 
-from jaxsph.output.hdf5 import Coordinates, Variable, dimension, extend, scale, seal
+from jaxsph.output.hdf5 import Coordinates, Variable, dimension, extend, scale
 
 GROUPS = ("series", "energy")
 """Groups of a run's file that hold series."""
@@ -22,7 +22,6 @@ def write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
         data = group.create_dataset(name, data=values)
         data.attrs["units"], data.attrs["long_name"] = units, long_name
         data.dims[0].attach_scale(scale(group, dim, len(values)))
-        seal(data)
 
 
 def time_of(file: h5py.File) -> h5py.Dataset | None:
@@ -70,7 +69,6 @@ def _create(
         data.attrs["long_name"] = described[name].long_name
         if name == "time":
             data.make_scale("time")
-            seal(data)
             continue
         data.dims[0].attach_scale(group["time"])
         if row:
@@ -80,7 +78,6 @@ def _create(
             along = [n for n, d in group.items() if _is_coordinate(d, dim)]
             if along:
                 data.attrs["coordinates"] = " ".join(along)
-        seal(data)
 
 
 def _is_series(data: h5py.Dataset) -> bool:

@@ -6,8 +6,7 @@
     one per result         over the parameters, NaN where a member has none; `failure`: text
     series                 over the parameters and `time`, padded with NaN
 
-The file is written anew whenever a member has ended, and takes the place of the one before. It ends with
-the checksum of all its bytes, which is looked at before anything is read.
+The file is written anew whenever a member has ended, and takes the place of the one before.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from jaxsph.output.hdf5 import (
     SCHEMA,
     Variable,
     check_signature,
-    check_whole,
     dimension,
     open_file,
     replace_file,
@@ -64,7 +62,6 @@ class SweepFile:
     def is_one(self) -> bool:
         """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
         check_signature(self.path)
-        check_whole(self.path)
         with open_file(self.path) as file:
             return file.attrs.get("kind") == "sweep"
 
@@ -87,7 +84,7 @@ class SweepFile:
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(self.path, "w", whole=True) as file:
+        with replace_file(self.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), case=case_toml, kind="sweep")
             file.attrs["about"] = json.dumps(dict(about or {}))
             dims = _write_axes(file, axes, shape)
@@ -109,7 +106,6 @@ class SweepFile:
         **Raises** FileError where the file is missing, damaged or not a sweep's.
         """
         check_signature(self.path)
-        check_whole(self.path)
         with open_file(self.path) as file:
             if file.attrs.get("kind") != "sweep":
                 raise FileError(f"{self.path}: is not the file of a sweep; give another name")

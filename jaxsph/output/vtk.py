@@ -9,13 +9,8 @@ import h5py
 import numpy as np
 
 from jaxsph.errors import FileError
-from jaxsph.output.hdf5 import (
-    replace_file,
-    tell_write_errors,
-)
-from jaxsph.output.run_file import (
-    RunFile,
-)
+from jaxsph.output.hdf5 import extend, replace_file, tell_write_errors
+from jaxsph.output.run_file import RunFile
 
 
 def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
@@ -34,7 +29,7 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
     _check_replaceable(path)
     with tell_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(path, "w") as file:
+    with replace_file(path, "w", sealed=False) as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 2], np.int64)
         # VTK wants a fixed-length string here, and h5py writes variable ones.
@@ -82,9 +77,7 @@ def _append_rows(root: h5py.Group, name: str, rows: np.ndarray) -> None:
         )
     data = root[name]
     assert isinstance(data, h5py.Dataset)
-    old = len(data)
-    data.resize(old + len(rows), axis=0)
-    data[old:] = rows
+    extend(data, rows)
 
 
 def _write_vertices(root: h5py.Group, sizes: np.ndarray) -> None:
