@@ -108,9 +108,9 @@ def test_energy_of_an_ensemble_is_that_from_the_start(monkeypatch):
     """Not the sweep's result of that name, which is of the last whole periods."""
 
     def member(case, stem):
-        t = np.arange(100) * 0.01
-        series = {"time": t, "power_pto": np.full(100, 1e-3 * case.pto.K_dm)}
-        return {"results": {"energy_pto": -1.0}, "series": series, "failure": ""}, {
+        series = {"time": np.arange(100) * 0.01, "power_pto": np.ones(100)}
+        results = {"energy_pto": -1.0, "whole_energy_pto": 1e-3 * case.pto.K_dm}
+        return {"results": results, "series": series, "failure": ""}, {
             "power_pto": Variable("W m-1", "power")
         }
 

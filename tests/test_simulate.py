@@ -33,6 +33,7 @@ from jaxsph.report.labels import label_of
 from jaxsph.run import chunks, host, recorder, simulate
 from jaxsph.run.amend import amend
 from jaxsph.run.results import flume_gauges, run_results
+from jaxsph.study.base import result_of_power
 from jaxsph.waves import theory
 from jaxsph.waves.second_order import Harmonics, wavenumbers
 
@@ -556,6 +557,27 @@ def test_means_begin_when_the_record_has_settled():
     assert results["noise"] == pytest.approx(0.15, rel=0.02)
     words = [(label_of(name, True).text, label_of(name, True).meaning) for name in ("periods_left_out",)]
     assert words[0][0].strip() != "periods_left_out" and words[0][1]
+
+
+@pytest.mark.parametrize("of", ["xi", "P_owc"])
+@pytest.mark.parametrize("sea", [False, True])
+def test_the_value_of_a_slope_is_the_result_of_its_run(of, sea):
+    """Over the same settled periods, and of a part of a sea over the waves of that part."""
+    waves = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
+    case = js.load_case("owc").replace({"waves": waves, "t1": 40.0} if sea else {})
+    t = np.arange(0.0, case.t1, 0.02)
+    ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
+    model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1, entries=_one_pto)
+    state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
+    solution = js.Solution({"time": t, "power_pto": np.ones(len(t))} | ones, {}, model, state, case)
+    if not sea:
+        _with_transient(case, solution)
+    results, _ = run_results(case, solution, 1.0, 100)
+    power = solution["power_pto"]
+    mean = result_of_power(case, of)(t, power)
+    assert mean.of_power(power) == pytest.approx(results[of], rel=1e-9)
+    assert mean.incident(case) == pytest.approx(results["P_inc"] if of == "xi" else 1.0, rel=1e-9)
+    assert sea or results["periods_left_out"] > 0
 
 
 def test_too_few_settled_periods_ask_for_a_longer_run():

@@ -511,8 +511,8 @@ class AbstractChamber(eqx.Module):
     """Power take-off of the chamber."""
 
     @abc.abstractmethod
-    def readings(self) -> Mapping[str, Reading]:
-        """Meaning of the readings of `read`."""
+    def readings(self, dim: int) -> Mapping[str, Reading]:
+        """Meaning of the readings of `read`, in so many dimensions."""
 
     @abc.abstractmethod
     def read(self, own: Air) -> Mapping[str, Scalar]:

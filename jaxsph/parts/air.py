@@ -32,8 +32,8 @@ class AbstractAirLaw(eqx.Module):
         """Energies that the air books besides the power take-off's, for a chamber's `suffix`."""
 
     @abc.abstractmethod
-    def readings(self) -> Mapping[str, Reading]:
-        """Meaning of the readings of `read`."""
+    def readings(self, dim: int) -> Mapping[str, Reading]:
+        """Meaning of the readings of `read`, in so many dimensions."""
 
     @abc.abstractmethod
     def read(self, own: Air) -> Mapping[str, Scalar]:
@@ -77,7 +77,7 @@ class IncompressibleAir(AbstractAirLaw):
         del suffix
         return {}
 
-    def readings(self):
+    def readings(self, dim):
         """See `AbstractAirLaw`."""
         return {}
 
@@ -140,9 +140,10 @@ class IsentropicAir(AbstractAirLaw):
         """See `AbstractAirLaw`."""
         return {"air": Entry(f"compression of the air in the chamber{suffix}")}
 
-    def readings(self):
+    def readings(self, dim):
         """See `AbstractAirLaw`."""
-        return {"flow_pto": Reading("m2 s-1", "flow through the power take-off per unit width, ambient")}
+        units, width = ("m2 s-1", " per unit width") if dim == 2 else ("m3 s-1", "")
+        return {"flow_pto": Reading(units, f"flow through the power take-off{width}, ambient")}
 
     def read(self, own):
         """See `AbstractAirLaw`."""

@@ -130,9 +130,9 @@ class Chamber(AbstractChamber):
         found = {**self.pto.entries(self._suffix), **self.air.entries(self._suffix)}
         return {name + self._suffix: entry for name, entry in found.items()}
 
-    def readings(self):
+    def readings(self, dim):
         """See `AbstractChamber`."""
-        return self.air.readings()
+        return self.air.readings(dim)
 
     def read(self, own):
         """See `AbstractChamber`."""

@@ -21,16 +21,16 @@ def default_probes(model: Model, state: State, sample_dt: float) -> tuple[Abstra
     `sample_dt`: time between samples, s. What follows "chamber" or "body" in a part's name ends the names of
     its readings.
     """
-    every = jnp.asarray(sample_dt, model.dt.dtype)
+    every, dim = jnp.asarray(sample_dt, model.dt.dtype), len(model.g)
     found: list[AbstractProbe] = [EnergyProbe.over(model, state, every), NoiseProbe()]
     found += [PaddleProbe(wall.name) for wall in model.moving if isinstance(wall, Paddle)]
     for k, chamber in enumerate(model.chambers):
-        suffix, further = chamber.name.removeprefix("chamber"), tuple(chamber.readings().items())
-        found.append(ChamberProbe(every, k, suffix, further, _harvest(chamber), len(model.g)))
+        suffix, further = chamber.name.removeprefix("chamber"), tuple(chamber.readings(dim).items())
+        found.append(ChamberProbe(every, k, suffix, further, _harvest(chamber), dim))
     for k, body in enumerate(model.bodies):
         suffix = body.name.removeprefix("body")
-        found.append(BodyProbe(every, k, suffix, len(model.g), _harvest(body)))
-    found += [RimProbe(rim.name, len(model.g)) for rim in model.outlets if isinstance(rim, Rim)]
+        found.append(BodyProbe(every, k, suffix, dim, _harvest(body)))
+    found += [RimProbe(rim.name, dim) for rim in model.outlets if isinstance(rim, Rim)]
     return tuple(found)
 
 

@@ -129,11 +129,7 @@ def _share(case: Case, share: float) -> Scalars:
 def _power(case: Case, solution: Solution, window: Window) -> Scalars:
     """Incident power, and the share of it that the device absorbs, both over the window."""
     t, T, waves = solution.t, case.waves.cycle, case.waves
-    P_inc = incident_power(case)
-    if waves.repeats is not None and window.periods < round(waves.repeats / T):
-        # a part of a sea is higher or lower than the whole: the energy of the same waves counts
-        span = window.periods * T
-        P_inc = incident_energy(case, _device_x(case), float(t[-1]) - span, float(t[-1])) / span
+    P_inc = incident_over(case, float(t[-1]), window.periods)
     results = {"P_inc": P_inc}
     power = _absorbed(case, solution)
     if power is None:
@@ -148,6 +144,19 @@ def _power(case: Case, solution: Solution, window: Window) -> Scalars:
     if waves.repeats is not None:
         results["xi_error"] = analysis.mean_with_error(power[window.over][1:]).error / P_inc
     return results
+
+
+def incident_over(case: Case, t_end: float, periods: int) -> float:
+    """Mean power of the waves that meet the device in the last whole periods up to t_end (s), W per metre of
+    crest.
+
+    A part of a sea is higher or lower than the whole: the energy of the same waves counts.
+    """
+    waves = case.waves
+    if waves.repeats is None or periods >= round(waves.repeats / waves.cycle):
+        return incident_power(case)
+    span = periods * waves.cycle
+    return incident_energy(case, _device_x(case), t_end - span, t_end) / span
 
 
 def _energy_of_a_group(case: Case, solution: Solution, window: Window) -> Scalars:

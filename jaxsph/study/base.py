@@ -9,16 +9,16 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 
 from jaxsph import analysis
 from jaxsph.case.case import Case
-from jaxsph.case.linear import incident_power
-from jaxsph.case.settling import settled_periods
+from jaxsph.case.settling import settled_periods, settled_window
 from jaxsph.errors import CaseError
+from jaxsph.run.results import incident_over
 
 SMOOTH = (
     "pto.K_dm",
@@ -113,8 +113,17 @@ def parameter_value(case: Case, parameter: str) -> float:
     return value
 
 
-def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], float]:
-    """Result `of` as a function of the times (s) and the PTO's power (W; W/m in 2-D), linear in the power.
+class PowerMean(NamedTuple):
+    """A result that is linear in the power, over a part of a record that does not depend on the slope."""
+
+    of_power: Callable[[np.ndarray], float]
+    """The result of the power take-offs' power (W; W/m in 2-D) at the record's times."""
+    incident: Callable[[Case], float]
+    """Incident power (W/m) of a changed case over the same time; the result is over it where it is xi."""
+
+
+def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], PowerMean]:
+    """Result `of` over the settled periods of a run, by its times (s) and its power (W; W/m in 2-D).
 
     **Raises** CaseError for a result that the case does not have.
     """
@@ -123,16 +132,25 @@ def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], f
         raise CaseError(f"of = {of!r} needs a turbine, such as pto.K_dm, or a body with body.pto")
     if of == "energy_pto":
         # a reading is the mean since the one before it: none for the first
-        return lambda _, power: float(np.sum(power) * case.output.sample_dt)
+        total = PowerMean(lambda power: float(np.sum(power) * case.output.sample_dt), lambda _: 1.0)
+        return lambda *_: total
     if of not in ("xi", "P_owc"):
         raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
     if of == "xi" and case.tank.width is not None:
         raise CaseError("of = 'xi': a tank with a width has no efficiency; take of = 'P_owc', the mean power")
     waves = case.waves
-    periods = settled_periods(case, case.t1 - case.output.sample_dt) if waves is not None else 0
-    if waves is None or periods < 1:
+    if waves is None or settled_periods(case, case.t1 - case.output.sample_dt) < 1:
         raise CaseError(
             f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
         )
-    P = 1.0 if of == "P_owc" else incident_power(case)
-    return lambda t, power: analysis.efficiency(t, power, waves.cycle, P, periods).xi
+
+    def over(t: np.ndarray, power: np.ndarray) -> PowerMean:
+        periods = settled_window(case, t, [power]).periods
+
+        def incident(changed: Case) -> float:
+            return incident_over(changed, float(t[-1]), periods) if of == "xi" else 1.0
+
+        P_inc = incident(case)
+        return PowerMean(lambda y: analysis.efficiency(t, y, waves.cycle, P_inc, periods).xi, incident)
+
+    return over

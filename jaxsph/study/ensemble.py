@@ -50,7 +50,8 @@ class Ensemble(AbstractMethod):
 
     def derivative(self, case, parameter, of, progress):
         """See `AbstractMethod`."""
-        value, energy = parameter_value(case, parameter), result_of_power(case, of)
+        value = parameter_value(case, parameter)
+        result_of_power(case, of)  # refuses what no member would have
         if value == 0.0:
             raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
         offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
@@ -58,18 +59,11 @@ class Ensemble(AbstractMethod):
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
             done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
-        if of == "energy_pto":
-            # the sweep's own result of that name is of the last whole periods only
-            series = [done.members.get((i,), {}) for i in range(len(values))]
-            found = np.array(
-                [energy(s["time"], s["power_pto"]) if "power_pto" in s else np.nan for s in series]
-            )
-            found[[place[0] for place in done.failures]] = np.nan
-        else:
-            # the mean power of a body has a name of its own
-            names = ("P_owc", "P_pto") if of == "P_owc" else (of,)
-            nothing = np.full(len(values), np.nan)
-            found = next((done[name] for name in names if name in done.results), nothing)
+        # the energy of the whole run, where its budget is beside that of settled periods; of a body the mean
+        # power has a name of its own
+        names = {"energy_pto": ("whole_energy_pto", "energy_pto"), "P_owc": ("P_owc", "P_pto")}.get(of, (of,))
+        nothing = np.full(len(values), np.nan)
+        found = next((done[name] for name in names if name in done.results), nothing)
         known = np.isfinite(found)
         if known.sum() < 4:
             first = next(iter(done.failures.values()), "the members have no such result")

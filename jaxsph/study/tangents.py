@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from jaxsph.case.build import build
 from jaxsph.case.case import Case
-from jaxsph.case.linear import incident_power
 from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError, DerivativeError
 from jaxsph.model.interfaces import Model
@@ -22,6 +21,7 @@ from jaxsph.model.state import State
 from jaxsph.model.tangents import TangentFilter
 from jaxsph.probes.devices import BodyProbe, ChamberProbe
 from jaxsph.run.chunks import advance_chunk, search_settings, steps_per_chunk
+from jaxsph.run.results import harvested
 from jaxsph.run.simulate import simulate
 from jaxsph.study.base import (
     SMOOTH,
@@ -89,13 +89,13 @@ class _ThroughLoop(AbstractMethod):
         series["time"] = np.arange(len(series["time"])) * case.output.sample_dt
         slope = {k: np.concatenate([s[k] for s in slopes]) for k in slopes[0] if k != "time"}
         slope["grain"] = np.concatenate(grains)
-        t, power = series["time"], series["power_pto"]
-        value = result(t, power)
-        total = result(t, slope["power_pto"])
+        powers = [name for name in harvested(model) if name in series]
+        mean = result(series["time"], np.sum([series[name] for name in powers], axis=0))
+        value, total = (sum(mean.of_power(of_all[name]) for name in powers) for of_all in (series, slope))
         if of == "xi":
             ahead, behind, step = _beside(case, parameter)
-            P_inc = incident_power(case)
-            total -= value * (incident_power(ahead) - incident_power(behind)) / (2 * step) / P_inc
+            change = (mean.incident(ahead) - mean.incident(behind)) / (2 * step)
+            total -= value * change / mean.incident(case)
         error = self._error(parameter, case, value, total)
         return Derivative(parameter, of, value, total, error, reach, self, series, slope)
 
