@@ -551,6 +551,15 @@ def test_damage_is_not_sealed_by_the_next_chunk(run):
         _ = run.case_toml
 
 
+def test_results_do_not_outlive_the_end_that_they_are_of(run):
+    """A run that goes on has none until its new end, in its journal or folded in."""
+    run.finish({"xi": 0.5}, ("no reflection",))
+    _append(run, 3)
+    assert not run.results() and not run.notices()
+    run.fold()
+    assert not run.results() and not run.notices()
+
+
 def test_a_file_is_sealed_once_however_often_it_is_written(run):
     """HDF5 cuts the last checksum off, and a file that lacks bytes of its own is refused."""
     for k in range(3, 6):

@@ -231,7 +231,7 @@ class RunFile:
         with self._view() as view:
             left = view.journal is not None
         if left:
-            self._fold(lambda _: None)
+            self._fold(lambda file: _replace_results(file, {}, ()))
 
     def amend(
         self,
@@ -329,10 +329,6 @@ class RunFile:
         with open_file(self.path) as file:
             return attributes(file[group])
 
-    def _text(self, name: str, default: str) -> Any:
-        with open_file(self.path) as file:
-            return json.loads(read(file[name]) if name in file else default)
-
     @property
     def schema(self) -> int:
         """Version of the file's layout."""
@@ -367,7 +363,8 @@ class RunFile:
 
     def numbers(self) -> dict[str, list[float]]:
         """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
-        return self._text("numbers", "{}")
+        with open_file(self.path) as file:
+            return _text(file, "numbers", {})
 
     @property
     def since(self) -> float:
@@ -382,12 +379,14 @@ class RunFile:
         return self._attributes("progress")
 
     def results(self) -> dict[str, float]:
-        """Scalar results by name; empty for a run that has not finished."""
-        return self._attributes("results")
+        """Scalar results by name; empty for a run that has not finished, or has gone on since."""
+        with self._view() as view:
+            return attributes(view.file["results"]) if view.journal is None else {}
 
     def notices(self) -> tuple[str, ...]:
         """Notices of the finished run, such as of results that could not be made."""
-        return tuple(self._text("notices", "[]"))
+        with self._view() as view:
+            return tuple(_text(view.file, "notices", [])) if view.journal is None else ()
 
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
@@ -481,6 +480,10 @@ def _replace_results(file: h5py.File, results: Mapping[str, float], notices: tup
         del attributes[name]
     attributes.update({name: float(value) for name, value in results.items()})
     _put_text(file, "notices", json.dumps(list(notices)))
+
+
+def _text(file: h5py.File, name: str, default: Any) -> Any:
+    return json.loads(read(file[name])) if name in file else default
 
 
 def _put_text(file: h5py.File, name: str, text: str) -> None:
