@@ -42,23 +42,28 @@ import sys
 sys.path.insert(0, "tests")
 if "checked" in sys.argv:
     from jaxtyping import install_import_hook
-    rooms = ("core", "model", "solids", "parts", "schemes")
+    rooms = ("core", "model", "waves", "solids", "parts", "schemes", "probes")
     install_import_hook([f"jaxsph.{room}" for room in rooms], "beartype.beartype")
 import jaxsph as js
 from conftest import advance, coarse
 tank = {"dx": 0.1, "tank.length": 1.6, "sponge": {"length": 0.4}, "probes": {"gauges": [0.4, 0.8]}}
 flap = js.load_case("flap_2d").replace({"dx": 0.06, "body.block": {"low": [6.0, 0.06], "high": [6.24, 0.66]}})
-for case in (coarse("wave_tank", tank), coarse("owc"), flap):
+sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 24.0}
+air = {"scheme.kind": "incompressible", "air.volume": 0.5, "probes.gauges": [0.8], "waves": sea}
+cases = coarse("wave_tank", tank), coarse("owc"), coarse("owc", air), flap, coarse("hydrostatic_3d")
+for case in cases:
     model, state = js.build(case)
     state, _ = advance(case, model, state, 1)
     assert not int(state.status.bits), case.name
 """
-"""A few steps of a tank, of the OWC and of a flap in the incompressible scheme."""
+"""A few steps of a tank, of both schemes' OWC, of a flap and of water in three dimensions."""
 
 
-@pytest.mark.slow
 def test_shapes_of_arrays_are_those_annotated():
-    """With every annotated function of five rooms checked at run time, by jaxtyping and beartype."""
+    """With every annotated function of seven rooms checked at run time, by jaxtyping and beartype.
+
+    In a process of its own: the tests' stand-ins for tables and models have no types to hold.
+    """
     _succeeds(sys.executable, "-c", STEPS, "checked")
 
 

@@ -285,7 +285,7 @@ class PointNeighbours(eqx.Module):
 
     indices: Int[Array, "K S"]
     """Index of the source in each slot, of every place in `rows` or, where there are none, of every point."""
-    rows: Int[Array, " S"]
+    rows: Int[Array, " R"]
     """Points that are summed over in each slab, one slab after another; the number of points for none."""
     places: Int[Array, " P"]
     """Place in `rows` of every point; S for a point that is not beside the water, in no slab."""

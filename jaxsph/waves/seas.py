@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 from numpy.typing import NDArray
 
 from jaxsph.core.arrays import Scalar, real
@@ -62,7 +62,7 @@ class Sea(AbstractWaves):
     d: Scalar
     g: Scalar
     ramp: Scalar
-    peak: Scalar
+    peak: Int[Array, ""]
     """Index of the wave that stands for the sea where one frequency is asked for."""
     waves: WaveSum
     """Waves of first order, elevations in m."""

@@ -74,7 +74,7 @@ def wavenumbers(omega: Real, d: float, g: float) -> Real:
     for _ in range(4):
         sigma = np.tanh(kd)
         kd = kd - (kd * sigma - y) / (sigma + kd * (1.0 - sigma**2))
-    return kd / d
+    return np.asarray(kd / d)
 
 
 def evanescent_wavenumbers(omega: Real, d: float, g: float, modes: int) -> Real:
@@ -84,13 +84,13 @@ def evanescent_wavenumbers(omega: Real, d: float, g: float, modes: int) -> Real:
     kd = n * np.ones_like(y)
     for _ in range(60):  # a contraction: the slope y / (y^2 + kd^2) is under 1 / pi
         kd = n - np.arctan(y / kd)
-    return kd / d
+    return np.asarray(kd / d)
 
 
 def piston_transfer(omega: Real, d: float, g: float) -> Real:
     """Transfer function Phi of a piston (-): amplitude of the wave over that of the displacement."""
     kd = wavenumbers(omega, d, g) * d
-    return 2.0 * np.tanh(kd) / (1.0 + 4.0 * kd * np.exp(-2.0 * kd) / -np.expm1(-4.0 * kd))
+    return np.asarray(2.0 * np.tanh(kd) / (1.0 + 4.0 * kd * np.exp(-2.0 * kd) / -np.expm1(-4.0 * kd)))
 
 
 def displacement(a: Complex, omega: Real, d: float, g: float = theory.GRAVITY) -> Harmonics:
