@@ -10,7 +10,7 @@ from jaxsph.model.background import Background
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import AbstractViscosity, ArtificialViscosity, PhysicalViscosity
 from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.schemes.incompressible import ISPH
+from jaxsph.schemes.incompressible import ISPH, STEP_LENGTH
 from jaxsph.schemes.integrators import AbstractIntegrator, PredictorCorrector, SymplecticEuler
 from jaxsph.schemes.poisson import BiCGStab, EmptyNeighbours, Explicit, SurfaceParticles
 from jaxsph.schemes.time_step import stable_dt
@@ -52,7 +52,7 @@ def _stable_dt(case: Sections, nu: float, g: float) -> float:
     """Stable time step (s) with another kinematic viscosity (m2/s) and gravity (m/s2)."""
     h, section = case.smoothing_length, case.scheme
     if isinstance(section, Incompressible):
-        return stable_dt(h, projection_speed(case), nu, g, section.cfl)
+        return stable_dt(STEP_LENGTH[case.dim] * case.dx, projection_speed(case), nu, g, section.cfl)
     cfl = section.cfl if section.cfl is not None else _integrator(section).cfl
     # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
     share = cfl * section.h_over_dx * case.dx / h

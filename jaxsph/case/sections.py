@@ -29,7 +29,7 @@ from jaxsph.case.section import (
 from jaxsph.case.wave_sections import WAVES, WavesSection
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
-from jaxsph.schemes.incompressible import KERNEL, RELAXATION, usual_length
+from jaxsph.schemes.incompressible import KERNEL, RELAXATION, SEMICIRCLE, usual_length
 
 
 class Fluid(Section):
@@ -48,8 +48,8 @@ class WeaklyCompressible(Section):
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
     """Kind of the scheme; another kind has other keys."""
-    kernel: Literal["gaussian", "wendland"] = "gaussian"
-    """Smoothing kernel: the Gaussian, cut off, or Wendland's C2."""
+    kernel: Literal["gaussian", "wendland", "semicircle"] = "gaussian"
+    """Smoothing kernel: the Gaussian, cut off, Wendland's C2, or the exponential of a semicircle."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
     """Smoothing length of the Gaussian over dx; Wendland's is 1.5 times as long."""
     cut: float = Field(3.5, ge=2.5, le=4)
@@ -82,7 +82,8 @@ class WeaklyCompressible(Section):
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        return Gaussian(self.cut) if self.kernel == "gaussian" else WendlandC2()
+        named = {"gaussian": Gaussian(self.cut), "wendland": WendlandC2(), "semicircle": SEMICIRCLE[dim]}
+        return named[self.kernel]
 
 
 class Incompressible(Section):
@@ -90,17 +91,19 @@ class Incompressible(Section):
 
     kind: Literal["incompressible"] = "incompressible"
     """Kind of the scheme; another kind has other keys."""
-    kernel: Literal["gaussian", "wendland"] | None = None
-    """Smoothing kernel: by default the Gaussian in two dimensions, and Wendland's C2 in three."""
+    kernel: Literal["gaussian", "wendland", "semicircle"] | None = None
+    """Smoothing kernel: the Gaussian, cut off (by default in 2-D), Wendland's C2 (by default in 3-D), or the
+    exponential of a semicircle."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
-    """Smoothing length of the kernel over dx; by default 1.2 of the Gaussian, which reaches 3.5 h, and 2 in
-    two and 1.5 in three dimensions of Wendland's, which reaches 2 h."""
+    """Smoothing length of the kernel over dx; by default 1.2 of the Gaussian, which reaches 3.5 h, 2 in two
+    and 1.5 in three dimensions of Wendland's, which reaches 2 h, and such that the semicircle reaches 3.05 dx
+    in two and 3 dx in three dimensions."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
     """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
     separation: float = Field(SEPARATION, ge=0, le=10)
     """Rate at which particles nearer than 0.6 dx are moved apart, over sqrt(g/h)."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
-    """Courant number, the time step's share of h over the largest speed to expect."""
+    """Courant number, the time step's share of 1.2 dx (1.5 dx in 3-D) over the largest speed to expect."""
     speed: Speed | None = None
     """Largest speed to expect, m/s; by default from the waves, the water's depth and the body."""
     solver: Literal["bicgstab", "explicit"] = "bicgstab"
@@ -128,8 +131,8 @@ class Incompressible(Section):
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), None: KERNEL[dim]}
-        return named[self.kernel]
+        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), "semicircle": SEMICIRCLE[dim]}
+        return KERNEL[dim] if self.kernel is None else named[self.kernel]
 
 
 SCHEMES = {"weakly_compressible": WeaklyCompressible, "incompressible": Incompressible}

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns, stack
-from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
+from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
@@ -52,6 +52,15 @@ which is quiet at rest, takes four times as much from a wave. In three dimension
 have three times as many neighbours, the kernel is the paper's (section 2).
 """
 
+SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
+"""Semicircle by number of dimensions, of least stress on a square or cubic lattice for its `SUPPORT`."""
+
+SUPPORT = {2: 3.05, 3: 3.0}
+"""Radius of the semicircle's support over the spacing, by number of dimensions."""
+
+STEP_LENGTH = {2: 1.2, 3: 1.5}
+"""Length over the spacing of which a step may cross the share `cfl` (-), whatever the kernel's own."""
+
 
 def usual_length(kernel: AbstractKernel, dim: int) -> float:
     """Smoothing length over the spacing that a kernel has by default, in `dim` dimensions.
@@ -60,6 +69,8 @@ def usual_length(kernel: AbstractKernel, dim: int) -> float:
     """
     if isinstance(kernel, WendlandC2):
         return {2: 2.0, 3: 1.5}[dim]
+    if isinstance(kernel, Semicircle):
+        return SUPPORT[dim] / kernel.reach
     return 1.2 * kernel.width
 
 
@@ -97,13 +108,15 @@ class ISPH(AbstractParticleScheme):
     """Incompressible SPH scheme: projection onto velocities without divergence."""
 
     too_fast: ClassVar[tuple[str, str]] = (
-        "a particle goes farther than half a smoothing length in a step",
+        "a particle goes farther than 0.6 spacings in a step",
         "raise scheme.speed, or reduce scheme.cfl",
     )
     steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.speed"
     grip: ClassVar[AbstractGrip] = BodyForceGrip()
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""
+    dx: Scalar
+    """Spacing of the lattice, m."""
     rho0: Scalar
     """Density of water, kg/m3."""
     speed: Scalar
@@ -168,6 +181,7 @@ class ISPH(AbstractParticleScheme):
         full, full_weights = _lattice_sums(kernel, h_over_dx, dim)
         return cls(
             smoothing=Smoothing(kernel, leaf(h_over_dx * dx), period),
+            dx=leaf(dx),
             rho0=leaf(rho0),
             speed=leaf(speed),
             full=leaf(full),
@@ -195,7 +209,7 @@ class ISPH(AbstractParticleScheme):
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""
         nu = float(self.viscosity.kinematic(self.smoothing.h, 0.0, dim))
-        return stable_dt(float(self.smoothing.h), float(self.speed), nu, g, 0.25)
+        return stable_dt(STEP_LENGTH[dim] * float(self.dx), float(self.speed), nu, g, 0.25)
 
     def description(self):
         """See `AbstractParticleScheme`."""
@@ -207,8 +221,8 @@ class ISPH(AbstractParticleScheme):
         return 50e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):
-        """See `AbstractParticleScheme`: a particle that crosses half a smoothing length in a step."""
-        return 0.5 * self.smoothing.h / dt
+        """See `AbstractParticleScheme`: a particle that crosses 0.6 spacings in a step."""
+        return 0.6 * self.dx / dt
 
     def compression(self, p):
         """See `AbstractParticleScheme`: none."""

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.special import gamma
 
+from jaxsph.core.kernels import AbstractKernel
 from jaxsph.solids.box import Box, Platform, WallPlate
 from jaxsph.solids.divisions import (
     PLAIN,
@@ -273,14 +274,13 @@ def _inner_axes(box: Box) -> list[tuple[float, float]]:
 
 
 def kernel_fill(
-    points: np.ndarray, water: np.ndarray, volume: np.ndarray, h: float, reach: float
+    points: np.ndarray, water: np.ndarray, volume: np.ndarray, kernel: AbstractKernel, h: float
 ) -> np.ndarray:
-    """Kernel's sum V W at points (m) in the `water`, with a Gaussian's weights, which are near enough.
+    """Kernel's sum V W at points (m) in the `water`.
 
-    **Arguments**: positions (m) and volumes (m^D) of the water; `h`: smoothing length, m; `reach`: the
-    kernel's support in smoothing lengths.
+    **Arguments**: positions (m) and volumes (m^D) of the water; the kernel's smoothing length `h`, m.
     """
-    dim = points.shape[1]
+    dim, reach = points.shape[1], kernel.reach
     tree = KDTree(water)
     total = np.zeros(len(points))
     if not len(water):
@@ -291,6 +291,8 @@ def kernel_fill(
     for start in range(0, len(points), rows):
         some = KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
-        weight = volume[pairs["j"]] * np.exp(-((pairs["v"] / h) ** 2))
+        # a pair at the very edge of the support has no weight, whatever its rounding
+        inside = pairs["v"] < (1.0 - 1e-6) * reach * h
+        weight = volume[pairs["j"]] * np.where(inside, kernel.value(pairs["v"] ** 2, h, dim), 0.0)
         total[start : start + some.n] = np.bincount(pairs["i"], weight, some.n)
-    return total / (np.pi ** (dim / 2) * h**dim)
+    return total

@@ -313,6 +313,5 @@ def _full(
     kind = np.asarray(region_bits(regions, jnp.asarray(x, jnp.float32))[0])
     for mask in np.unique(node_sees):
         of, seen = node_sees == mask, (kind & mask) != 0
-        h, reach = float(smoothing.h), smoothing.kernel.reach
-        full[of] = kernel_fill(ghosts.node[of], x[seen], volume[seen], h, reach)
+        full[of] = kernel_fill(ghosts.node[of], x[seen], volume[seen], smoothing.kernel, float(smoothing.h))
     return full

@@ -1,0 +1,77 @@
+"""False stress with which a strained lattice resists, for every kernel, and the stress a wave then feels.
+
+The measure by which the kernels are chosen, see `jaxsph.core.lattice`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.common import Report
+from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
+from jaxsph.core.lattice import lattice_stress
+from jaxsph.schemes.incompressible import SEMICIRCLE, usual_length
+
+LATTICE = {"cubic": {2: "square", 3: "cubic"}, "close": {2: "triangular", 3: "body-centred"}}
+TODAY = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
+BAR = {2: 0.3, 3: 0.1}
+
+
+def main() -> None:
+    """Measures every kernel on every lattice, and the semicircle over its support and steepness."""
+    with Report("lattice_stress", "False stress of a strained lattice over its pressure") as report:
+        figure = Figure(figsize=(9, 3.8), layout="constrained")
+        for dim, axis in zip((2, 3), figure.subplots(1, 2), strict=True):
+            for lattice, names in LATTICE.items():
+                for label, kernel, h in kernels(dim):
+                    found = lattice_stress(kernel, h, dim, lattice)
+                    what = f"{names[dim]}, {label}"
+                    report.row(f"{what}: neighbours", found.neighbours)
+                    report.row(f"{what}: pure strain to 0.25, largest", found.strained, theory=0.0)
+                    report.row(f"{what}: random distortions of 0.12, RMS", found.distorted, theory=0.0)
+                    if lattice == "cubic":
+                        report.row(f"{what}: width, of the Gaussian as wide", found.width, "dx")
+                        report.row(f"{what}: least value of the transform", found.transform)
+            chosen = lattice_stress(SEMICIRCLE[dim], usual_length(SEMICIRCLE[dim], dim), dim)
+            of_old = lattice_stress(*TODAY[dim], dim)
+            for name in ("strained", "distorted"):
+                ratio = getattr(chosen, name) / getattr(of_old, name)
+                report.row(
+                    f"{dim}-D: the semicircle over the default kernel, {name}",
+                    ratio,
+                    bar=f"< {BAR[dim]:g}",
+                    passes=ratio < BAR[dim],
+                )
+            over_support(axis, dim)
+        report.picture(figure)
+
+
+def kernels(dim: int) -> list[tuple[str, AbstractKernel, float]]:
+    """Kernels with their names and smoothing lengths over the spacing."""
+    chosen = SEMICIRCLE[dim]
+    return [
+        ("Gaussian h = 1.2 dx to 4.2 dx", Gaussian(), 1.2),
+        ("Gaussian h = dx to 3.5 dx", Gaussian(), 1.0),
+        ("Wendland C2 to 3 dx", WendlandC2(), 1.5),
+        ("Wendland C2 to 4 dx", WendlandC2(), 2.0),
+        (
+            f"semicircle beta = {chosen.beta:g} to {usual_length(chosen, dim) * chosen.reach:g} dx",
+            chosen,
+            usual_length(chosen, dim),
+        ),
+    ]
+
+
+def over_support(axis, dim: int) -> None:
+    """Draws the semicircle's stress over its support, for several steepnesses."""
+    support = np.arange(2.6, 3.65, 0.1)
+    for k, beta in enumerate((12.0, 13.0, 14.0, 15.0, 16.0)):
+        kernel = Semicircle.of(dim, beta)
+        stress = [lattice_stress(kernel, R / kernel.reach, dim).distorted for R in support]
+        axis.semilogy(support, stress, "o-", ms=3, color=f"C{k}", label=f"beta = {beta:g}")
+    kernel, h = TODAY[dim]
+    today = lattice_stress(kernel, h, dim).distorted
+    axis.axhline(today, color="0.5", lw=1, label=f"{type(kernel).__name__} to {kernel.reach * h:.3g} dx")
+    axis.set(xlabel="support, dx", ylabel="false stress over p, RMS", title=f"{dim}-D")
+    axis.legend(fontsize="small")
