@@ -179,11 +179,11 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 """Functions of more than 60 lines, and why."""
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
-    "cli.optimise": "an argument for each option of the command",
-    "cli.matrix": "an argument for each option of the command",
-    "cli.run": "an argument for each option of the command",
-    "cli.slope": "an argument for each option of the command",
-    "cli.sweep": "an argument for each option of the command",
+    "cli.running.run": "an argument for each option of the command",
+    "cli.studies.matrix": "an argument for each option of the command",
+    "cli.studies.optimise": "an argument for each option of the command",
+    "cli.studies.slope": "an argument for each option of the command",
+    "cli.studies.sweep": "an argument for each option of the command",
     "schemes.incompressible.of": "an argument for each choice, all but two with a default",
     "schemes.weakly_compressible.of": "an argument for each choice, all but two with a default",
     "solids.walls.build": "an argument for each thing that walls can be made of",

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jaxsph as js
-from jaxsph.cli import app
+from jaxsph.cli.app import app
 from jaxsph.output.plot.matrix import draw_matrix
 from jaxsph.study.matrix import matrix_of
 from jaxsph.waves import second_order, spectra
