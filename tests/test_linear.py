@@ -16,7 +16,7 @@ import jaxsph as js
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power, linear_owc
 from jaxsph.case.settling import settled_window
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.solution import Solution
 from jaxsph.run.results import _power
 from jaxsph.study.base import result_of_power

@@ -25,7 +25,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.state import Failure
 from jaxsph.output import run_file
 from jaxsph.output.run_file import RunFile
