@@ -34,6 +34,10 @@ RECORDS = {
     "study": {"output.run_file", "output.sweep_file", "output.hdf5"},
 }
 """Files know nothing of the physics, so those who run may write them."""
+DATA_FILES = {
+    f"output.{name}" for name in ("hdf5", "run_file", "run_groups", "run_view", "sweep_file", "vtk")
+}
+"""Files of `output` that import no room below it: those of a run or a sweep, and what exports them."""
 FACADE = "__init__"
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 
@@ -86,7 +90,7 @@ def _allowed(file, imported):
         return room not in LEAVES
     if imported in RECORDS.get(room, ()):
         return True
-    if file in ("output.run_file", "output.sweep_file", "output.hdf5", "output.vtk"):
+    if file in DATA_FILES:
         return False
     return HEIGHT[other] < HEIGHT[room]
 
