@@ -22,9 +22,9 @@ sys.path.insert(0, str(ROOT))  # the experiments are no part of the installed pa
 import jaxsph  # noqa: E402
 from experiments import __main__ as experiments  # noqa: E402
 from experiments.common import VERDICT, shown  # noqa: E402
-from jaxsph import cli  # noqa: E402
 from jaxsph.case.commented import Key, keys_of, sections_of  # noqa: E402
 from jaxsph.case.sections import Sections  # noqa: E402
+from jaxsph.cli.app import app  # noqa: E402
 from jaxsph.report.content import PANELS  # noqa: E402
 from jaxsph.report.labels import LABELS  # noqa: E402
 
@@ -126,7 +126,7 @@ def _cell(text: str) -> str:
 def commands_page() -> str:
     """Every command with its arguments and options, as the program itself says them."""
     parts = ["# Command line\n", "`jaxsph COMMAND --help` says the same in a terminal.\n"]
-    for name, command in typer.main.get_command(cli.app).commands.items():
+    for name, command in typer.main.get_command(app).commands.items():
         parts += [f"## jaxsph {name}\n", (command.help or "").strip() + "\n"]
         parts += ["| argument or option | what it is |", "|---|---|"]
         for one in command.params:

@@ -11,7 +11,7 @@ import jaxsph as js
 from experiments.common import RUNS, Report, solved
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.results import run_results
 

@@ -10,7 +10,7 @@ def main() -> None:
     """Runs the `jaxsph` command and ends the program with its exit status."""
     interrupt.end_early()
     interrupt.end_with_parent()
-    from jaxsph.cli import app
+    from jaxsph.cli.app import app
 
     status: object = 0
     try:

@@ -19,7 +19,7 @@ import numpy as np  # noqa: E402
 
 import jaxsph as js  # noqa: E402
 from jaxsph.case.report import make_probes  # noqa: E402
-from jaxsph.cli import _setting  # noqa: E402
+from jaxsph.cli.arguments import setting_of  # noqa: E402
 from jaxsph.run.devices import gather, share  # noqa: E402
 
 
@@ -53,7 +53,7 @@ def slopes(case, devices, steps):
 
 def main(name, devices, steps, *settings):
     what = slopes if "--slopes" in settings else found
-    settings = dict(_setting(text) for text in settings if text != "--slopes")
+    settings = dict(setting_of(text) for text in settings if text != "--slopes")
     case = js.load_case(name).replace(settings)
     if case.precision == "float64":
         jax.config.update("jax_enable_x64", True)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.errors import CaseError
-from jaxsph.model.interfaces import Air
+from jaxsph.model.air import Air
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import IncompressibleAir, IsentropicAir
 from jaxsph.waves.linear_owc import LinearAir

@@ -34,6 +34,10 @@ RECORDS = {
     "study": {"output.run_file", "output.sweep_file", "output.hdf5"},
 }
 """Files know nothing of the physics, so those who run may write them."""
+DATA_FILES = {
+    f"output.{name}" for name in ("hdf5", "run_file", "run_groups", "run_view", "sweep_file", "vtk")
+}
+"""Files of `output` that import no room below it: those of a run or a sweep, and what exports them."""
 FACADE = "__init__"
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 
@@ -86,7 +90,7 @@ def _allowed(file, imported):
         return room not in LEAVES
     if imported in RECORDS.get(room, ()):
         return True
-    if file in ("output.run_file", "output.sweep_file", "output.hdf5", "output.vtk"):
+    if file in DATA_FILES:
         return False
     return HEIGHT[other] < HEIGHT[room]
 
@@ -179,17 +183,29 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 """Functions of more than 60 lines, and why."""
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
-    "cli.optimise": "an argument for each option of the command",
-    "cli.matrix": "an argument for each option of the command",
-    "cli.run": "an argument for each option of the command",
-    "cli.slope": "an argument for each option of the command",
-    "cli.sweep": "an argument for each option of the command",
+    "cli.running.run": "an argument for each option of the command",
+    "cli.studies.matrix": "an argument for each option of the command",
+    "cli.studies.optimise": "an argument for each option of the command",
+    "cli.studies.slope": "an argument for each option of the command",
+    "cli.studies.sweep": "an argument for each option of the command",
     "schemes.incompressible.of": "an argument for each choice, all but two with a default",
     "schemes.weakly_compressible.of": "an argument for each choice, all but two with a default",
     "solids.walls.build": "an argument for each thing that walls can be made of",
 }
 """Functions of more than eight arguments, and why."""
+LARGE = {
+    "schemes/base.py": "still to be split",
+    "schemes/incompressible.py": "still to be split",
+}
+"""Files of more than 450 lines, and why."""
 TRACED = ("core", "model", "waves", "solids", "parts", "schemes", "probes")
+
+
+def test_files_are_short():
+    """A file has one subject, and can be read at a sitting."""
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in PACKAGE.rglob("*.py")}
+    long = {path.relative_to(PACKAGE).as_posix() for path, count in lines.items() if count > 450}
+    assert long == set(LARGE)
 
 
 def _functions():

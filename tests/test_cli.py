@@ -7,7 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 import jaxsph as js
-from jaxsph.cli import _setting, _values, app
+from jaxsph.cli.app import app
+from jaxsph.cli.arguments import setting_of, values_of
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
@@ -141,7 +142,7 @@ def test_run_passes_its_options_on(calls, tmp_path):
     ],
 )
 def test_settings_are_toml_or_text(text, expected):
-    assert _setting(text) == expected
+    assert setting_of(text) == expected
 
 
 @pytest.mark.parametrize("text", ["dx", "=3", ""])
@@ -315,7 +316,7 @@ def test_optimise_prints_the_way_and_the_best(calls, monkeypatch, tmp_path):
 )
 def test_values_of_a_grid_are_whole_where_they_are_written_so(text, values):
     """A seed must be a whole number; a damping may be."""
-    key, found = _values(f"waves.seed={text}")
+    key, found = values_of(f"waves.seed={text}")
     assert key == "waves.seed" and found == values
     whole = all(float(one).is_integer() for one in values) and "." not in text
     assert all(isinstance(one, int) == whole for one in found)
@@ -338,7 +339,7 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     assert "failed: pto.K_dm = 300, waves.H = 0.04: too fast" in result.stderr
     _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300,400", "--grid", "waves.H=0.02", "--t1", 2)
     assert calls[1][3].changes == {"t1": 2.0}
-    monkeypatch.setattr("jaxsph.cli.CLUSTER_TIMEOUT", 0.2)
+    monkeypatch.setattr("jaxsph.cli.studies.CLUSTER_TIMEOUT", 0.2)
     alone = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300", "--scheduler", "tcp://127.0.0.1:9")
     assert alone.exit_code == 2 and "no Dask scheduler answers there" in alone.stderr
     both = _jaxsph("sweep", "owc", "--grid", "t1=1,2", "--t1", 2)

@@ -20,7 +20,8 @@ import typer
 
 import jaxsph as js
 from experiments import __main__ as experiments
-from jaxsph import cli
+from jaxsph.cli.app import app
+from jaxsph.cli.arguments import bounds_of, setting_of, values_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")])
@@ -148,20 +149,20 @@ def test_command_lines_are_understood(line):
     if name.startswith("--"):
         assert name in {"--help", "--install-completion"}
         return
-    known = typer.main.get_command(cli.app).commands
+    known = typer.main.get_command(app).commands
     assert name in known
     if not words:
         return  # its name alone is spoken of
     context = known[name].make_context(name, words)
     case, settings = context.params.get("case"), context.params.get("settings") or []
     if case in js.built_in_cases():
-        changes = dict(cli._setting(text) for text in settings)
+        changes = dict(setting_of(text) for text in settings)
         for axis in context.params.get("grid") or []:
-            key, values = cli._values(axis)
+            key, values = values_of(axis)
             changes |= {key: values[0]}
         over = context.params.get("over") or []
         for key in [over] if isinstance(over, str) else over:
-            changes |= {key: cli._bounds(key)[1][0]} if "=" in key else {}
+            changes |= {key: bounds_of(key)[1][0]} if "=" in key else {}
         js.load_case(case).replace({key.partition("=")[0]: value for key, value in changes.items()})
 
 

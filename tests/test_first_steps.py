@@ -10,7 +10,7 @@ from jaxsph.case.case import key_names
 from jaxsph.case.commented import commented_toml, keys_of, sections_of
 from jaxsph.case.sections import Sections
 from jaxsph.case.settling import settled_periods
-from jaxsph.cli import app
+from jaxsph.cli.app import app
 from jaxsph.errors import CaseError
 
 CASES = sorted(js.built_in_cases())

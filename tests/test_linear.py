@@ -16,18 +16,13 @@ import jaxsph as js
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power, linear_owc
 from jaxsph.case.settling import settled_window
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.solution import Solution
 from jaxsph.run.results import _power
 from jaxsph.study.base import result_of_power
 from jaxsph.waves import theory
-from jaxsph.waves.linear_owc import (
-    _FUNCTIONS,
-    ChamberGeometry,
-    _solve,
-    linear_response,
-    radiation_and_scattering,
-)
+from jaxsph.waves.linear_owc import linear_response
+from jaxsph.waves.radiation import _FUNCTIONS, ChamberGeometry, _solve, radiation_and_scattering
 
 G = 9.81
 OWC = js.load_case("owc")

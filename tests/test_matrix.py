@@ -7,12 +7,13 @@ import pytest
 from typer.testing import CliRunner
 
 import jaxsph as js
-from jaxsph.cli import app
+from jaxsph.cli.app import app
 from jaxsph.output.plot.matrix import draw_matrix
 from jaxsph.study.matrix import matrix_of
 from jaxsph.waves import second_order, spectra
-from jaxsph.waves.linear_owc import ChamberGeometry, linear_response, radiation_and_scattering
+from jaxsph.waves.linear_owc import linear_response
 from jaxsph.waves.linear_sea import integrated_sea_response, linear_sea_response
+from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 CHAMBER = ChamberGeometry(0.42, 0.13, 0.16, 0.02)
 DURATION = 128 * 1.4

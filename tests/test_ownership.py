@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jaxsph as js
-from jaxsph.cli import app
+from jaxsph.cli.app import app
 from jaxsph.errors import CaseError, DerivativeError, FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile

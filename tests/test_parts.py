@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph import analysis
-from jaxsph.model.interfaces import Exchange
+from jaxsph.model.meaning import Exchange
 from jaxsph.model.state import Tally
 from jaxsph.parts.rotational import RotationalPTO
 from jaxsph.probes.default import _harvest

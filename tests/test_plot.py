@@ -19,7 +19,8 @@ from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
 from jaxsph.output.plot.tank import Tank
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
-from jaxsph.waves.linear_owc import ChamberGeometry, linear_response, radiation_and_scattering
+from jaxsph.waves.linear_owc import linear_response
+from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 CASE = """
 name = "little owc"

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 import jaxsph as js
 from jaxsph.case.wave_sections import RecordedWavesSection
-from jaxsph.model.interfaces import Exchange
+from jaxsph.model.meaning import Exchange
 from jaxsph.parts.relaxation import RelaxationZone
 from jaxsph.waves import second_order, spectra, theory
 from jaxsph.waves.regular import RegularWaves, SecondOrderPiston, second_order_piston

@@ -25,10 +25,10 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.state import Failure
-from jaxsph.output import run_file
 from jaxsph.output.run_file import RunFile
+from jaxsph.output.run_groups import replace_results
 from jaxsph.report.labels import label_of
 from jaxsph.run import chunks, host, recorder, simulate
 from jaxsph.run.amend import amend
@@ -405,7 +405,7 @@ def test_another_interval_of_samples_keeps_powers_and_what_was_exchanged(whole, 
 def test_a_run_that_was_killed_before_its_results_is_ended_by_resume(whole, tmp_path):
     path = shutil.copy(whole[0], tmp_path / "nearly.h5")
     with RunFile.open(path)._rewritten() as (file, _):
-        run_file._replace_results(file, {}, ())
+        replace_results(file, {}, ())
     again = resume(path, t1=4 * CHUNK)
     assert {k: v for k, v in again.results.items() if "second" not in k} == {
         k: v for k, v in whole[1].results.items() if "second" not in k

@@ -8,7 +8,7 @@ import pytest
 from conftest import advance, coarse, enable_x64
 
 import jaxsph as js
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 
 CURVE = ((-0.1, -900.0), (0.0, 0.0), (0.02, 30.0), (0.1, 900.0))
 

@@ -18,15 +18,14 @@ from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, grid_over
 from jaxsph.model.interfaces import (
-    AbstractBody,
     AbstractChamber,
     AbstractDamper,
     AbstractForce,
-    AbstractWall,
     ExactTangents,
     Model,
     own_states,
 )
+from jaxsph.model.solids import AbstractBody, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Status, Tally
 from jaxsph.parts.rim import Rim
 from jaxsph.schemes.base import AbstractParticleScheme

@@ -8,14 +8,9 @@ from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 from jaxsph.waves import second_order, theory
-from jaxsph.waves.linear_owc import (
-    ChamberGeometry,
-    LinearAir,
-    LinearOWC,
-    linear_response,
-    radiation_and_scattering,
-)
+from jaxsph.waves.linear_owc import LinearAir, LinearOWC, linear_response
 from jaxsph.waves.linear_sea import LinearSea, linear_sea_response
+from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 
 def incident_power(case: Case) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
+from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
-from jaxsph.model.interfaces import AbstractPTO
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.chamber import Chamber

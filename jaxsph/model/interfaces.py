@@ -1,14 +1,16 @@
-"""Interfaces of the parts that compose a model, and the model itself.
+"""Interfaces of schemes, forces, zones, chambers and probes, and the model that they and the solids make up.
 
 A step visits tuples of parts; an empty tuple switches a part off, and the loop over it vanishes when the step
 is traced. A part keeps its evolving state in `state.own` under its `name` and books energies in
 `state.ledger`. In two dimensions all amounts are per metre of width.
+
+Scheme, chamber and model name each other and therefore stand in one file; those of solids (`model.solids`)
+and of air and power take-offs (`model.air`) know none of the three.
 """
 
 from __future__ import annotations
 
 import abc
-import enum
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -18,104 +20,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
+from jaxsph.core.arrays import Array, Components, Float, Scalar
 from jaxsph.core.pairs import Law, Smoothing
-from jaxsph.core.slabs import Slabs, Sources
-from jaxsph.model.state import Particles, Search, State, Tables, Tally
+from jaxsph.core.slabs import Sources
+from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
+from jaxsph.model.meaning import Entry, Reading
+from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
+from jaxsph.model.state import Particles, Search, State, Tables
 
 __all__ = [
-    "AbstractBody",
     "AbstractChamber",
     "AbstractDamper",
     "AbstractForce",
     "AbstractGrip",
-    "AbstractMovingSolid",
     "AbstractOutlet",
-    "AbstractPTO",
     "AbstractProbe",
     "AbstractScheme",
-    "AbstractSolid",
     "AbstractTangents",
-    "AbstractWall",
-    "Air",
-    "AirCoupling",
     "Dissipation",
-    "Entry",
     "ExactTangents",
-    "Exchange",
     "Model",
-    "Pressed",
-    "Reading",
 ]
 
 
-class Exchange(enum.Enum):
-    """Direction of an energy in the ledger, between the water and a part."""
-
-    GIVEN = "given"
-    """Energy given to the water by a moving part."""
-    TAKEN = "taken"
-    """Energy taken from the water and lost."""
-    HARVESTED = "harvested"
-    """Energy taken from the water by a power take-off."""
-
-
-class Entry(NamedTuple):
-    """Meaning of one energy of the ledger: its long name and its direction."""
-
-    long_name: str
-    """Name of the energy in words."""
-    exchange: Exchange = Exchange.TAKEN
-    """Direction of the energy."""
-
-
-class Reading(NamedTuple):
-    """Meaning of one reading of a probe: its unit, long name, dimension and group."""
-
-    units: str
-    """Unit of the reading, such as "Pa"."""
-    long_name: str
-    """Name of the reading in words."""
-    dimension: str | None = None
-    """Name of the second dimension, such as "gauge"; None for one number a sample."""
-    group: str = "series"
-    """Group of a run's file that keeps the reading: "series" or "energy"."""
-
-
-# --------------------------------------------------------------------------- fields and laws
-
-
-class AbstractPTO(eqx.Module):
-    """Power take-off of a chamber: the law between the flow and the pressure of its air."""
-
-    @abc.abstractmethod
-    def pressure(self, q_free: Scalar, compliance: Scalar, t: Scalar) -> Scalar:
-        """Gauge pressure P_a (Pa) of the air at the end of a step.
-
-        **Arguments**: `q_free`: flow out of the chamber (m2/s) were P_a zero over the step;
-        `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; t (s).
-        """
-
-    def at(self, own: Air, t: Scalar) -> AbstractPTO:
-        """Power take-off as it is in one step, for the chamber's `own` air at the step's begin and t (s)."""
-        del own, t
-        return self
-
-    def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
-        """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; their sum is q.
-
-        The energy of an entry is that of the air which flows this way. With one entry, all of q is its flow.
-        """
-        del P_a
-        (name,) = self.entries("")  # a power take-off with several entries says what flows through each
-        return {name: q}
-
-    def entries(self, suffix: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, for a chamber's `suffix`, by the names before the suffix.
-
-        The energy that is used is `Exchange.HARVESTED`.
-        """
-        return {"pto": Entry(f"power take-off of the chamber{suffix}", Exchange.HARVESTED)}
+# --------------------------------------------------------------------------- the water
 
 
 class AbstractForce(eqx.Module):
@@ -271,210 +199,7 @@ class AbstractOutlet(eqx.Module):
         """The state without the water that has come to the outlet since the last search."""
 
 
-# --------------------------------------------------------------------------- solids
-
-
-class AbstractSolid(eqx.Module):
-    """A solid at the water's edge: a wall of the tank, a plate, a paddle, a rigid body."""
-
-    name: eqx.AbstractVar[str]
-    """Key of the solid's motion in `State.own`; empty for a solid at rest."""
-
-    @abc.abstractmethod
-    def push(self, own: Any, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
-        """Acceleration of particles at x (m) by the contact spring of the solid's surface, m/s2.
-
-        The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `own`:
-        the solid's state, `State.own[name]`, or None; `dx`: particle spacing (m); `c0`: speed of sound (m/s).
-        """
-
-    @abc.abstractmethod
-    def contains(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
-        """True for particles at x (m) that are inside the solid, by more than a rounding error."""
-
-
-class AbstractMovingSolid(AbstractSolid):
-    """A solid that moves and has ghosts of its own."""
-
-    rows: eqx.AbstractVar[tuple[int, int]]
-    """Index of the solid's first ghost, and of the ghost after its last."""
-
-    @abc.abstractmethod
-    def start(self, dtype: Any) -> Any:
-        """Motion of the solid at t = 0, to become `State.own[name]`."""
-
-    @abc.abstractmethod
-    def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energies that the solid books, by their names in the ledger."""
-
-    @abc.abstractmethod
-    def place(self, own: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
-        """Positions of the solid's ghosts and of their nodes, m, from those at rest, x and `nodes` (m)."""
-
-    @abc.abstractmethod
-    def velocity(self, own: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
-        """Velocity of the solid at points x (m) that move with it, m/s."""
-
-    @abc.abstractmethod
-    def touches(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
-        """True for particles at x (m) near enough to be stopped by the solid."""
-
-    @abc.abstractmethod
-    def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
-        """Motion of the solid in the middle of a step of dt (s) from the motion `old` to `new`."""
-
-
-class AbstractWall(AbstractMovingSolid):
-    """A moving solid whose motion is given: a piston, a rocking bed."""
-
-    @abc.abstractmethod
-    def move(
-        self, own: Any, water: Particles, depth_volume: Float[Array, " N"], t: Scalar, dt: Scalar
-    ) -> Any:
-        """Motion of the wall at the time t + dt (s), from its motion `own` at t.
-
-        `depth_volume`: volumes of the particles per metre of the tank's width, m2.
-        """
-
-    @abc.abstractmethod
-    def acceleration(self, old: Any, new: Any, x: Float[Array, "B D"], dt: Scalar) -> Float[Array, "B D"]:
-        """Acceleration of the wall at its ghosts x (m), m/s2, in a step of dt (s) from `old` to `new`."""
-
-    @abc.abstractmethod
-    def with_velocity(self, own: Any, after: Any) -> Any:
-        """Motion of the wall in the position of `own` and with the velocity of `after`."""
-
-    @abc.abstractmethod
-    def cover(self, own: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
-        """Share of each ghost of all solids, at x (m), that is on the water's side of the wall, 0 to 1."""
-
-
-class AbstractBody(AbstractMovingSolid):
-    """A rigid body with three motions in the x-z plane: surge, heave and pitch.
-
-    Each motion is free, or goes on at a constant velocity.
-    """
-
-    @abc.abstractmethod
-    def movable(self, t: Scalar) -> Float[Array, "3"]:
-        """Mask of surge, heave and pitch: 1 for motions that are free at t (s), 0 at constant velocity."""
-
-    @abc.abstractmethod
-    def generalised_mass(self) -> Float[Array, "3"]:
-        """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D) of surge, heave, pitch."""
-
-    @abc.abstractmethod
-    def directions(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
-        """Velocity of the body at points x (m) per unit velocity of surge, heave (-) and pitch (m)."""
-
-    @abc.abstractmethod
-    def centripetal(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Centripetal acceleration of the body at points x (m), m/s2: the part due to constant rotation."""
-
-    @abc.abstractmethod
-    def external(self, own: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
-        """Forces on the body along x and z (N) and moment (N m) besides the water's and linear damping.
-
-        Per metre of width in 2-D; g (m/s2): gravity.
-        """
-
-    @abc.abstractmethod
-    def damping(self) -> Float[Array, "3"]:
-        """Linear damping coefficients of surge, heave (N s/m) and pitch (N m s); per metre of width in 2-D.
-
-        The damping force is minus their product with the velocities.
-        """
-
-    @abc.abstractmethod
-    def carry(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Places (m), in the body's pose, of points x (m) of the body at rest."""
-
-    @abc.abstractmethod
-    def normals(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Outward unit normals (-), in the body's pose, of the surface nearest to points x.
-
-        The points x (m) are given for the body at rest.
-        """
-
-    @abc.abstractmethod
-    def distance(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of points x (m) from the body's surface, m; negative inside."""
-
-    @abc.abstractmethod
-    def energy(self, own: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
-        """Kinetic energy of the body, and its potential energy above that at rest, J (J/m in 2-D)."""
-
-    @abc.abstractmethod
-    def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
-        """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D)."""
-
-    @abc.abstractmethod
-    def harvest(self) -> tuple[str, ...]:
-        """Names in the ledger of the energies that the body's power take-off takes."""
-
-    @abc.abstractmethod
-    def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:
-        """Energies that the body books in a step, by their names in the ledger, J (J/m in 2-D).
-
-        **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given to the body to
-        keep up the motions that are not free.
-        """
-
-
 # --------------------------------------------------------------------------- chambers
-
-
-class Air(eqx.Module):
-    """Air of a chamber at one time."""
-
-    P_a: Scalar
-    """Gauge pressure of the air, Pa, positive when compressed."""
-    q: Scalar
-    """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
-    driven: Tally
-    """Volume of air that has left the chamber, or its room's loss, m3 (m2 in 2-D)."""
-    confined: Any = ()
-    """State of air that can be compressed (`parts.air.Confined`)."""
-
-
-class AirCoupling(NamedTuple):
-    """Linear maps between the pressure of a chamber's air and the motion of the water.
-
-    Force and flow are one sum, so that P_a q is exactly the power which the air takes from the water.
-    """
-
-    index: Array
-    """Indices of the particles that feel the air; N stands for none."""
-    force: Components
-    """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
-    m: Float[Array, " C"]
-    """Masses of these particles, kg (kg/m in 2-D)."""
-    slabs: Slabs
-    """Devices that share the particles."""
-
-    def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
-        """Velocities of the water (m/s) after the air's force with this time integral of P_a (Pa s)."""
-        return self.slabs.add(u, self.index, stack([impulse * f / self.m for f in self.force]))
-
-    def flow(self, u: Float[Array, "N D"]) -> Scalar:
-        """Flow of air out of the chamber at the water's velocities u (m/s), m3/s (m2/s in 2-D)."""
-        at = self.slabs.take(columns(u), jnp.minimum(self.index, u.shape[0] - 1))
-        return -jnp.sum(dot(self.force, at))
-
-    def mobility(self) -> Scalar:
-        """Rate of change of the flow per unit of -P_a, by the air's force alone, m4/kg (m3/kg in 2-D)."""
-        return jnp.sum(dot(self.force, self.force) / self.m)
-
-
-class Pressed(NamedTuple):
-    """Air of a chamber over a step, as its law and that of the power take-off have it."""
-
-    P_a: Scalar
-    """Gauge pressure of the air, Pa."""
-    passed: Scalar
-    """Flow through the power take-off, m3/s (m2/s in 2-D)."""
-    pto: AbstractPTO
-    """Power take-off as it is in the step."""
 
 
 class AbstractGrip(eqx.Module):

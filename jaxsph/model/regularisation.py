@@ -21,7 +21,8 @@ from jaxsph.core.pairs import (
 )
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractScheme, Entry, Model
+from jaxsph.model.interfaces import AbstractScheme, Model
+from jaxsph.model.meaning import Entry
 from jaxsph.model.state import Particles, Tables
 
 __all__ = [

@@ -8,9 +8,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jaxsph.model.interfaces import (
-    Model,
-)
+from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
 
 

@@ -16,18 +16,17 @@ Layout (`SCHEMA`):
 While the run goes on, a chunk is appended to the journal beside the file (`output.journal`), and the series
 are brought up to date here from time to time, for netCDF tools: never is more copied than a few times what
 was appended. The end of the run folds the journal into the file, which then is the only one. Readers see
-file and journal as one.
+file and journal as one (`output.run_view`).
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import tomllib
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
@@ -48,58 +47,24 @@ from jaxsph.output.hdf5 import (
     tell_write_errors,
     version,
 )
-from jaxsph.output.journal import Journal, Owner
-from jaxsph.output.records import Head, read_arrays
-from jaxsph.output.series_group import extend_series, over_time, time_of, write_coordinates
-
-_SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
+from jaxsph.output.journal import Owner
+from jaxsph.output.records import Head
+from jaxsph.output.run_groups import (
+    describe,
+    replace_arrays,
+    replace_results,
+    snapshot_name,
+    take_series,
+    text_of,
+    write_snapshot,
+)
+from jaxsph.output.run_view import View, owner_of, part_of
+from jaxsph.output.series_group import over_time, write_coordinates
 
 COPIES = 4
 """Bytes that may be copied to keep the file's series up to date, over the bytes that were appended."""
 SMALL = 1 << 17
 """Size up to which a file is copied at every chunk, bytes: a copy takes as long as opening it."""
-
-
-class _View(NamedTuple):
-    """A run's file and its journal, open for reading."""
-
-    file: h5py.File
-    journal: Journal | None
-
-    @property
-    def owner(self) -> Owner:
-        """Owner that the journal of this file must have."""
-        return _owner(self.file)
-
-    def news(self) -> Iterator[Head]:
-        """Heads of the journal's chunks whose samples the file does not hold yet."""
-        return self.journal.heads(int(self.file.attrs["read"])) if self.journal else iter(())
-
-    def last_time(self) -> float | None:
-        """Time of the last sample, s; None before the first."""
-        if self.journal is not None:
-            return self.journal.about["time"]
-        times = time_of(self.file)
-        return None if times is None or not len(times) else float(read(times)[-1])
-
-    def variables(self) -> dict[str, Variable]:
-        """Meaning of each series, by name."""
-        if self.journal is not None:
-            return {name: Variable(*what) for name, what in self.journal.variables.items()}
-        found = {}
-        for name, data in over_time(self.file):
-            dim = dimension(data, 1) if data.ndim == 2 else None
-            group = data.parent.name.strip("/")
-            found[name] = Variable(data.attrs["units"], data.attrs["long_name"], dim, group)
-        return found
-
-    def series(self) -> dict[str, np.ndarray]:
-        """Series by name, those of the file with the samples that the journal adds."""
-        found = {name: [read(data)] for name, data in over_time(self.file)}
-        for head in self.news():
-            for name, values in _part(self.journal, head, "series").items():
-                found.setdefault(name, []).append(values)
-        return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 class RunFile:
@@ -152,7 +117,7 @@ class RunFile:
         with replace_file(run.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=run._own.run, stage=0, read=0)
             file.attrs["machine"] = machine
-            _describe(file, case_toml, settings, numbers or {})
+            describe(file, case_toml, settings, numbers or {})
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)
@@ -176,7 +141,7 @@ class RunFile:
                     f"{path}: has layout {int(schema)} of jaxsph {file.attrs['jaxsph_version']}, "
                     f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
                 )
-            run._own = _owner(file)
+            run._own = owner_of(file)
         return run
 
     # --- writing
@@ -224,14 +189,14 @@ class RunFile:
 
     def finish(self, results: Mapping[str, float], notices: tuple[str, ...] = ()) -> None:
         """Records scalar results in the place of any earlier ones, and folds the journal into the file."""
-        self._fold(lambda file: _replace_results(file, results, notices))
+        self._fold(lambda file: replace_results(file, results, notices))
 
     def fold(self) -> None:
         """Folds the journal into the file of a run that stops before its end."""
         with self._view() as view:
             left = view.journal is not None
         if left:
-            self._fold(lambda file: _replace_results(file, {}, ()))
+            self._fold(lambda file: replace_results(file, {}, ()))
 
     def amend(
         self,
@@ -247,11 +212,11 @@ class RunFile:
         """
 
         def change(file: h5py.File) -> None:
-            _describe(file, case_toml, settings, numbers)
-            _replace_results(file, {}, ())
+            describe(file, case_toml, settings, numbers)
+            replace_results(file, {}, ())
             # another stage: a run that is still in progress must not go on in the changed file
             file.attrs.update(since=since, stage=int(file.attrs["stage"]) + 1)
-            _replace_arrays(file["checkpoint"], checkpoint)
+            replace_arrays(file["checkpoint"], checkpoint)
 
         self._fold(change)
 
@@ -259,26 +224,26 @@ class RunFile:
         """Takes the journal into the file, with a change to it, in one step."""
         with self._rewritten() as (file, view):
             if view.journal is not None:
-                _take_series(file, view)
+                take_series(file, view)
                 for head in self._snapshots(view):
-                    _write_snapshot(file["snapshots"], _part(view.journal, head, "snapshot"))
-                _replace_arrays(file["checkpoint"], view.journal.checkpoint())
+                    write_snapshot(file["snapshots"], part_of(view.journal, head, "snapshot"))
+                replace_arrays(file["checkpoint"], view.journal.checkpoint())
                 file["progress"].attrs.update(view.journal.about["progress"])
                 # from here on the journal has no owner
                 file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
             change(file)
-            owner = _owner(file)
+            owner = owner_of(file)
         self._own = self._own and owner
         with tell_write_errors(self.path):
             journal.remove(self.path)
 
     def _bring_up_to_date(self) -> None:
         with self._rewritten() as (file, view):
-            _take_series(file, view)
+            take_series(file, view)
             file.attrs["read"] = view.journal.about["end"]
 
     @contextlib.contextmanager
-    def _rewritten(self) -> Iterator[tuple[h5py.File, _View]]:
+    def _rewritten(self) -> Iterator[tuple[h5py.File, View]]:
         """Copy of the file to change, which takes its place, and the view of file and journal as they are."""
         with self._view() as view, replace_file(self.path, "r+") as file:
             self._check_own(file)
@@ -286,14 +251,14 @@ class RunFile:
 
     def _check_own(self, file: h5py.File) -> None:
         """**Raises** FileError where another run has taken the file, or has changed or folded it."""
-        if self._own not in (None, _owner(file)):
+        if self._own not in (None, owner_of(file)):
             raise FileError(
                 f"{self.path}: belongs to another run by now, or has gone on without this one: another "
                 f"program writes to it. Stop one of them; `jaxsph resume {self.path}` goes on with what the "
                 "file holds"
             )
 
-    def _continues(self, view: _View, series: Mapping[str, np.ndarray]) -> str:
+    def _continues(self, view: View, series: Mapping[str, np.ndarray]) -> str:
         """Why samples do not go on from those that are there; empty where they do.
 
         **Raises** FileError where another run writes to the file.
@@ -318,11 +283,11 @@ class RunFile:
     # --- reading
 
     @contextlib.contextmanager
-    def _view(self) -> Iterator[_View]:
+    def _view(self) -> Iterator[View]:
         # the journal first: see `journal.beside`
         with journal.beside(self.path) as beside, open_file(self.path) as file:
-            ours = beside is not None and beside.owner == _owner(file)
-            yield _View(file, beside if ours else None)
+            ours = beside is not None and beside.owner == owner_of(file)
+            yield View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
         """Attributes of a group, "/" for the file's own."""
@@ -364,7 +329,7 @@ class RunFile:
     def numbers(self) -> dict[str, list[float]]:
         """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
         with open_file(self.path) as file:
-            return _text(file, "numbers", {})
+            return text_of(file, "numbers", {})
 
     @property
     def since(self) -> float:
@@ -386,7 +351,7 @@ class RunFile:
     def notices(self) -> tuple[str, ...]:
         """Notices of the finished run, such as of results that could not be made."""
         with self._view() as view:
-            return tuple(_text(view.file, "notices", [])) if view.journal is None else ()
+            return tuple(text_of(view.file, "notices", [])) if view.journal is None else ()
 
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
@@ -438,9 +403,9 @@ class RunFile:
         with self._view() as view:
             folded, more = len(view.file["snapshots"]), self._snapshots(view)
             if i >= folded:
-                found = _part(view.journal, more[i - folded], "snapshot")
+                found = part_of(view.journal, more[i - folded], "snapshot")
                 return {name: a if a.ndim else a.item() for name, a in found.items()}
-            group = view.file["snapshots"][_snapshot_name(i)]
+            group = view.file["snapshots"][snapshot_name(i)]
             return attributes(group) | {name: read(data) for name, data in group.items()}
 
     def snapshot_times(self) -> np.ndarray:
@@ -448,10 +413,10 @@ class RunFile:
         with self._view() as view:
             times = [attributes(group)["time"] for group in view.file["snapshots"].values()]
             more = self._snapshots(view)
-            times += [_part(view.journal, head, "snapshot", "time")["time"] for head in more]
+            times += [part_of(view.journal, head, "snapshot", "time")["time"] for head in more]
             return np.asarray(times, np.float64)
 
-    def _snapshots(self, view: _View) -> list[Head]:
+    def _snapshots(self, view: View) -> list[Head]:
         """Chunks of the journal that hold a snapshot."""
         if view.journal is None:
             return []
@@ -462,53 +427,8 @@ class RunFile:
         return self._index[1]
 
 
-def _owner(file: h5py.File) -> Owner:
-    return Owner(str(file.attrs.get("run", "")), int(file.attrs.get("stage", 0)))
-
-
-def _describe(
-    file: h5py.File, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
-) -> None:
-    file.attrs["case"] = case_toml
-    file.require_group("settings").attrs.update(settings)
-    _put_text(file, "numbers", json.dumps(dict(numbers)))
-
-
-def _replace_results(file: h5py.File, results: Mapping[str, float], notices: tuple[str, ...]) -> None:
-    attributes = file["results"].attrs
-    for name in list(attributes):
-        del attributes[name]
-    attributes.update({name: float(value) for name, value in results.items()})
-    _put_text(file, "notices", json.dumps(list(notices)))
-
-
-def _text(file: h5py.File, name: str, default: Any) -> Any:
-    return json.loads(read(file[name])) if name in file else default
-
-
-def _put_text(file: h5py.File, name: str, text: str) -> None:
-    if name in file:
-        del file[name]
-    file.create_dataset(name, data=text, dtype=h5py.string_dtype())
-
-
 def _numbers(values: Mapping[str, float]) -> dict[str, float]:
     return {name: plain(value) for name, value in values.items()}
-
-
-def _part(beside: Journal, head: Head, part: str, only: str = "") -> dict[str, np.ndarray]:
-    """The chunk's arrays of one kind, by name; or of these only one."""
-    names = [name for name in head.arrays if name.startswith(f"{part}/{only}")]
-    found = read_arrays(beside.chunks, head, names)
-    return {name.removeprefix(f"{part}/"): values for name, values in found.items()}
-
-
-def _take_series(file: h5py.File, view: _View) -> None:
-    """Adds the journal's samples to a file that may be written."""
-    chunks = [_part(view.journal, head, "series") for head in view.news()]
-    if chunks:
-        joined = {name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]}
-        extend_series(file, joined, view.variables())
 
 
 def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Variable]) -> None:
@@ -519,32 +439,3 @@ def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Vari
             raise ValueError(f"series {name!r} of shape {values.shape} does not go with its times")
         if name not in variables:
             raise ValueError(f"series {name!r} has no units: describe it in `variables`")
-
-
-def _snapshot_name(i: int) -> str:
-    return f"{i:06d}"
-
-
-def _write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, np.ndarray]) -> None:
-    group = snapshots.create_group(_snapshot_name(len(snapshots)))
-    for name, values in snapshot.items():
-        if values.ndim == 0:
-            group.attrs[name] = values[()]
-            continue
-        data = group.create_dataset(name, data=values, compression="gzip", compression_opts=1, shuffle=True)
-        if name in _SNAPSHOT_UNITS:
-            data.attrs["units"] = _SNAPSHOT_UNITS[name]
-
-
-def _replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
-    """Makes the group hold these arrays and no others."""
-    for name in set(group) - set(arrays):
-        del group[name]
-    for name, value in arrays.items():
-        stored = group.get(name)
-        if stored is not None and (stored.shape, stored.dtype) == (value.shape, value.dtype):
-            stored[...] = value  # in place: HDF5 does not give back the room of a deleted array
-        else:
-            if stored is not None:
-                del group[name]
-            group.create_dataset(name, data=value)

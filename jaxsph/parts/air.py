@@ -14,7 +14,8 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar
-from jaxsph.model.interfaces import AbstractPTO, Air, Entry, Reading
+from jaxsph.model.air import AbstractPTO, Air
+from jaxsph.model.meaning import Entry, Reading
 from jaxsph.model.state import Tally
 
 __all__ = ["AbstractAirLaw", "Confined", "IncompressibleAir", "IsentropicAir"]

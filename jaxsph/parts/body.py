@@ -17,7 +17,8 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractBody, Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Tally
 from jaxsph.parts.pose import PosedSolid, turn
 from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge

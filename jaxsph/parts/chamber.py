@@ -14,14 +14,8 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model import laws
-from jaxsph.model.interfaces import (
-    AbstractChamber,
-    AbstractGrip,
-    AbstractPTO,
-    Air,
-    AirCoupling,
-    Pressed,
-)
+from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
+from jaxsph.model.interfaces import AbstractChamber, AbstractGrip
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
 

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractWall, Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.solids import AbstractWall
 from jaxsph.parts.pose import PosedSolid, spread
 from jaxsph.solids.shapes import AbstractShape
 

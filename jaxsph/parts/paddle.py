@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
-from jaxsph.model.interfaces import AbstractWall, Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.solids import AbstractWall
 from jaxsph.solids.contact import TOUCH, spring
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.base import AbstractWaves

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractMovingSolid
+from jaxsph.model.solids import AbstractMovingSolid
 from jaxsph.solids.contact import TOUCH, push_off
 from jaxsph.solids.shapes import AbstractShape
 

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractPTO, Air, Entry
+from jaxsph.model.air import AbstractPTO, Air
+from jaxsph.model.meaning import Entry
 from jaxsph.model.state import Tally
 
 __all__ = [

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractDamper, Entry, Exchange
+from jaxsph.model.interfaces import AbstractDamper
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.parts.paddle import AbstractGivenMotion
 from jaxsph.waves.base import AbstractWaves
 

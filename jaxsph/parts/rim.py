@@ -8,7 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar
-from jaxsph.model.interfaces import AbstractOutlet, Entry, Model
+from jaxsph.model.interfaces import AbstractOutlet, Model
+from jaxsph.model.meaning import Entry
 from jaxsph.model.state import State, Tally
 
 __all__ = ["Rim", "Spill"]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Scalar
-from jaxsph.model.interfaces import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange
 
 __all__ = ["AbstractRotationalPTO", "FreeHinge", "RotationalPTO"]
 

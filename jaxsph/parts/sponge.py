@@ -7,7 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxsph.core.arrays import Scalar, real
-from jaxsph.model.interfaces import AbstractDamper, Entry
+from jaxsph.model.interfaces import AbstractDamper
+from jaxsph.model.meaning import Entry
 
 
 class Sponge(AbstractDamper):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxsph.model.interfaces import AbstractBody, AbstractChamber, AbstractProbe, Exchange, Model
+from jaxsph.model.interfaces import AbstractChamber, AbstractProbe, Model
+from jaxsph.model.meaning import Exchange
+from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import State
 from jaxsph.parts.paddle import Paddle
 from jaxsph.parts.rim import Rim

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns
 from jaxsph.core.pairs import nearest_image
-from jaxsph.model.interfaces import AbstractProbe, Reading
+from jaxsph.model.interfaces import AbstractProbe
+from jaxsph.model.meaning import Reading
 from jaxsph.parts.paddle import column_depth
 
 

@@ -7,7 +7,8 @@ from typing import TypeVar
 
 import jax
 
-from jaxsph.model.interfaces import AbstractProbe, Model, Reading
+from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.meaning import Reading
 from jaxsph.model.state import State, Tables
 
 __all__ = ["described", "measured"]

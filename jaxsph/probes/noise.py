@@ -14,7 +14,8 @@ from jaxsph.core.pairs import (
     uncorrected,
 )
 from jaxsph.core.slabs import Sources
-from jaxsph.model.interfaces import AbstractProbe, Model, Reading
+from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.meaning import Reading
 from jaxsph.model.state import State, Tables
 
 __all__ = ["NoiseProbe"]

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, columns, stack
 from jaxsph.core.pairs import nearest_image
-from jaxsph.model.interfaces import AbstractProbe, Model, Reading
+from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.meaning import Reading
 from jaxsph.model.state import State
 
 

@@ -15,7 +15,8 @@ from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.settling import Window, settled_window, travel_time
-from jaxsph.model.interfaces import Exchange, Model
+from jaxsph.model.interfaces import Model
+from jaxsph.model.meaning import Exchange
 from jaxsph.model.solution import Solution
 from jaxsph.waves import theory
 

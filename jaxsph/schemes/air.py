@@ -11,7 +11,8 @@ from collections.abc import Mapping
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.slabs import Sources
-from jaxsph.model.interfaces import AbstractScheme, AirCoupling, Model, Pressed
+from jaxsph.model.air import AirCoupling, Pressed
+from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.state import Particles, Response, State, Tables
 from jaxsph.schemes.base import Interval
 

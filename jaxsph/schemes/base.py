@@ -21,8 +21,10 @@ from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, wate
 from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.core.transforms import any_lane
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractBody, AbstractScheme, Exchange, Model
+from jaxsph.model.interfaces import AbstractScheme, Model
+from jaxsph.model.meaning import Exchange
 from jaxsph.model.regularisation import Regularisation
+from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Failure, Particles, Response, State, Tables, Tally
 from jaxsph.solids.filling import NodeFit
 

@@ -18,7 +18,8 @@ from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
 from jaxsph.core.pairs import Pair, Period, Smoothing
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractGrip, Dissipation, Entry, Model
+from jaxsph.model.interfaces import AbstractGrip, Dissipation, Model
+from jaxsph.model.meaning import Entry
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation, regularisations
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Failure, Particles, Pressures, Response, State, Status, Tables, Tally

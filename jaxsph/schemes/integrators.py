@@ -10,7 +10,8 @@ import equinox as eqx
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.slabs import Sources
-from jaxsph.model.interfaces import Air, Model
+from jaxsph.model.air import Air
+from jaxsph.model.interfaces import Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.parts.body import advance_body

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractBody, Model
+from jaxsph.model.interfaces import Model
+from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Particles
 
 __all__ = [

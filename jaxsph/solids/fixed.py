@@ -5,7 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxsph.model.interfaces import AbstractSolid
+from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import SIDES, Platform, WallPlate
 from jaxsph.solids.contact import corner_push, spring
 

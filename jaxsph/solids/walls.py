@@ -22,7 +22,7 @@ from jaxsph.core.pairs import (
     Smoothing,
 )
 from jaxsph.core.slabs import PointNeighbours, Sources
-from jaxsph.model.interfaces import AbstractSolid
+from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
 from jaxsph.solids.divisions import (
     AbstractThinWall,

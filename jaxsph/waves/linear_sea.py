@@ -1,6 +1,6 @@
 """Linear theory of an oscillating water column in an irregular sea, with a quadratic turbine.
 
-The water is linear, wave by wave (`linear_owc`), and so are compressible air and a linear turbine; a
+The water is linear, wave by wave (`waves.radiation`), and so are compressible air and a linear turbine; a
 quadratic one, P_a = K_dm^2 |q| q, is not. Two ways to it:
 
 - stochastic linearisation: for a Gaussian flow the linear resistance of the same mean power is
@@ -8,7 +8,7 @@ quadratic one, P_a = K_dm^2 |q| q, is not. Two ways to it:
 - integration: the flow that fulfils both the linear water and the quadratic turbine at every time, of a sea
   that repeats.
 
-Host numpy in double precision; time goes as exp(-i omega t), as in `linear_owc`.
+Host numpy in double precision; time goes as exp(-i omega t), as in `waves.radiation`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from jaxsph.waves import theory
-from jaxsph.waves.linear_owc import IDEAL_AIR, ChamberGeometry, LinearAir, radiation_and_scattering
+from jaxsph.waves.linear_owc import IDEAL_AIR, LinearAir
+from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 Complex = NDArray[np.complexfloating]
 Real = NDArray[np.floating]

@@ -1,0 +1,32 @@
+"""The `jaxsph` command, made of the commands of the other files in the order of its help."""
+
+from __future__ import annotations
+
+import typer
+
+from jaxsph.cli import cases, running, showing, studies
+
+app = typer.Typer(
+    name="jaxsph",
+    help="Simulate wave energy converters as particles of water (SPH). Begin with: jaxsph run owc --quick",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+_COMMANDS = {
+    "run": running.run,
+    "sweep": studies.sweep,
+    "matrix": studies.matrix,
+    "slope": studies.slope,
+    "optimise": studies.optimise,
+    "resume": running.resume,
+    "plot": showing.plot,
+    "report": showing.write_report,
+    "watch": showing.watch,
+    "check": cases.check,
+    "new": cases.new,
+    "cases": cases.cases,
+}
+
+for _name, _command in _COMMANDS.items():
+    app.command(_name)(_command)

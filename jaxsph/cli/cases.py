@@ -1,0 +1,58 @@
+"""Commands about cases that run none: `jaxsph check`, `new` and `cases`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jaxsph.cli.arguments import CaseName, Settings, complete_case, load
+from jaxsph.cli.terminal import messages, print_table
+from jaxsph.errors import CaseError, FileError
+
+
+def check(case: CaseName, settings: Settings = None) -> None:
+    """Validate a case and say what its run will be."""
+    import jaxsph as js
+
+    with messages():
+        loaded = load(case, settings)
+        print_table(js.check(loaded) + js.linear_check(loaded))
+        for notice in loaded.notices():
+            typer.echo(f"note: {notice}", err=True)
+
+
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Writes NAME.toml.")],
+    like: Annotated[
+        str,
+        typer.Option("--like", metavar="CASE", help="The case to begin with.", autocompletion=complete_case),
+    ] = "owc",
+) -> None:
+    """Write a case file to begin with, with every key and its meaning as comments."""
+    import jaxsph as js
+    from jaxsph.case.commented import commented_toml
+
+    with messages():
+        stem = name.removesuffix(".toml").replace("\\", "/").rpartition("/")[2]
+        if not stem.strip(". ") or not name.isprintable():
+            raise CaseError(f"NAME {name!r}: must end in the name of a file, such as my_owc or cases/my_owc")
+        path = Path(name if name.endswith(".toml") else f"{name}.toml")
+        case = js.load_case(like).replace({"name": path.stem})
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("x", encoding="utf-8") as file:
+                file.write(commented_toml(case))
+        except FileExistsError:
+            raise FileError(f"{path}: exists already; choose another NAME, or remove it") from None
+        except OSError as error:
+            raise FileError(f"{path}: cannot be written: {error.strerror or error}") from None
+        typer.echo(f"{path}: jaxsph check {path}, then jaxsph run {path}")
+
+
+def cases() -> None:
+    """List the built-in cases."""
+    import jaxsph as js
+
+    print_table(list(js.built_in_cases().items()))

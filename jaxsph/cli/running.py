@@ -1,0 +1,167 @@
+"""Commands that run a case: `jaxsph run` and `jaxsph resume`."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsph.cli.arguments import (
+    CaseName,
+    Changes,
+    Devices,
+    EndTime,
+    Page,
+    Pictures,
+    Process,
+    Quiet,
+    RunName,
+    Settings,
+    load,
+    match_precision,
+    setting_of,
+)
+from jaxsph.cli.terminal import messages, print_table, write_page
+from jaxsph.errors import JaxsphError, SimulationError
+from jaxsph.output.run_file import RunFile
+from jaxsph.report.labels import in_order, in_words, label_of
+from jaxsph.run import interrupt
+
+
+def run(
+    case: CaseName,
+    settings: Settings = None,
+    t1: EndTime = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="A coarse first look: larger particles, a shorter run, no pictures."),
+    ] = False,
+    devices: Devices = None,
+    process: Process = None,
+    plot: Pictures = True,
+    report: Page = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case and record it into one HDF5 file."""
+    import jaxsph as js
+
+    with messages():
+        is_first = _find(devices, process)
+        loaded = load(case, settings)
+        loaded = js.coarsen(loaded) if quick else loaded
+        out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
+        quiet = quiet or not is_first
+        if not quiet:
+            for notice in loaded.notices():
+                typer.echo(f"note: {notice}", err=True)
+        with _resumable(out):
+            solution = js.run(
+                loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
+            )
+        if is_first:
+            _report(solution, out, (plot and not quick, report), quiet)
+            if quick and not quiet:
+                typer.echo(f"this was COARSE, for a first look: for numbers to rely on, jaxsph run {case}")
+
+
+def resume(
+    file: RunName,
+    settings: Changes = None,
+    t1: EndTime = None,
+    devices: Devices = None,
+    process: Process = None,
+    plot: Pictures = True,
+    report: Page = True,
+    quiet: Quiet = False,
+) -> None:
+    """Go on with a run from its last checkpoint."""
+    import jaxsph as js
+
+    with messages():
+        is_first = _find(devices, process)
+        quiet = quiet or not is_first
+        stored = RunFile.open(file).case_keys()
+        match_precision(stored.get("precision"))
+        changes = dict(setting_of(text) for text in settings or [])
+        with _resumable(file):
+            solution = js.resume(file, t1=t1, progress=not quiet, changes=changes, devices=devices)
+        if is_first:
+            _report(solution, file, (plot, report), quiet)
+
+
+def _find(devices: int | None, process: str | None) -> bool:
+    """Joins the processes of a run and makes cores devices, before JAX is first used.
+
+    **Returns** whether this process is the first. **Raises** CaseError where there are too few of either.
+    """
+    import jax
+
+    from jaxsph.run.devices import find_devices
+    from jaxsph.run.processes import join
+
+    if process is not None:
+        join(process)
+    find_devices(devices)
+    return jax.process_index() == 0
+
+
+def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -> None:
+    """Results in the terminal, and as pictures and as a page where they are wanted."""
+    if not quiet:
+        for notice in getattr(solution, "notices", ()):
+            typer.echo(f"note: {notice}", err=True)
+        case = getattr(solution, "case", None)
+        flat = case is None or case.tank.width is None
+        print_table(_rows(getattr(solution, "results", None) or {}, flat))
+        typer.echo(f"recorded in {path}")
+    pictures, page = wanted
+    if pictures:
+        from jaxsph.output.plot.pictures import plot_run
+
+        written = plot_run(path)
+        if written and not quiet:
+            typer.echo(f"{len(written)} pictures in {written[0].parent}")
+    write_page(path, page, quiet)
+
+
+def _rows(results: dict[str, float], flat: bool) -> list[tuple[str, str]]:
+    """Labels and values of results; `flat`: in 2-D, where bodies and energies are per metre of width."""
+    rows = []
+    for name in in_order(results):
+        label = label_of(name, flat)
+        rows.append((label.text, f"{in_words(results[name]):>10} {label.unit}".rstrip()))
+    return rows
+
+
+@contextlib.contextmanager
+def _resumable(path: Path) -> Iterator[None]:
+    """Says after an interrupted or failed run what is left of it."""
+
+    def words() -> str:
+        return f"\njaxsph: interrupted. {_what_is_left(path)}"
+
+    with interrupt.end_at_once(words):
+        try:
+            yield
+        except KeyboardInterrupt:
+            typer.echo(words(), err=True)
+            raise typer.Exit(interrupt.CODE) from None
+        except SimulationError as error:
+            text = f"{error}\n{_what_is_left(path)}".replace("resume FILE", f"resume {path}")
+            raise SimulationError(text, error.step, error.time, error.where) from None
+
+
+def _what_is_left(path: Path) -> str:
+    """How to go on with a run that was stopped."""
+    with contextlib.suppress(JaxsphError):
+        if RunFile.open(path).has_checkpoint():
+            return f"{path} is whole up to its last checkpoint; go on with: jaxsph resume {path}"
+    return f"There was no checkpoint yet; begin again with --overwrite ({path})"

@@ -1,0 +1,271 @@
+"""Commands that run a case many times: `jaxsph sweep`, `matrix`, `slope` and `optimise`."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsph.cli.arguments import (
+    CaseName,
+    EndTime,
+    Method,
+    Page,
+    Quiet,
+    Settings,
+    Way,
+    bounds_of,
+    each_once,
+    load,
+    values_of,
+)
+from jaxsph.cli.terminal import messages, print_table, write_page
+from jaxsph.errors import CaseError
+from jaxsph.report.labels import label_of
+
+CLUSTER_TIMEOUT = 10
+"""Time in which a cluster's scheduler has to answer, s."""
+
+
+def sweep(
+    case: CaseName,
+    grid: Annotated[
+        list[str],
+        typer.Option(
+            "--grid",
+            metavar="KEY=VALUES",
+            help="Values of one parameter: 0.02,0.04 or first:last:count; repeatable.",
+        ),
+    ],
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_sweep.h5"),
+    ] = None,
+    t1: EndTime = None,
+    workers: Annotated[int | None, typer.Option(help="Runs at a time; default: one per core.")] = None,
+    batch: Annotated[
+        int | None, typer.Option(help="Runs side by side in one call; the default on an accelerator, 8.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Dask scheduler whose workers run the members: tcp://host:8786."
+        ),
+    ] = None,
+    report: Page = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run a case for every combination of values, or go on with an interrupted sweep."""
+    import jaxsph as js
+
+    with messages(), _cluster(scheduler) as executor:
+        loaded = load(case, settings)
+        over = each_once((values_of(text) for text in grid), "--grid")
+        if t1 is not None:
+            if "t1" in over:
+                raise CaseError("--t1: is one of the parameters of --grid; give one of the two")
+            loaded = loaded.replace({"t1": t1})
+        out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
+        done = js.sweep(
+            loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
+        )
+        if not quiet:
+            print_table(_sweep_rows(done))
+        typer.echo(f"recorded in {out}")
+        write_page(out, report, quiet)
+        for place, text in done.failures.items():
+            typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
+        if done.failures:
+            raise typer.Exit(1)
+
+
+def matrix(
+    case: CaseName,
+    heights: Annotated[
+        str,
+        typer.Option("--hs", metavar="VALUES", help="Significant heights, m: 0.02,0.04 or first:last:count."),
+    ],
+    periods: Annotated[
+        str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
+    ],
+    seeds: Annotated[
+        int, typer.Option(help="Different seas run in every sea state; more of them lower its error.")
+    ] = 1,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual mean."),
+    ] = None,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_matrix.h5"),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the seas.")
+    ] = None,
+    report: Page = True,
+    quiet: Quiet = False,
+) -> None:
+    """Power matrix: mean power in irregular seas of every height and period, and over a scatter table."""
+    import jaxsph as js
+
+    with messages(), _cluster(scheduler) as executor:
+        loaded = load(case, settings)
+        scatter = None if table is None else js.ScatterTable.read(table)
+        Hs, Tp = (
+            values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
+        )
+        out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
+        done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
+        print_table(_matrix_rows(done, scatter))
+        typer.echo(f"recorded in {out}")
+        if not quiet:
+            from jaxsph.output.plot.matrix import plot_matrix
+
+            typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
+        write_page(out, report, quiet)
+        for place, text in done.sweep.failures.items():
+            typer.echo(f"failed: {_place(done.sweep, place)}: {text.splitlines()[0]}", err=True)
+        if done.sweep.failures:
+            raise typer.Exit(1)
+
+
+def slope(  # of a command the options are the arguments
+    case: CaseName,
+    over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
+    of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
+    method: Method = Way.ensemble,
+    members: Annotated[
+        int, typer.Option(help="Runs around the case's value, through which a parabola is fitted.")
+    ] = 9,
+    spread: Annotated[
+        float, typer.Option(help="Reach of those runs to either side of the value, as a share of it.")
+    ] = 0.3,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_<KEY>.h5"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Slope of a result over one number of the case, with its error."""
+    import jaxsph as js
+
+    with messages():
+        loaded = load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
+        found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
+        error = "" if found.error is None else f" +- {found.error:.2g}"
+        print_table(
+            [
+                (of, f"{found.value:.4g}"),
+                (f"d {of} / d {over}", f"{found.slope:.4g}{error}"),
+                ("speaks of changes up to", f"{found.reach:.3g}"),
+            ]
+        )
+        if method is Way.ensemble:
+            typer.echo(f"recorded in {out}")
+
+
+def optimise(  # of a command the options are the arguments
+    case: CaseName,
+    over: Annotated[
+        list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
+    ],
+    of: Annotated[str, typer.Option("--of", help="What to maximise: xi, P_owc or energy_pto.")] = "xi",
+    method: Method = Way.ensemble,
+    members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
+    spread: Annotated[
+        float, typer.Option(help="Reach of those runs to either side of the value, as a share of it.")
+    ] = 0.3,
+    evaluations: Annotated[int, typer.Option(help="Largest number of slopes.")] = 10,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours: P_owc over the year."),
+    ] = None,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_optimum.h5"),
+    ] = None,
+    report: Page = True,
+    quiet: Quiet = False,
+) -> None:
+    """Search the values that make a result largest, or go on with an interrupted search."""
+    import jaxsph as js
+
+    with messages():
+        loaded = load(case, settings)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
+        bounds = each_once((bounds_of(text) for text in over), "--over")
+        way = method.of(spread, members)
+        if table is not None:
+            of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
+        found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
+        for here in found.history:
+            print_table(
+                [(f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in bounds), f"{here[of]:.4g}")]
+            )
+        highest = max(found.history, key=lambda here: here[of])
+        best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
+        typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
+        typer.echo(f"recorded in {out}")
+        write_page(out, report, quiet)
+
+
+def _sweep_rows(done: Any) -> list[tuple[str, str]]:
+    """A line per member: where it is, and its efficiency or what else its case gives."""
+    name = "xi" if "xi" in done.results else "energy_residual_share"
+    if name not in done.results:
+        return []
+    label = label_of(name, flat=True).text.strip()
+    places = sorted(set(done.members) - set(done.failures))
+    return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
+
+
+def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
+    """A line per sea state, and one of the year where there is a scatter table."""
+    unit, rows = "W/m" if done.sweep.case.tank.width is None else "W", []
+    for i, height in enumerate(done.Hs):
+        for j, period in enumerate(done.Tp):
+            linear = done.linear[i, j]
+            theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: it has none
+            error = "" if math.isnan(done.error[i, j]) else f" +- {done.error[i, j]:.1g}"
+            xi = "" if math.isnan(done.xi[i, j]) else f" (xi {done.xi[i, j]:.3g})"
+            value = f"{done.P[i, j]:.3g}{error} {unit}{xi}{theory}"
+            rows.append((f"Hs = {height:g} m, Tp = {period:g} s", value))
+    if scatter is not None:
+        mean = done.annual(scatter)
+        error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
+        rows.append(("mean over the year", f"{mean.value:.3g}{error} {unit}"))
+    return rows
+
+
+def _place(done: Any, place: tuple[int, ...]) -> str:
+    pairs = zip(done.axes.items(), place, strict=True)
+    return ", ".join(f"{key} = {values[k]:g}" for (key, values), k in pairs)
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Iterator[Any]:
+    """Executor of the Dask cluster at an address; None without one. **Raises** CaseError."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        raise CaseError('--scheduler: needs Dask: python -m pip install "jaxsph[cluster]"') from None
+    try:
+        client = Client(address, timeout=CLUSTER_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise CaseError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error}); see docs/cluster.md"
+        ) from None
+    with client:
+        yield client.get_executor(pure=False)

@@ -1,0 +1,47 @@
+"""What commands end with: tables, a page where it is wanted, and errors as messages and exit codes."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import typer
+
+from jaxsph.errors import JaxsphError, SimulationError
+from jaxsph.run import interrupt
+
+
+def print_table(rows: list[tuple[str, str]]) -> None:
+    """Prints labels and values in two columns."""
+    width = max((len(label) for label, _ in rows), default=0)
+    for label, value in rows:
+        typer.echo(f"{label:<{width}}  {value}")
+
+
+def write_page(path: Path, wanted: bool, quiet: bool) -> None:
+    """Page of a file beside it, where it is wanted; without one the results are as good."""
+    if not wanted:
+        return
+    from jaxsph.report.page import report
+
+    try:
+        page = report(path)
+    except JaxsphError as error:
+        typer.echo(f"note: no page for a browser: {error}", err=True)
+        return
+    if not quiet:
+        typer.echo(f"page for a browser: {page}")
+
+
+@contextlib.contextmanager
+def messages() -> Iterator[None]:
+    """Turns what a user can act on into a message and an exit code: 2 for input, 1 for a run."""
+    try:
+        yield
+    except JaxsphError as error:
+        typer.echo(f"jaxsph: error: {error}", err=True)
+        raise typer.Exit(1 if isinstance(error, SimulationError) else 2) from None
+    except KeyboardInterrupt:
+        typer.echo("jaxsph: interrupted", err=True)
+        raise typer.Exit(interrupt.CODE) from None

@@ -1,0 +1,111 @@
+"""Air of a chamber, its hold on the water, and the interface of the power take-off that it flows through.
+
+In two dimensions all amounts are per metre of width.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
+from jaxsph.core.slabs import Slabs
+from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.state import Tally
+
+__all__ = [
+    "AbstractPTO",
+    "Air",
+    "AirCoupling",
+    "Pressed",
+]
+
+
+class Air(eqx.Module):
+    """Air of a chamber at one time."""
+
+    P_a: Scalar
+    """Gauge pressure of the air, Pa, positive when compressed."""
+    q: Scalar
+    """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
+    driven: Tally
+    """Volume of air that has left the chamber, or its room's loss, m3 (m2 in 2-D)."""
+    confined: Any = ()
+    """State of air that can be compressed (`parts.air.Confined`)."""
+
+
+class AirCoupling(NamedTuple):
+    """Linear maps between the pressure of a chamber's air and the motion of the water.
+
+    Force and flow are one sum, so that P_a q is exactly the power which the air takes from the water.
+    """
+
+    index: Array
+    """Indices of the particles that feel the air; N stands for none."""
+    force: Components
+    """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
+    m: Float[Array, " C"]
+    """Masses of these particles, kg (kg/m in 2-D)."""
+    slabs: Slabs
+    """Devices that share the particles."""
+
+    def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
+        """Velocities of the water (m/s) after the air's force with this time integral of P_a (Pa s)."""
+        return self.slabs.add(u, self.index, stack([impulse * f / self.m for f in self.force]))
+
+    def flow(self, u: Float[Array, "N D"]) -> Scalar:
+        """Flow of air out of the chamber at the water's velocities u (m/s), m3/s (m2/s in 2-D)."""
+        at = self.slabs.take(columns(u), jnp.minimum(self.index, u.shape[0] - 1))
+        return -jnp.sum(dot(self.force, at))
+
+    def mobility(self) -> Scalar:
+        """Rate of change of the flow per unit of -P_a, by the air's force alone, m4/kg (m3/kg in 2-D)."""
+        return jnp.sum(dot(self.force, self.force) / self.m)
+
+
+class AbstractPTO(eqx.Module):
+    """Power take-off of a chamber: the law between the flow and the pressure of its air."""
+
+    @abc.abstractmethod
+    def pressure(self, q_free: Scalar, compliance: Scalar, t: Scalar) -> Scalar:
+        """Gauge pressure P_a (Pa) of the air at the end of a step.
+
+        **Arguments**: `q_free`: flow out of the chamber (m2/s) were P_a zero over the step;
+        `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; t (s).
+        """
+
+    def at(self, own: Air, t: Scalar) -> AbstractPTO:
+        """Power take-off as it is in one step, for the chamber's `own` air at the step's begin and t (s)."""
+        del own, t
+        return self
+
+    def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
+        """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; their sum is q.
+
+        The energy of an entry is that of the air which flows this way. With one entry, all of q is its flow.
+        """
+        del P_a
+        (name,) = self.entries("")  # a power take-off with several entries says what flows through each
+        return {name: q}
+
+    def entries(self, suffix: str) -> Mapping[str, Entry]:
+        """Energies that the power take-off books, for a chamber's `suffix`, by the names before the suffix.
+
+        The energy that is used is `Exchange.HARVESTED`.
+        """
+        return {"pto": Entry(f"power take-off of the chamber{suffix}", Exchange.HARVESTED)}
+
+
+class Pressed(NamedTuple):
+    """Air of a chamber over a step, as its law and that of the power take-off have it."""
+
+    P_a: Scalar
+    """Gauge pressure of the air, Pa."""
+    passed: Scalar
+    """Flow through the power take-off, m3/s (m2/s in 2-D)."""
+    pto: AbstractPTO
+    """Power take-off as it is in the step."""

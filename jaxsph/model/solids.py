@@ -1,0 +1,171 @@
+"""Interfaces of solids at the water's edge: at rest, moving as given, or as rigid bodies.
+
+A solid that moves keeps its motion in `state.own` under its `name`. In two dimensions all amounts are per
+metre of width.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+
+from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.model.meaning import Entry
+from jaxsph.model.state import Particles
+
+__all__ = [
+    "AbstractBody",
+    "AbstractMovingSolid",
+    "AbstractSolid",
+    "AbstractWall",
+]
+
+
+class AbstractSolid(eqx.Module):
+    """A solid at the water's edge: a wall of the tank, a plate, a paddle, a rigid body."""
+
+    name: eqx.AbstractVar[str]
+    """Key of the solid's motion in `State.own`; empty for a solid at rest."""
+
+    @abc.abstractmethod
+    def push(self, own: Any, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
+        """Acceleration of particles at x (m) by the contact spring of the solid's surface, m/s2.
+
+        The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `own`:
+        the solid's state, `State.own[name]`, or None; `dx`: particle spacing (m); `c0`: speed of sound (m/s).
+        """
+
+    @abc.abstractmethod
+    def contains(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
+        """True for particles at x (m) that are inside the solid, by more than a rounding error."""
+
+
+class AbstractMovingSolid(AbstractSolid):
+    """A solid that moves and has ghosts of its own."""
+
+    rows: eqx.AbstractVar[tuple[int, int]]
+    """Index of the solid's first ghost, and of the ghost after its last."""
+
+    @abc.abstractmethod
+    def start(self, dtype: Any) -> Any:
+        """Motion of the solid at t = 0, to become `State.own[name]`."""
+
+    @abc.abstractmethod
+    def entries(self) -> Mapping[str, Entry]:
+        """Meaning of the energies that the solid books, by their names in the ledger."""
+
+    @abc.abstractmethod
+    def place(self, own: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
+        """Positions of the solid's ghosts and of their nodes, m, from those at rest, x and `nodes` (m)."""
+
+    @abc.abstractmethod
+    def velocity(self, own: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
+        """Velocity of the solid at points x (m) that move with it, m/s."""
+
+    @abc.abstractmethod
+    def touches(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
+        """True for particles at x (m) near enough to be stopped by the solid."""
+
+    @abc.abstractmethod
+    def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
+        """Motion of the solid in the middle of a step of dt (s) from the motion `old` to `new`."""
+
+
+class AbstractWall(AbstractMovingSolid):
+    """A moving solid whose motion is given: a piston, a rocking bed."""
+
+    @abc.abstractmethod
+    def move(
+        self, own: Any, water: Particles, depth_volume: Float[Array, " N"], t: Scalar, dt: Scalar
+    ) -> Any:
+        """Motion of the wall at the time t + dt (s), from its motion `own` at t.
+
+        `depth_volume`: volumes of the particles per metre of the tank's width, m2.
+        """
+
+    @abc.abstractmethod
+    def acceleration(self, old: Any, new: Any, x: Float[Array, "B D"], dt: Scalar) -> Float[Array, "B D"]:
+        """Acceleration of the wall at its ghosts x (m), m/s2, in a step of dt (s) from `old` to `new`."""
+
+    @abc.abstractmethod
+    def with_velocity(self, own: Any, after: Any) -> Any:
+        """Motion of the wall in the position of `own` and with the velocity of `after`."""
+
+    @abc.abstractmethod
+    def cover(self, own: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
+        """Share of each ghost of all solids, at x (m), that is on the water's side of the wall, 0 to 1."""
+
+
+class AbstractBody(AbstractMovingSolid):
+    """A rigid body with three motions in the x-z plane: surge, heave and pitch.
+
+    Each motion is free, or goes on at a constant velocity.
+    """
+
+    @abc.abstractmethod
+    def movable(self, t: Scalar) -> Float[Array, "3"]:
+        """Mask of surge, heave and pitch: 1 for motions that are free at t (s), 0 at constant velocity."""
+
+    @abc.abstractmethod
+    def generalised_mass(self) -> Float[Array, "3"]:
+        """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D) of surge, heave, pitch."""
+
+    @abc.abstractmethod
+    def directions(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
+        """Velocity of the body at points x (m) per unit velocity of surge, heave (-) and pitch (m)."""
+
+    @abc.abstractmethod
+    def centripetal(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Centripetal acceleration of the body at points x (m), m/s2: the part due to constant rotation."""
+
+    @abc.abstractmethod
+    def external(self, own: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
+        """Forces on the body along x and z (N) and moment (N m) besides the water's and linear damping.
+
+        Per metre of width in 2-D; g (m/s2): gravity.
+        """
+
+    @abc.abstractmethod
+    def damping(self) -> Float[Array, "3"]:
+        """Linear damping coefficients of surge, heave (N s/m) and pitch (N m s); per metre of width in 2-D.
+
+        The damping force is minus their product with the velocities.
+        """
+
+    @abc.abstractmethod
+    def carry(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Places (m), in the body's pose, of points x (m) of the body at rest."""
+
+    @abc.abstractmethod
+    def normals(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+        """Outward unit normals (-), in the body's pose, of the surface nearest to points x.
+
+        The points x (m) are given for the body at rest.
+        """
+
+    @abc.abstractmethod
+    def distance(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Distance of points x (m) from the body's surface, m; negative inside."""
+
+    @abc.abstractmethod
+    def energy(self, own: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
+        """Kinetic energy of the body, and its potential energy above that at rest, J (J/m in 2-D)."""
+
+    @abc.abstractmethod
+    def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
+        """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D)."""
+
+    @abc.abstractmethod
+    def harvest(self) -> tuple[str, ...]:
+        """Names in the ledger of the energies that the body's power take-off takes."""
+
+    @abc.abstractmethod
+    def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:
+        """Energies that the body books in a step, by their names in the ledger, J (J/m in 2-D).
+
+        **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given to the body to
+        keep up the motions that are not free.
+        """
