@@ -17,6 +17,8 @@ _ROOMS = {
     "case.initial": ("still_water",),
     "case.linear": ("incident_power", "linear_check", "linear_owc", "linear_sea"),
     "case.report": ("check", "make_probes"),
+    "core.kernels": ("AbstractKernel", "Gaussian", "Semicircle", "WendlandC2"),
+    "core.lattice": ("LatticeStress", "lattice_stress"),
     "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "model.air": ("AbstractPTO",),
     "model.forces": ("CentralForce",),

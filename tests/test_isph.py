@@ -16,8 +16,8 @@ from jaxsph.model import laws
 from jaxsph.model.state import Failure
 from jaxsph.probes.devices import BodyProbe
 from jaxsph.report.labels import LABELS
-from jaxsph.schemes.incompressible import RELAXATION
 from jaxsph.schemes.poisson import BiCGStab, Explicit
+from jaxsph.schemes.projection import RELAXATION
 from jaxsph.solids.contact import touch_force
 
 TANK = {

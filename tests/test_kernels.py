@@ -10,7 +10,7 @@ from conftest import enable_x64
 
 from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2, support
 from jaxsph.core.lattice import lattice_points, lattice_stress
-from jaxsph.schemes.incompressible import SEMICIRCLE, usual_length
+from jaxsph.schemes.kernels import SEMICIRCLE, usual_length
 
 H = 0.03
 KERNELS = {

@@ -18,8 +18,8 @@ from jaxsph.probes.default import _harvest
 from jaxsph.probes.devices import BodyProbe, ChamberProbe
 from jaxsph.probes.gauges import WaveGauge
 from jaxsph.probes.joined import described, measured
-from jaxsph.schemes.base import at_rest, move_walls
 from jaxsph.schemes.integrators import PredictorCorrector
+from jaxsph.schemes.step import at_rest, move_walls
 
 
 def add_all(tally, amounts):

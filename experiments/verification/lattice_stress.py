@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from experiments.common import Report
 from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
 from jaxsph.core.lattice import lattice_stress
-from jaxsph.schemes.incompressible import SEMICIRCLE, usual_length
+from jaxsph.schemes.kernels import SEMICIRCLE, usual_length
 
 LATTICE = {"cubic": {2: "square", 3: "cubic"}, "close": {2: "triangular", 3: "body-centred"}}
 TODAY = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}

@@ -10,8 +10,9 @@ from jaxsph.model.background import Background
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import AbstractViscosity, ArtificialViscosity, PhysicalViscosity
 from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.schemes.incompressible import ISPH, STEP_LENGTH
+from jaxsph.schemes.incompressible import ISPH
 from jaxsph.schemes.integrators import AbstractIntegrator, PredictorCorrector, SymplecticEuler
+from jaxsph.schemes.kernels import STEP_LENGTH
 from jaxsph.schemes.poisson import BiCGStab, EmptyNeighbours, Explicit, SurfaceParticles
 from jaxsph.schemes.time_step import stable_dt
 from jaxsph.schemes.weakly_compressible import DeltaSPH

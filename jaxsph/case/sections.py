@@ -29,7 +29,8 @@ from jaxsph.case.section import (
 from jaxsph.case.wave_sections import WAVES, WavesSection
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
-from jaxsph.schemes.incompressible import KERNEL, RELAXATION, SEMICIRCLE, usual_length
+from jaxsph.schemes.kernels import KERNEL, SEMICIRCLE, usual_length
+from jaxsph.schemes.projection import RELAXATION
 
 
 class Fluid(Section):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
@@ -92,7 +93,7 @@ def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.floa
 def _false_stress(kernel: AbstractKernel, h: float, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """False stress of each of several deformed lattices, `points` `[S, M, D]`, over the pressure (-)."""
     dim, r2 = points.shape[-1], np.sum(points**2, axis=-1)
-    slope = np.where(r2 < (kernel.reach * h) ** 2, kernel.slope(np.asarray(r2), h, dim), 0.0)
+    slope = np.where(r2 < (kernel.reach * h) ** 2, kernel.slope(jnp.asarray(r2), h, dim), 0.0)
     stress = -np.einsum("sn,sna,snb->sab", np.float64(slope), points, points, optimize=True)
     stress -= np.trace(stress, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
     return np.abs(np.linalg.eigvalsh(stress)).max(axis=1)
@@ -103,7 +104,11 @@ def _transform(kernel: AbstractKernel, h: float, dim: int) -> tuple[float, float
     R = kernel.reach * h
     nodes, weights = np.polynomial.legendre.leggauss(400)
     r, weights = 0.5 * R * (nodes + 1.0), 0.5 * R * weights
-    shell = np.float64(kernel.value(r**2, h, dim)) * weights * {2: 2 * np.pi * r, 3: 4 * np.pi * r**2}[dim]
+    shell = (
+        np.float64(kernel.value(jnp.asarray(r**2), h, dim))
+        * weights
+        * {2: 2 * np.pi * r, 3: 4 * np.pi * r**2}[dim]
+    )
     k = np.linspace(0.0, 20.0, 2001)[:, None]
     waves = special.j0(k * r) if dim == 2 else np.sinc(k * r / np.pi)
     found = waves @ shell

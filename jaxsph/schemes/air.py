@@ -14,7 +14,7 @@ from jaxsph.core.slabs import Sources
 from jaxsph.model.air import AirCoupling, Pressed
 from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.state import Particles, Response, State, Tables
-from jaxsph.schemes.base import Interval
+from jaxsph.schemes.step import Interval
 
 __all__ = ["couple_airs", "meet_laws"]
 

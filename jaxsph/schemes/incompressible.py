@@ -6,15 +6,14 @@ Equation numbers are those of Yeylaghi et al. unless another source is named.
 from __future__ import annotations
 
 import functools
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns, stack
-from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
+from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.pairs import Pair, Period, Smoothing
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
@@ -22,13 +21,25 @@ from jaxsph.model.interfaces import AbstractGrip, Dissipation, Model
 from jaxsph.model.meaning import Entry
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation, regularisations
 from jaxsph.model.shifting import Shifting
-from jaxsph.model.state import Failure, Particles, Pressures, Response, State, Status, Tables, Tally
+from jaxsph.model.state import Particles, Pressures, Response, State, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.body import advance_body
 from jaxsph.parts.chamber import BodyForceGrip
 from jaxsph.schemes.air import couple_airs, meet_laws
-from jaxsph.schemes.base import (
-    AbstractParticleScheme,
+from jaxsph.schemes.base import AbstractParticleScheme
+from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, lattice_sums, usual_length
+from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
+from jaxsph.schemes.projection import (
+    LEFT_OVER,
+    RELAXATION,
+    Poisson,
+    PressureEquation,
+    Projection,
+    checked_solution,
+    crowding_of,
+)
+from jaxsph.schemes.step import (
+    Changes,
     GhostFields,
     Interval,
     at_rest,
@@ -39,70 +50,8 @@ from jaxsph.schemes.base import (
     move_walls,
     wall_work,
 )
-from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
-from jaxsph.schemes.projection import Poisson, PressureEquation, Projection
 from jaxsph.schemes.time_step import stable_dt
 from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_force
-
-KERNEL = {2: Gaussian(), 3: WendlandC2()}
-"""Kernel by number of dimensions.
-
-In two dimensions the Gaussian: what is left of a kernel's transform at the wavelength of the spacing is what
-a lattice resists its deformation with, and of the Gaussian's 1e-6 is left. Wendland's kernel, of h = 2 dx,
-which is quiet at rest, takes four times as much from a wave. In three dimensions, where the Gaussian would
-have three times as many neighbours, the kernel is the paper's (section 2).
-"""
-
-SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
-"""Semicircle by number of dimensions, of least stress on a square or cubic lattice for its `SUPPORT`."""
-
-SUPPORT = {2: 3.05, 3: 3.0}
-"""Radius of the semicircle's support over the spacing, by number of dimensions."""
-
-STEP_LENGTH = {2: 1.2, 3: 1.5}
-"""Length over the spacing of which a step may cross the share `cfl` (-), whatever the kernel's own."""
-
-
-def usual_length(kernel: AbstractKernel, dim: int) -> float:
-    """Smoothing length over the spacing that a kernel has by default, in `dim` dimensions.
-
-    Wendland's: a square lattice is quiet at rest with 2, and 1.5 is the paper's (section 2).
-    """
-    if isinstance(kernel, WendlandC2):
-        return {2: 2.0, 3: 1.5}[dim]
-    if isinstance(kernel, Semicircle):
-        return SUPPORT[dim] / kernel.reach
-    return 1.2 * kernel.width
-
-
-RELAXATION = 1.5
-"""Rate at which crowding of the particles is undone, over sqrt(g/h).
-
-Projection alone leaves disordered water expanding: without relaxation the level of a tank rises by 6 % in
-6 s. With half of this rate waves lose twice as much and the energy of still water grows; with twice this rate
-still water is restless.
-"""
-
-
-LEFT_OVER = 0.5
-"""Share of the divergence left over from the step before that a projection takes out.
-
-The rest is for the next: taken out whole, what is left of one step's disorder is a pressure in the next, and
-pressures on a wall scatter by 0.4 rho g H in Buchner's dam break.
-"""
-
-
-class Changes(NamedTuple):
-    """Velocities at the end of a step, and their changes within it, m/s."""
-
-    u: Float[Array, "N D"]
-    """Velocity at the end of the step, m/s."""
-    pressed: Float[Array, "N D"]
-    """Change of velocity by the pressure, m/s."""
-    touched: Float[Array, "N D"]
-    """Change of velocity by contact with solids, m/s."""
-    damped: dict[str, Scalar]
-    """Energy that each damper took, by name, J (J/m in 2-D)."""
 
 
 class ISPH(AbstractParticleScheme):
@@ -179,7 +128,7 @@ class ISPH(AbstractParticleScheme):
         def leaf(a):
             return jnp.asarray(a, dtype)
 
-        full, full_weights = _lattice_sums(kernel, h_over_dx, dim)
+        full, full_weights = lattice_sums(kernel, h_over_dx, dim)
         return cls(
             smoothing=Smoothing(kernel, leaf(h_over_dx * dx), period),
             dx=leaf(dx),
@@ -297,7 +246,7 @@ class ISPH(AbstractParticleScheme):
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
         new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, pressures.p))
         limits = book(state.limits, projected.limited)
-        status = _checked_solution(state, projected)
+        status = checked_solution(state, projected)
         state = State(new, own, ledger, limits, state.step + 1, status)
         return self.check(model, state, tables, p.x, at.particles.x)
 
@@ -477,7 +426,7 @@ class ISPH(AbstractParticleScheme):
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
         # crowding is undone in gravity's own time, sqrt(h/g), whatever the time step is
         rate = self.relaxation * (jnp.sum(model.g**2) + 1e-12) ** 0.25 / jnp.sqrt(h)
-        crowding, held = _crowding(filled)
+        crowding, held = crowding_of(filled)
         gain = scale * self.rho0 / model.dt
         both = gain * shrinking, gain * rate * crowding
         return Poisson(weights, tables.fluid, scale, diagonal, extra, free, *both, held)
@@ -495,35 +444,3 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.place_ghosts(model, state, tables)
         ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
         return -self._sum(laws.divergence, self._sources(ghosts, ghosts.u), tables)
-
-
-def _checked_solution(state: State, projected: Projection) -> Status:
-    """Status with the largest residual so far, and a flag where a solution did not converge."""
-    status = state.status
-    residual = jnp.maximum(status.residual, projected.residual)
-    status = eqx.tree_at(lambda s: s.residual, status, residual)
-    failed = ~projected.converged
-    return status.flag(Failure.NOT_CONVERGED, failed, state.step, jnp.zeros_like(status.where))
-
-
-def _crowding(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
-    """Crowding, the relative excess of the particles' density, and the number of particles at its limits.
-
-    It is negative where particles are too loose; the limits hold it within what disorder makes. Particles
-    whose kernel is filled to less than 0.8 are at the surface and have none.
-    """
-    inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
-    excess = filled - 1.0
-    within = jnp.clip(excess, -0.05, 0.2)
-    return inside * within, jnp.sum((inside == 1.0) & (within != excess)).astype(filled.dtype)
-
-
-def _lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float]:
-    """Kernel's sum V W, the particle itself included, and h^2 times the Laplacian's weights, on a lattice."""
-    reach = int(np.ceil(kernel.reach * h_over_dx))
-    axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
-    r2 = np.sum([a**2 for a in axes], axis=0)
-    r2 = jnp.asarray(r2[r2 < (kernel.reach * h_over_dx) ** 2])
-    pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
-    weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
-    return float(jnp.sum(pair.W)), float(jnp.sum(weights)) * h_over_dx**2

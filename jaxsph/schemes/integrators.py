@@ -15,8 +15,8 @@ from jaxsph.model.interfaces import Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.parts.body import advance_body
-from jaxsph.schemes.base import (
-    AbstractParticleScheme,
+from jaxsph.schemes.base import AbstractParticleScheme
+from jaxsph.schemes.step import (
     GhostFields,
     Interval,
     body_work,

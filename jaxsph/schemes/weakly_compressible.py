@@ -36,8 +36,8 @@ from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.chamber import SurfaceGrip
-from jaxsph.schemes.base import GhostFields, at_rest
 from jaxsph.schemes.integrators import AbstractIntegrator, AbstractRateScheme, Rates, SymplecticEuler
+from jaxsph.schemes.step import GhostFields, at_rest
 from jaxsph.schemes.time_step import stable_dt
 
 

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 from scipy.special import gamma
@@ -293,6 +294,8 @@ def kernel_fill(
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
         # a pair at the very edge of the support has no weight, whatever its rounding
         inside = pairs["v"] < (1.0 - 1e-6) * reach * h
-        weight = volume[pairs["j"]] * np.where(inside, kernel.value(pairs["v"] ** 2, h, dim), 0.0)
+        weight = volume[pairs["j"]] * np.where(
+            inside, kernel.value(jnp.asarray(pairs["v"] ** 2), h, dim), 0.0
+        )
         total[start : start + some.n] = np.bincount(pairs["i"], weight, some.n)
     return total

@@ -1,0 +1,173 @@
+"""Pieces of a time step: fields of the ghosts, walls on their way, drift, and energies booked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Float, Scalar, columns, dot
+from jaxsph.core.slabs import Sources
+from jaxsph.model import laws
+from jaxsph.model.interfaces import AbstractScheme, Model
+from jaxsph.model.meaning import Exchange
+from jaxsph.model.solids import AbstractBody
+from jaxsph.model.state import Particles, State, Tables, Tally
+from jaxsph.solids.filling import NodeFit
+
+__all__ = [
+    "Changes",
+    "GhostFields",
+    "Interval",
+    "at_rest",
+    "body_work",
+    "book",
+    "damp",
+    "drift",
+    "move_walls",
+    "wall_work",
+]
+
+
+class GhostFields(NamedTuple):
+    """Fields of all ghosts at one time."""
+
+    x: Float[Array, "G D"]
+    """Positions, m."""
+    nodes: Float[Array, "G D"]
+    """Interpolation nodes, m."""
+    p: Float[Array, " G"]
+    """Gauge pressure, Pa."""
+    u: Float[Array, "G D"]
+    """Velocity that the continuity equation sees, m/s."""
+    u_shear: Float[Array, "G D"]
+    """Velocity that the viscous force sees, m/s.
+
+    A wall without slip must not look like a moving one to the continuity equation.
+    """
+    V: Float[Array, " G"]
+    """Volume, m3 (m2 in 2-D); zero for a ghost whose node is dry."""
+    fit: NodeFit
+    """Interpolation coefficients at the nodes."""
+    water: Sources
+    """Fields of the water that the ghosts see, as sources."""
+
+    def seeing(self, tables: Tables, **changed: Any) -> GhostFields:
+        """Ghosts of water of which these fields have other values."""
+        water = self.water
+        for name, field in changed.items():
+            water = water.changing(name, field)
+        return self._replace(water=tables.fluid.slabs.fetch(water))
+
+
+class Interval(NamedTuple):
+    """Time interval of a step, or of a part of one, and the motion of the walls over it."""
+
+    before: Mapping[str, Any]
+    """States of the parts by name at the interval's beginning."""
+    after: Mapping[str, Any]
+    """States of the parts by name, with the moving walls as they are at the interval's end."""
+    t: Scalar
+    """Time at the interval's beginning, s."""
+    dt: Scalar
+    """Length of the interval, s."""
+
+
+class Changes(NamedTuple):
+    """Velocities at the end of a step, and their changes within it, m/s."""
+
+    u: Float[Array, "N D"]
+    """Velocity at the end of the step, m/s."""
+    pressed: Float[Array, "N D"]
+    """Change of velocity by the pressure, m/s."""
+    touched: Float[Array, "N D"]
+    """Change of velocity by contact with solids, m/s."""
+    damped: dict[str, Scalar]
+    """Energy that each damper took, by name, J (J/m in 2-D)."""
+
+
+def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
+    """Particles moved by dx (m), with the rounding error of x carried to the next move (Kahan summation)."""
+    dx = dx + p.x_carry
+    x = p.x + dx
+    return eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, dx - (x - p.x)))
+
+
+def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
+    """Tallies with one step's `amounts` added by name: energies (J, J/m in 2-D), or numbers of particles."""
+    return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
+
+
+def move_walls(scheme: AbstractScheme, model: Model, state: State, dt: Scalar) -> Interval:
+    """Interval of dt (s) from a state, with the moving walls advanced to its end."""
+    V = scheme.volume(state.particles) / model.walls.width
+    t = model.time(state)
+    moved = {w.name: w.move(state.own[w.name], state.particles, V, t, dt) for w in model.moving}
+    return Interval(state.own, {**state.own, **moved}, t, dt)
+
+
+def at_rest(model: Model, state: State) -> Interval:
+    """Interval of a step from a state, with walls that keep their velocities."""
+    return Interval(state.own, state.own, model.time(state), model.dt)
+
+
+def damp(
+    model: Model, p: Particles, u: jax.Array, interval: Interval
+) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
+    """Velocities (m/s) after all dampers over a step, and the kinetic energy of each by its name.
+
+    Energies are in J (J/m in 2-D), taken from the water or given to it as the damper's entry says.
+    """
+    exchanged = {}
+    for damper in model.dampers:
+        damped = damper.damp(p.x, u, interval.t + interval.dt, interval.dt)
+        # the difference of squares as a product: of small changes nothing is lost to rounding
+        gained = 0.5 * jnp.sum(p.m * jnp.sum((damped - u) * (damped + u), axis=1))
+        given = damper.entries()[damper.name].exchange is Exchange.GIVEN
+        exchanged[damper.name] = gained if given else -gained
+        u = damped
+    return u, exchanged
+
+
+def wall_work(
+    scheme: AbstractScheme,
+    model: Model,
+    own: Mapping[str, Any],
+    tables: Tables,
+    ghosts: GhostFields,
+    dt: Scalar,
+) -> dict[str, Scalar]:
+    """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
+
+    It is minus the water's force on the wall times the velocity of the wall's state in `own`.
+    """
+    work = {}
+    for wall in model.moving:
+        rows = slice(*wall.rows)
+        targets = {"x": columns(ghosts.x[rows]), "p": ghosts.p[rows]}
+        table = tables.around[wall.name]
+        force = table.sum(laws.pressure_force, scheme.smoothing, targets, ghosts.water)
+        velocity = columns(wall.velocity(own[wall.name], ghosts.x[rows]))
+        work[wall.name] = -dt * jnp.sum(dot(velocity, force) * ghosts.V[rows])
+    return work
+
+
+def body_work(
+    model: Model, body: AbstractBody, old: Any, new: Any, t: Scalar, dt: Scalar
+) -> tuple[Any, Mapping[str, Scalar], jax.Array, jax.Array]:
+    """Energies exchanged by a body in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
+
+    **Returns** `new` with the impulse of the water's force added; the energies taken by the power take-off
+    and given by the drive of motions that are not free, by name; the work of pressure on the body; the work
+    of the water that touches it.
+    """
+    moved = 0.5 * dt * (old.velocity + new.velocity)
+    force = new.force + old.contact  # as the body felt it in this step
+    driven = -jnp.sum((1.0 - body.movable(t)) * force * moved)
+    taken = body.absorbed(old, new, dt)
+    amounts = body.exchanges(taken, driven)
+    new = eqx.tree_at(lambda b: b.impulse, new, new.impulse.add(dt * force))
+    return new, amounts, jnp.sum(new.force * moved), jnp.sum(old.contact * moved)
