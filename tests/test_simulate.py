@@ -445,7 +445,7 @@ def _one_pto():
     return {"pto": Entry("power take-off", Exchange.HARVESTED)}
 
 
-def _ended(case, gauges, reflected=0.3):
+def _ended(case, gauges, reflected=0.1):
     """A run of regular waves and what they make of the gauges, without running it."""
     case = case.replace({"probes.gauges": gauges})
     t = np.arange(0.0, case.t1, 0.01)
@@ -466,8 +466,21 @@ def test_reflection_is_of_the_gauges_that_see_free_waves():
     solution.series["eta"][:, [0, 1, 4]] = 1.0
     results, notices = run_results(case, solution, 1.0, 100)
     # k is a float32; the gauges' condition is below ten
-    assert results["reflection"] == pytest.approx(0.3, abs=1e-4) and not notices
+    assert results["reflection"] == pytest.approx(0.1, abs=1e-4) and not notices
     assert results["incident_height"] == pytest.approx(0.04, rel=1e-4)
+
+
+def test_means_before_the_second_reflection_say_so():
+    """What the device sends back is with it again after three lengths of the flume, at 23.0 s."""
+    gauges, case = [2.0, 2.3, 2.75], js.load_case("owc")
+    _, notices = run_results(*_ended(case, gauges, 0.3), 1.0, 100)
+    assert len(notices) == 1
+    assert re.search(r"means begin at t = 10.8 s, .* at t = 23 s: .* raise t1 to 35.04 s", notices[0])
+    for others in (
+        _ended(case, gauges, 0.1),  # nothing to speak of comes back
+        _ended(case.replace({"t1": 40.0}), gauges, 0.3),  # it has come back
+    ):
+        assert not run_results(*others, 1.0, 100)[1]
 
 
 def test_noise_is_of_settled_periods_or_of_the_last_tenth():
@@ -485,7 +498,7 @@ def test_noise_is_of_settled_periods_or_of_the_last_tenth():
 
 def test_reflection_has_the_gravity_of_the_case():
     results, notices = run_results(*_ended(js.load_case("owc").replace({"g": 7.0}), [2.0, 2.3, 2.75]), 1.0, 1)
-    assert results["reflection"] == pytest.approx(0.3, abs=1e-4) and not notices
+    assert results["reflection"] == pytest.approx(0.1, abs=1e-4) and not notices
 
 
 @pytest.mark.parametrize(

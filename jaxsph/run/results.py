@@ -25,6 +25,9 @@ Scalars = dict[str, float]
 
 FEW = 5
 """Periods averaged below which a run is asked to be longer, where others have been left out."""
+REFLECTING = 0.2
+"""Reflection coefficient above which the waves that a device sends back matter to it when they return: a
+paddle that absorbs leaves a twentieth of them, and the power moves by twice that times the coefficient."""
 WHOLE = 0.95
 """Share of a focused group's energy that has to have come to the device for an efficiency."""
 
@@ -73,7 +76,24 @@ def run_results(
             notices.append(f"no result for the {name}: {kind}{error}")
     if {"xi", "P_inc_measured"} <= set(results):
         results["xi_measured"] = results["xi"] * results["P_inc"] / results["P_inc_measured"]
+    if "xi" in results and results.get("reflection", 0.0) > REFLECTING:
+        notices += _before_the_echo(case, solution, window)
     return results, tuple(notices)
+
+
+def _before_the_echo(case: Case, solution: Solution, window: Window) -> list[str]:
+    """Notice of means that begin before the waves that the device sends back return from the paddle."""
+    waves = case.waves
+    echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
+    begin = float(solution.t[window.over][0])
+    if waves.repeats is not None or begin > echo - waves.period:
+        return []
+    end = echo + case.output.periods * waves.cycle
+    return [
+        f"means begin at t = {begin:.3g} s, before the waves that the device sends back return to it from "
+        f"the paddle, at t = {echo:.3g} s: xi may move by some per cent then; for its lasting value raise t1 "
+        f"to {end:.4g} s"
+    ]
 
 
 def harvested(model: Model) -> list[str]:
