@@ -72,7 +72,7 @@ INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
         # what excludes each other
         ({"start.amplitude": 0.01}, "start and waves exclude each other"),
         ({"tank.width": 0.5}, "tank.width: a device needs a two-dimensional tank"),
-        ({"scheme.kernel": "cubic"}, r"scheme.kernel = 'cubic': .*'gaussian' or 'wendland'"),
+        ({"scheme.kernel": "cubic"}, r"scheme.kernel = 'cubic': .*'gaussian', 'wendland' or 'semicircle'"),
     ],
     ids=lambda value: None if isinstance(value, str) else "+".join(value),
 )

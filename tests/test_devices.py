@@ -19,7 +19,7 @@ from jaxsph.model.interfaces import AbstractGrip
 from jaxsph.model.state import Particles, Tables
 from jaxsph.parts.chamber import Chamber
 from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
-from jaxsph.schemes.base import at_rest
+from jaxsph.schemes.step import at_rest
 
 FLOWS = st.floats(-2.0, 2.0)
 DAMPINGS = st.floats(0.0, 1.0e6)

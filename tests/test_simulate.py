@@ -635,20 +635,20 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
 
 
 def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
-    """A device that takes half of what comes has 0.5, in a part of the sea that is lower than the whole."""
+    """A device that takes half of what comes has 0.5, in a part of the sea that is not as strong as the whole."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}
     case = js.load_case("owc").replace({"waves": sea, "t1": 40.0})
-    t, x = np.arange(0.0, 40.0, 0.02), Geometry.of(case).plate.x0
+    t, x = np.arange(0.0, 40.0, 0.1), Geometry.of(case).plate.x0
     power = np.zeros(len(t))
     for k in range(1, len(t)):
-        power[k] = 0.5 * incident_energy(case, x, t[k - 1], t[k]) / 0.02
+        power[k] = 0.5 * incident_energy(case, x, t[k - 1], t[k]) / 0.1
     ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
     model = types.SimpleNamespace(depth=0.42, time=lambda state: 40.0, entries=_one_pto)
     state = types.SimpleNamespace(step=100, particles=types.SimpleNamespace(x=np.zeros((4, 2))))
     solution = js.Solution({"time": t, "power_pto": power} | ones, {}, model, state, case)
     results, _ = run_results(case, solution, 1.0, 100)
     assert results["xi"] == pytest.approx(0.5, rel=0.01)
-    assert results["P_inc"] != pytest.approx(incident_power(case), rel=0.03)
+    assert results["P_inc"] != pytest.approx(incident_power(case), rel=0.02)
 
 
 def test_whatever_goes_wrong_in_a_result_is_a_notice():

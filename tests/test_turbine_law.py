@@ -102,11 +102,12 @@ def test_slopes_of_a_single_valve_are_numbers_forward_and_in_reverse(swinging, v
     slopes = jax.jit(jax.grad(taken))(pto)
     for leaf in jax.tree.leaves(slopes):
         assert np.isfinite(leaf)
+    along = jax.jit(lambda p, dp: jax.jvp(taken, (p,), (dp,)))
     for k in range(3):
         seed = [jnp.zeros_like(leaf) for leaf in jax.tree.leaves(pto)]
         seed[k] = jnp.ones_like(seed[k])
         tangent = jax.tree.unflatten(jax.tree.structure(pto), seed)
-        _, forward = jax.jit(lambda p, dp: jax.jvp(taken, (p,), (dp,)))(pto, tangent)
+        _, forward = along(pto, tangent)
         # float32, in two orders of the same sums
         assert float(forward) == pytest.approx(float(jax.tree.leaves(slopes)[k]), rel=2e-2, abs=1e-6)
 

@@ -12,7 +12,7 @@ import jaxsph as js
 from experiments.common import Report, timed, use_threads
 from jaxsph.case.report import steps_per_sample
 from jaxsph.model.state import Failure
-from jaxsph.schemes.base import at_rest
+from jaxsph.schemes.step import at_rest
 
 
 def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
