@@ -635,7 +635,7 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
 
 
 def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
-    """A device that takes half of what comes has 0.5, in a part of the sea of another power than the whole."""
+    """A device that takes half of what comes has 0.5, in a part of a sea weaker or stronger than it."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}
     case = js.load_case("owc").replace({"waves": sea, "t1": 40.0})
     t, x = np.arange(0.0, 40.0, 0.1), Geometry.of(case).plate.x0
