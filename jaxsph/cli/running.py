@@ -143,7 +143,7 @@ def _rows(results: dict[str, float], flat: bool) -> list[tuple[str, str]]:
 
 @contextlib.contextmanager
 def _resumable(path: Path) -> Iterator[None]:
-    """Says after an interrupted or failed run what is left of it."""
+    """Tells the user how to go on with a run that was interrupted or has failed."""
 
     def words() -> str:
         return f"\njaxsph: interrupted. {_what_is_left(path)}"

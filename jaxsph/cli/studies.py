@@ -78,10 +78,7 @@ def sweep(
             print_table(_sweep_rows(done))
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
-        for place, text in done.failures.items():
-            typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
-        if done.failures:
-            raise typer.Exit(1)
+        _end_with_failures(done)
 
 
 def matrix(
@@ -129,10 +126,7 @@ def matrix(
 
             typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
         write_page(out, report, quiet)
-        for place, text in done.sweep.failures.items():
-            typer.echo(f"failed: {_place(done.sweep, place)}: {text.splitlines()[0]}", err=True)
-        if done.sweep.failures:
-            raise typer.Exit(1)
+        _end_with_failures(done.sweep)
 
 
 def slope(  # of a command the options are the arguments
@@ -165,7 +159,7 @@ def slope(  # of a command the options are the arguments
             [
                 (of, f"{found.value:.4g}"),
                 (f"d {of} / d {over}", f"{found.slope:.4g}{error}"),
-                ("speaks of changes up to", f"{found.reach:.3g}"),
+                ("holds for changes up to", f"{found.reach:.3g}"),
             ]
         )
         if method is Way.ensemble:
@@ -244,6 +238,14 @@ def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
         error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
         rows.append(("mean over the year", f"{mean.value:.3g}{error} {unit}"))
     return rows
+
+
+def _end_with_failures(done: Any) -> None:
+    """Names the members that failed, and ends the command with exit code 1 where there are any."""
+    for place, text in done.failures.items():
+        typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
+    if done.failures:
+        raise typer.Exit(1)
 
 
 def _place(done: Any, place: tuple[int, ...]) -> str:
