@@ -50,7 +50,7 @@ def main(dx: float = 0.02, k_dm: float = 150.0) -> None:
         axis.axhline(whole["xi"], color="C1", lw=1, label=f"mean to {2 * t1:g} s")
         axis.axvline(t1, color="0.6", lw=1, label=f"{t1:g} s")
         axis.axvline(echo, color="C3", lw=1, ls="--", label="second reflection arrives")
-        axis.set(xlabel="t, s", ylabel="xi, each period", ylim=(0.15, 0.4))
+        axis.set(xlabel="t, s", ylabel="xi, each period", ylim=(0.6 * steady, 1.4 * steady))
         axis.legend()
         report.picture(figure)
     print(*notices, sep="\n")

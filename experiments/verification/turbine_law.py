@@ -63,7 +63,9 @@ def in_the_tank(dx: float) -> None:
     with Report(f"turbine_law_{dx:g}_built_in", title, dx) as report:
         for K in DAMPINGS:
             case, file = damped(dx, K)
-            series = {k: v[file.series()["time"] <= case.t1 + 1e-6] for k, v in file.series().items()}
+            series = file.series()
+            asked = series["time"] <= case.t1 + 1e-6  # the file may hold a longer run
+            series = {name: values[asked] for name, values in series.items()}
             P_a, flow = np.float64(series["P_a"]), np.float64(series["flow"])
             found, _ = results_until(case, series)
             label = f"K_dm = {K:g}"

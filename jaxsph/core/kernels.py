@@ -89,7 +89,7 @@ class Semicircle(AbstractKernel):
     Source: Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41, for the non-uniform Fourier
     transform: of all kernels of one support its transform is nearly the least beyond a given wavenumber. So
     a lattice of particles resists its deformation less than with a kernel of twice its neighbours
-    (`lattice.stress`). h is that of the Gaussian with the same second moment.
+    (`lattice.lattice_stress`). h is that of the Gaussian with the same second moment.
 
     At its edge W is exp(-beta) of its centre's, and its slope is infinite there: within 5e-5 R of the edge
     both are those at that distance.

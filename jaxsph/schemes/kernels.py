@@ -12,10 +12,10 @@ from jaxsph.model import laws
 KERNEL = {2: Gaussian(), 3: WendlandC2()}
 """Kernel by number of dimensions.
 
-In two dimensions the Gaussian: what is left of a kernel's transform at the wavelength of the spacing is what
-a lattice resists its deformation with, and of the Gaussian's 1e-6 is left. Wendland's kernel, of h = 2 dx,
-which is quiet at rest, takes four times as much from a wave. In three dimensions, where the Gaussian would
-have three times as many neighbours, the kernel is the paper's (section 2).
+In two dimensions it is the Gaussian. The stress with which a lattice resists its deformation is set by the
+kernel's Fourier transform at the wavelength of the spacing, and the Gaussian's is 1e-6 there. Wendland's
+kernel, of h = 2 dx, which is quiet at rest, takes four times as much from a wave. In three dimensions, where
+the Gaussian would have three times as many neighbours, the kernel is the paper's (section 2).
 """
 
 SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}

@@ -32,8 +32,9 @@ still water is restless.
 LEFT_OVER = 0.5
 """Share of the divergence left over from the step before that a projection takes out.
 
-The rest is for the next: taken out whole, what is left of one step's disorder is a pressure in the next, and
-pressures on a wall scatter by 0.4 rho g H in Buchner's dam break.
+The next step takes half of the rest, and so on. Were all of it taken out at once, the disorder that one step
+leaves would be a pressure in the next, and pressures on a wall would scatter by 0.4 rho g H in Buchner's dam
+break.
 """
 
 
