@@ -58,7 +58,7 @@ _ROOMS = {
     "schemes.incompressible": ("ISPH",),
     "schemes.weakly_compressible": ("DeltaSPH",),
     "solids.box": ("Box", "FreeSlip", "NoSlip", "Platform", "WallPlate"),
-    "solids.filling": ("DummyParticles", "MirrorNodes"),
+    "solids.filling": ("DummyParticles", "MirrorImages", "MirrorNodes"),
     "solids.shapes": ("AbstractShape", "Block", "Disc", "Polygon"),
     "solids.walls": ("Ghosts",),
     "study.base": ("Derivative",),

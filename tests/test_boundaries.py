@@ -13,7 +13,7 @@ import jaxsph as js
 from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.cells import grid_over, search
-from jaxsph.core.slabs import PointNeighbours, Sources
+from jaxsph.core.slabs import ONE, Chosen, PointNeighbours, Sources
 from jaxsph.errors import CaseError
 from jaxsph.parts.paddle import Paddle
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
@@ -26,6 +26,7 @@ from jaxsph.solids.divisions import (
     MultiNodeGhosts,
     RegionalGhosts,
 )
+from jaxsph.solids.filling import MirrorNodes
 from jaxsph.solids.placement import lattice
 from jaxsph.solids.walls import Ghosts
 
@@ -76,7 +77,15 @@ class _Tank:
         self.smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
         box = Box((0.0, 0.0), (LENGTH, HEIGHT), paddle, stroke=2 * DX if paddle else 0.0)
         self.walls = Ghosts.build(
-            box, DX, self.smoothing, slip, _plates(plate), thin_wall, dtype=np.float64, platform=platform
+            box,
+            DX,
+            self.smoothing,
+            slip,
+            _plates(plate),
+            thin_wall,
+            dtype=np.float64,
+            platform=platform,
+            filling=MirrorNodes(),
         )
         self.x = jnp.asarray(_water(plate, jitter, platform))
         self.region = self.walls.regions.index(self.x)
@@ -92,9 +101,11 @@ class _Tank:
         columns = {"x": tuple(self.x.T), "V": jnp.full(len(self.x), DX**2)}
         water = Sources(columns | {"f": jnp.asarray(field)}, {})
         table = PointNeighbours.of(self.table.indices)
-        fit = self.walls.fit(self.walls.node, water, self.smoothing, table)
+        images = Chosen.of(jnp.zeros(0, jnp.int32), len(self.x), ONE)
+        fit = self.walls.fit(self.walls.node, water, self.smoothing, images, table)
         law = lambda j: j["f"]  # noqa: E731
-        return fit, self.walls.at_nodes(law, fit, self.walls.node, water, self.smoothing, table)
+        seen = fit, self.walls.node, water, self.smoothing, images, table
+        return fit, self.walls.carried(law, *seen)
 
     def pressure(self, field, slope):
         """(wet ghosts, their pressure) where the body force balances the field's slope."""
@@ -274,7 +285,9 @@ class _Tank32:
         box = Box((0.0, 0.0), (LENGTH, HEIGHT), plate is None, stroke=2 * DX)
         smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
         thin_wall = RegionalGhosts() if plate is not None else None
-        self.walls = Ghosts.build(box, DX, smoothing, FreeSlip(), _plates(plate), thin_wall)
+        self.walls = Ghosts.build(
+            box, DX, smoothing, FreeSlip(), _plates(plate), thin_wall, filling=MirrorNodes()
+        )
 
 
 # --- regions
@@ -357,7 +370,7 @@ def test_each_ghost_set_is_seen_by_its_region_only(tables):
         mine = kind == regions.set_kind(which)
         assert np.any(own[targets[mine]]) and not np.any(other[targets[mine]])
         # and its nodes use its water only
-        rows = np.asarray(model.walls.kind) == regions.set_kind(which)
+        rows = np.asarray(model.walls.kind)[model.walls.at_nodes] == regions.set_kind(which)
         used = nodes[:, rows]
         used = used[used < n]
         assert np.any(own[used]) and not np.any(other[used])

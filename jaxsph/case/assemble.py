@@ -30,6 +30,7 @@ from jaxsph.model.state import Particles, Search, State, Status, Tally
 from jaxsph.parts.rim import Rim
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.divisions import region_bits
+from jaxsph.solids.images import Images
 from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
@@ -223,7 +224,7 @@ def _search(
     grid = grid_over(low, high, radius, walls.period)
     found = dict(settings or {})
     if "capacity" not in found:
-        fluid, nodes = _fullest(walls, x, grid)
+        fluid, nodes = _fullest(walls, x, grid, float(smoothing.radius), skin)
         found["capacity"] = needed_capacity(fluid)
         found["node_capacity"] = needed_capacity(nodes)
         found["chamber_capacity"] = 1
@@ -247,15 +248,37 @@ _candidate_count = jax.jit(lambda chamber, x, margin: chamber.candidates(x, marg
 """Number of particles that may feel a chamber's air, compiled whole."""
 
 
-def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid) -> tuple[int, int]:
-    """Largest number of neighbours of any particle and of any node in the initial state."""
+def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: float) -> tuple[int, int]:
+    """Largest number of neighbours of any particle and of any node in the initial state.
+
+    **Arguments**: positions x (m) of the water; `radius` of the kernel's support and margin `skin`, m.
+    """
     kind, sees = (np.asarray(a) for a in region_bits(walls.regions, jnp.asarray(x, walls.x.dtype)))
-    sources = np.concatenate([x, np.asarray(walls.x, float)])
-    kinds = np.concatenate([kind, np.asarray(walls.kind)])
+    images, there = _first_images(walls.images, jnp.asarray(x, walls.x.dtype), radius, skin)
+    behind, at_nodes = walls.kind[: len(there)], walls.at_nodes
+    sources = np.concatenate([x, np.asarray(images, float)[there], np.asarray(walls.x, float)[at_nodes]])
+    kinds = np.concatenate([kind, np.asarray(behind)[there], np.asarray(walls.kind)[at_nodes]])
     around = _neighbour_count(x, sees, sources, kinds, grid) - 1  # a particle is not its own neighbour
-    node, node_sees = np.asarray(walls.node, float), np.asarray(walls.node_sees)
+    node, node_sees = np.asarray(walls.node, float)[at_nodes], np.asarray(walls.node_sees)[at_nodes]
+    # a moving wall's force is summed over all water around its ghosts, whatever region it is in
+    moving = np.asarray(images, float)[there & (np.arange(len(there)) < max(walls.paddle, default=0))]
+    node, node_sees = np.concatenate([node, moving]), np.append(node_sees, np.full(len(moving), -1))
     at_nodes = _neighbour_count(node, node_sees, x, kind, grid)
     return int(around.max(initial=0)), int(at_nodes.max(initial=0))
+
+
+def _first_images(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Images (m) of particles at x (m) with the paddle at rest, and which of the rows have one."""
+    if not images.count:
+        return np.zeros((0, x.shape[1])), np.zeros(0, bool)
+
+    @jax.jit
+    def found(x):
+        rows, _ = images.choose(x, lambda a: a, radius, skin)
+        return images.image(x[jnp.minimum(rows, len(x) - 1)], lambda a: a), rows < len(x)
+
+    there = found(x)
+    return np.asarray(there[0]), np.asarray(there[1])
 
 
 def _neighbour_count(

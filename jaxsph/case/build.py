@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.case import Case
-from jaxsph.case.geometry import Geometry, thin_wall
+from jaxsph.case.geometry import Geometry, thin_wall, walls_of
 from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
 from jaxsph.case.parts import (
@@ -33,9 +33,12 @@ from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
 from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.solids.box import Box, FreeSlip, NoSlip
-from jaxsph.solids.filling import DummyParticles, MirrorNodes
+from jaxsph.solids.box import FreeSlip, NoSlip
+from jaxsph.solids.filling import DummyParticles, MirrorImages, MirrorNodes
 from jaxsph.solids.walls import Ghosts
+
+FILLINGS = {"images": MirrorImages(), "mirror": MirrorNodes(), "dummy": DummyParticles()}
+"""Fillings of the walls by `tank.walls`."""
 
 LONG_STEP_SKIN = {2: 0.7, 3: 0.5}
 """Skin of the neighbour tables over dx for the incompressible scheme, in whose steps a particle goes as far
@@ -102,11 +105,8 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
 
 def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
     """Ghosts of the tank's walls, of its device's plate and platform, and of its body."""
-    sides = ("walls",) * (case.dim - 1) + ("spill" if case.tank.rim == "open" else "floor",)
-    box = Box((0.0,) * case.dim, tuple(geometry.upper), case.waves is not None, geometry.withdrawal, sides)
-    dummies = case.tank.walls == "dummy" or case.body is not None
     return Ghosts.build(
-        box,
+        geometry.box(case),
         case.dx,
         scheme.smoothing,
         FreeSlip() if case.tank.slip == "free_slip" else NoSlip(),
@@ -114,7 +114,7 @@ def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Gh
         None if geometry.plate is None or case.device is None else thin_wall(case.device),
         dtype=np.dtype(case.precision),
         platform=geometry.platform,
-        filling=DummyParticles() if dummies else MirrorNodes(),
+        filling=FILLINGS[walls_of(case)],
         shapes=() if geometry.solid is None else (geometry.solid,),
     )
 

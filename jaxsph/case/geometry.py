@@ -15,7 +15,7 @@ from shapely.validation import explain_validity
 
 from jaxsph.case.sections import BodySection, Device, Sections
 from jaxsph.errors import CaseError
-from jaxsph.solids.box import Platform, WallPlate
+from jaxsph.solids.box import Box, Platform, WallPlate
 from jaxsph.solids.divisions import (
     AbstractThinWall,
     DiagonalDivision,
@@ -96,6 +96,12 @@ class Geometry:
     def upper(self) -> list[float]:
         """Upper end of the tank along every axis, m; the lower end is 0."""
         return [self.length, *([] if self.width is None else [self.width]), self.height]
+
+    def box(self, case: Sections) -> Box:
+        """Box of the tank's walls."""
+        sides = ("walls",) * (case.dim - 1) + ("spill" if case.tank.rim == "open" else "floor",)
+        paddle = case.waves is not None
+        return Box((0.0,) * case.dim, tuple(self.upper), paddle, self.withdrawal, sides)
 
     @property
     def front(self) -> float:
@@ -225,8 +231,8 @@ class Geometry:
             return
         if case.device is not None:
             raise CaseError("body: a tank holds a body or a device with a chamber: remove one")
-        if case.tank.walls == "mirror":
-            raise CaseError('tank.walls = "mirror": a body needs "dummy" walls')
+        if case.tank.walls not in (None, "dummy"):
+            raise CaseError(f'tank.walls = "{case.tank.walls}": a body needs "dummy" walls')
         dim = case.dim
         if (found := 2 if section.block is None else len(section.block.low)) != dim:
             raise CaseError(f"body: its shape has {found} dimensions, and the tank {dim}")
@@ -305,6 +311,11 @@ class Geometry:
                     f"it becomes {there:g} m"
                 )
         return tuple(place)
+
+
+def walls_of(case: Sections) -> str:
+    """Kind of the walls' ghosts, one of those of `tank.walls`."""
+    return case.tank.walls or ("images" if case.body is None else "dummy")
 
 
 def thin_wall(device: Device) -> AbstractThinWall:

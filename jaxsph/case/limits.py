@@ -13,12 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.case.geometry import Geometry
+from jaxsph.case.geometry import Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import reference_speed, sound_speed, wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.errors import CaseError
+from jaxsph.solids.images import Images
 from jaxsph.waves import theory
 
 MOST_STEPS = 1e8
@@ -125,6 +126,12 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
     behind = math.ceil(geometry.withdrawal / dx)
     wide = 1 if geometry.width is None else across + 2 * layers
     walls = (long + 2 * layers) * wide * (high + layers) - long * across * high + behind * wide * layers
+    if walls_of(case) == "images":
+        platforms = () if geometry.platform is None else (geometry.platform,)
+        radius = case.scheme.support(case.dim) * dx
+        walls = Images.of(geometry.box(case), platforms, dx, radius).count
+        for platform in platforms:
+            walls += layers * (_count(geometry.length - platform.start, dx) + _count(platform.height, dx))
     if geometry.plate is not None:
         walls += 2 * layers * _count(geometry.height - geometry.plate.tip, dx)
     if geometry.solid is not None:

@@ -166,9 +166,9 @@ class Tank(Section):
     """Depth of the water that the rest of the bed is wet with, m; with `column`."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
     """Slip of the water along the walls: free, or none."""
-    walls: Literal["mirror", "dummy"] | None = None
-    """Source of the pressure on walls: the mirror images of their ghosts (by default), or the water around
-    them (by default with a body)."""
+    walls: Literal["images", "mirror", "dummy"] | None = None
+    """Ghosts of the walls: mirror images of the water's particles (by default), or a lattice, whose pressures
+    are those of the water at its mirror images or around it (`dummy`; by default with a body)."""
 
 
 class SpongeSection(Section):

@@ -33,6 +33,7 @@ from jaxsph.core.pairs import (
     weighted_sum,
     with_empty,
 )
+from jaxsph.core.transforms import gather_linearly
 
 AXIS = "slabs"
 """Name of the axis of devices."""
@@ -278,6 +279,27 @@ class Neighbours(eqx.Module):
 
         partitions = jax.tree.map(lambda a: split(a.ndim), first), SPLIT_SOURCES, split(2)
         return self.slabs.over_slabs(local, (first, sources, self.indices), partitions, results)
+
+
+class Chosen(eqx.Module):
+    """Particles of the water whose fields every device knows, a place for each or for none."""
+
+    rows: Int[Array, " I"]
+    """Index of the particle in every place; the number of particles for none."""
+    there: Bool[Array, " I"]
+    """Whether there is a particle in the place."""
+    slabs: Slabs = eqx.field(static=True, default=ONE)
+
+    @classmethod
+    def of(cls, rows: Int[Array, " I"], n: int, slabs: Slabs) -> Chosen:
+        """Particles by their index among n."""
+        return cls(jnp.minimum(rows, n - 1), rows < n, slabs)
+
+    def fields(self, fields: Fields) -> Fields:
+        """Fields of the particles, `[I]`; those of any particle where there is none."""
+        if self.slabs.count == 1:
+            return jax.tree.map(lambda a: gather_linearly(a, self.rows), fields)
+        return self.slabs.take(fields, self.rows)
 
 
 class PointNeighbours(eqx.Module):

@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Sources
 from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
@@ -369,14 +369,42 @@ class Model(eqx.Module):
         """All solids of the model: those at rest, moving walls and bodies."""
         return (*self.solids, *self.moving, *self.bodies)
 
-    def walls_at(self, own: Mapping[str, Any]) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
-        """Positions of all ghosts and of their nodes, m, with the moving solids in the states `own`."""
-        x, nodes = self.walls.x, self.walls.node
+    def walls_at(
+        self, own: Mapping[str, Any], mirrored: Float[Array, "I D"] | None = None
+    ) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
+        """Positions of all ghosts and of their nodes, m, with the moving solids in the states `own`.
+
+        `mirrored`: positions (m) of the particles of which ghosts are the images; without them these ghosts
+        stand where they do while they have none.
+        """
+        x, nodes, images = self.walls.x, self.walls.node, self.walls.images
         for solid in (*self.moving, *self.bodies):
             rows = slice(*solid.rows)
             there, its_nodes = solid.place(own[solid.name], x[rows], nodes[rows])
             x, nodes = x.at[rows].set(there), nodes.at[rows].set(its_nodes)
+        if images.count and mirrored is not None:
+            x = x.at[: images.count].set(images.image(mirrored, self.paddle_at(own)))
+            nodes = nodes.at[: images.count].set(mirrored)
         return x, nodes
+
+    def paddle_at(self, own: Mapping[str, Any]) -> Callable[[Array], Array]:
+        """Places (m) of points fixed to the paddle from those at rest (m); these themselves without one."""
+        for wall in self.moving:
+            if wall.rows == self.walls.paddle:
+                return lambda x: wall.place(own[wall.name], x, x)[0]
+        return lambda x: x
+
+    def ghosts_at(
+        self, state: State, tables: Tables
+    ) -> tuple[Float[Array, "G D"], Float[Array, "G D"], Float[Array, " G"]]:
+        """Positions (m) of all ghosts and their nodes in a state, and their volumes (m^D) in full water."""
+        p, images = state.particles, self.walls.images
+        if not images.count:
+            return *self.walls_at(state.own), self.walls.volume
+        seen = tables.images.fields({"x": columns(p.x), "V": self.scheme.volume(p)})
+        x, nodes = self.walls_at(state.own, stack(seen["x"]))
+        count = tables.images.there * seen["V"] * images.share(x[: images.count])
+        return x, nodes, self.walls.volume.at[: images.count].set(count)
 
     def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Acceleration by the body forces beside g at x (m), m/s2."""

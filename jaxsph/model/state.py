@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.search.base import AbstractSearch, Grid
-from jaxsph.core.slabs import ONE, Neighbours, PointNeighbours, Slabs
+from jaxsph.core.slabs import ONE, Chosen, Neighbours, PointNeighbours, Slabs
 
 __all__ = [
     "Failure",
@@ -245,8 +245,10 @@ class Tables(eqx.Module):
 
     fluid: Neighbours
     """Particles and ghosts around every particle."""
+    images: Chosen
+    """Particles of which the ghosts of plane walls are the images, the first rows of the ghosts."""
     nodes: PointNeighbours
-    """Particles around the interpolation node of every ghost."""
+    """Particles around the interpolation nodes of the other ghosts."""
     around: dict[str, PointNeighbours]
     """Particles around the ghosts of every moving wall and body, by its name, for the force on it."""
     chambers: dict[str, Int[Array, " C"]]

@@ -127,14 +127,14 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
     h, dim = smoothing.h, p.x.shape[1]
-    ghosts, _ = model.walls_at(state.own)
+    ghosts, _, volume = model.ghosts_at(state, tables)
     V = model.scheme.volume(p)
     own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
-    none = jnp.zeros_like(walls.volume)
+    none = jnp.zeros_like(volume)
     # pushes[k][a]: a ghost's volume, where component k is even across its wall and a is normal to it
     normal, even = walls.mirror == -1.0, walls.mirror != -1.0
     pushes = tuple(
-        tuple(jnp.where(even[:, k] & normal[:, a], walls.volume, 0.0) for a in range(dim)) for k in range(dim)
+        tuple(jnp.where(even[:, k] & normal[:, a], volume, 0.0) for a in range(dim)) for k in range(dim)
     )
     nowhere = jax.tree.map(lambda _: jnp.zeros_like(V), pushes)
     sources = Sources(

@@ -92,7 +92,8 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
         if needed["halo"] >= NARROW:
             return None
         spare = dict.fromkeys(needed, SPARE) | {"points": SPREADING}
-        return {k: needed_capacity(most, spare[k]) for k, most in needed.items() if most > now[k]}
+        grown = {k: needed_capacity(most, spare[k]) for k, most in needed.items() if most > now[k]}
+        return grown or None
     # lost neighbours can cause every other failure: mend the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
         step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))

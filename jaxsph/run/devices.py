@@ -183,7 +183,7 @@ def _points(model: Model, state: State, devices: int) -> int:
     tank in which a dam breaks.
     """
     grid, x = model.search.grid, state.particles.x
-    nodes = model.walls_at(state.own)[1]
+    nodes = model.walls_at(state.own)[1][model.walls.at_nodes]
     near = np.asarray(_beside(x, nodes, grid))
     cell, at = (np.asarray(cell_index(a, grid))[:, 0] for a in (x, nodes[near]))
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]

@@ -14,7 +14,7 @@ from jaxsph.core.arrays import Array, Components, Float, columns, dot, stack
 from jaxsph.core.pairs import Pair
 from jaxsph.core.search.cells import wrap
 from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, water_neighbours
-from jaxsph.core.slabs import PointNeighbours, Sources
+from jaxsph.core.slabs import Chosen, PointNeighbours, Sources
 from jaxsph.core.transforms import any_lane
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
@@ -108,9 +108,12 @@ class AbstractParticleScheme(AbstractScheme):
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
         p, astray = sort_by_cell(s.slabs, s.grid, p, p.x)
         region = walls.regions.index(p.x)
-        ghosts, nodes = model.walls_at(state.own)
+        images, too_many = self._images(model, state.own, p)
+        ghosts, nodes = self._walls_to_search(model, state.own, p, images)
+        there = images.there
+        kind = walls.kind.at[: len(there)].multiply(there.astype(walls.kind.dtype))
         # a search keeps escaped particles in the cells at the edge; `check` flags their failure
-        water, behind = Seen(p.x, walls.regions.kind(region)), Seen(ghosts, walls.kind)
+        water, behind = Seen(p.x, walls.regions.kind(region)), Seen(ghosts, kind)
         fluid, most, halo = water_neighbours(
             s.slabs, s.method, water, walls.regions.sees(region), behind, s.capacity
         )
@@ -118,7 +121,7 @@ class AbstractParticleScheme(AbstractScheme):
         def around_points(points, sees):
             return point_neighbours(s.slabs, s.method, points, sees, water, s.node_capacity)
 
-        at_nodes, most_at_nodes, crowd = around_points(nodes, walls.node_sees)
+        at_nodes, most_at_nodes, crowd = around_points(nodes[walls.at_nodes], walls.node_sees[walls.at_nodes])
         around = {}
         for solid in model.moving:
             rows = slice(*solid.rows)
@@ -141,10 +144,33 @@ class AbstractParticleScheme(AbstractScheme):
             "halo": jnp.where(astray, 2 * s.slabs.halo, halo),
             "points": crowd,
         }
-        status = _checked_tables(state, s, found)
+        status = _checked_tables(state, s, found, too_many)
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
-        tables = Tables(fluid, at_nodes, around, chambers, p.x)
+        tables = Tables(fluid, images, at_nodes, around, chambers, p.x)
         return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))
+
+    def _images(self, model: Model, own: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
+        """Particles of which ghosts are the images until the next search, and whether there are too many."""
+        s, images, n = model.search, model.walls.images, p.x.shape[0]
+        if not images.count:
+            none = jnp.zeros(0, jnp.int32)
+            return Chosen.of(none, n, s.slabs), jnp.zeros((), bool)
+        x = jax.lax.stop_gradient(s.slabs.gather(p.x))
+        paddle = model.paddle_at(jax.lax.stop_gradient(own))
+        rows, full = images.choose(x, paddle, self.smoothing.radius, s.skin)
+        return Chosen.of(rows, n, s.slabs), full
+
+    @staticmethod
+    def _walls_to_search(
+        model: Model, own: Mapping[str, Any], p: Particles, images: Chosen
+    ) -> tuple[jax.Array, jax.Array]:
+        """Positions of all ghosts and of their nodes, m: images without a particle are out of the way."""
+        if not model.walls.images.count:
+            return model.walls_at(own)
+        alone, nodes = model.walls_at(own)
+        x, nodes = model.walls_at(own, stack(images.fields({"x": columns(p.x)})["x"]))
+        count = model.walls.images.count
+        return x.at[:count].set(jnp.where(images.there[:, None], x[:count], alone[:count])), nodes
 
     @abc.abstractmethod
     def respond(self, model: Model, state: State, tables: Tables) -> dict[str, Response]:
@@ -184,14 +210,21 @@ class AbstractParticleScheme(AbstractScheme):
     def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
-        x, nodes = model.walls_at(state.own)
+        x, nodes, volume = model.ghosts_at(state, tables)
         water = tables.fluid.slabs.fetch(self.water(state.particles))
-        fit = walls.fit(nodes, water, self.smoothing, tables.nodes)
+        fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes)
         here = fit.wet
         for wall in model.moving:
-            here = here * wall.cover(state.own[wall.name], x, model.dx)
+            # an image is where its particle is along the wall
+            cover = wall.cover(state.own[wall.name], x, model.dx)
+            here = here * cover.at[: walls.images.count].set(1.0)
         still = jnp.zeros_like(x)
-        return GhostFields(x, nodes, still[:, 0], still, still, here * walls.volume, fit, water)
+        return GhostFields(x, nodes, still[:, 0], still, still, here * volume, fit, water)
+
+    def carried(self, model: Model, law, ghosts: GhostFields, tables: Tables):
+        """Values of `law(j)` (a pytree of fields of the water) that the walls carry to their ghosts."""
+        seen = ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
+        return model.walls.carried(law, *seen)
 
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
         """Positions, volumes and pressures of all ghosts for the state's water (Zhu et al. 2020, Eq. 18-20).
@@ -199,9 +232,7 @@ class AbstractParticleScheme(AbstractScheme):
         The pressures contain the walls' accelerations over the interval; velocities are still zero.
         """
         ghosts, walls = self.place_ghosts(model, state, tables), model.walls
-        at_node = walls.at_nodes(
-            lambda j: j["p"], ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes
-        )
+        at_node = self.carried(model, lambda j: j["p"], ghosts, tables)
         force = self.wall_force(model, state.own, ghosts, interval)
         pressure = walls.pressure(ghosts.fit, at_node, ghosts.x, ghosts.nodes, force)
         # a dry ghost has no volume; its pressure must still be a number
@@ -237,9 +268,7 @@ class AbstractParticleScheme(AbstractScheme):
         Moving solids have the velocities of their states in `own`.
         """
         walls = model.walls
-        at_node = walls.at_nodes(
-            lambda j: j["u"], ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes
-        )
+        at_node = self.carried(model, lambda j: j["u"], ghosts, tables)
         surface = walls.sliding
         for wall in model.moving:
             rows = slice(*wall.rows)
@@ -336,8 +365,11 @@ class AbstractParticleScheme(AbstractScheme):
         return eqx.tree_at(lambda a: a.status, state, status)
 
 
-def _checked_tables(state: State, search, found: dict[str, jax.Array]):
-    """Status with the largest needs of the tables so far, and a flag where one exceeds its capacity."""
+def _checked_tables(state: State, search, found: dict[str, jax.Array], too_many: jax.Array):
+    """Status with the largest needs of the tables so far, and a flag where one exceeds its capacity.
+
+    `too_many`: whether more particles are beside a wall than it has images for.
+    """
     status = eqx.tree_at(
         lambda s: s.most, state.status, {k: jnp.maximum(v, found[k]) for k, v in state.status.most.items()}
     )
@@ -347,6 +379,7 @@ def _checked_tables(state: State, search, found: dict[str, jax.Array]):
         lost |= found["halo"] > search.slabs.halo
     if search.slabs.points:
         lost |= found["points"] > search.slabs.points
+    lost |= too_many
     crowded = found["chamber_capacity"] > search.chamber_capacity
     status = status.flag(Failure.CHAMBER_OVERFLOW, crowded, state.step, nowhere)
     return status.flag(Failure.NEIGHBOUR_OVERFLOW, lost, state.step, nowhere)

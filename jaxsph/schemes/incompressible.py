@@ -5,7 +5,6 @@ Equation numbers are those of Yeylaghi et al. unless another source is named.
 
 from __future__ import annotations
 
-import functools
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -366,7 +365,7 @@ class ISPH(AbstractParticleScheme):
         """Pressure equation for the water of `at`, with the velocities of the sources."""
         walls = model.walls
         poisson = self._poisson(model, at.particles, ghosts, sources, tables)
-        at_nodes = walls.node_weights(ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.nodes)
+        seen = ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
         force = self.wall_force(model, at.own, ghosts, interval)
         nowhere = jnp.zeros_like(ghosts.p)
         beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
@@ -375,7 +374,7 @@ class ISPH(AbstractParticleScheme):
         }
         return PressureEquation(
             poisson,
-            functools.partial(tables.nodes.weighted_sum, at_nodes),
+            walls.carrier(*seen),
             jnp.where(ghosts.fit.wet > 0, beyond, 0.0),
             couplings,
             self.rho0 * self.smoothing.h,

@@ -1,6 +1,7 @@
-"""Filling of ghosts: interpolation of the water's pressure and velocity at the ghosts' nodes.
+"""Filling of ghosts: how they take their pressure and velocity from the water.
 
-A ghost's node is its mirror image in the water (`MirrorNodes`) or the ghost itself (`DummyParticles`).
+A ghost is the image of one particle (`MirrorImages`), or stands on a lattice and interpolates at its node:
+its own mirror image in the water (`MirrorNodes`), or the ghost itself (`DummyParticles`).
 """
 
 from __future__ import annotations
@@ -141,6 +142,13 @@ class DummyParticles(AbstractFilling):
         wet = jnp.clip((zeroth / full - 0.05) / 0.2, 0.0, 1.0)
         none = tuple(jnp.zeros_like(norm) for _ in first)
         return NodeFit(norm, none, tuple(c * norm * h for c in first), wet)
+
+
+class MirrorImages(MirrorNodes):
+    """Filling of the tank's walls by mirror images of the water's particles (`solids.images`).
+
+    The ghosts of plates and platforms stand on a lattice, and are filled from their mirror nodes.
+    """
 
 
 def interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:

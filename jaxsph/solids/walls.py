@@ -1,14 +1,15 @@
 """Ghost particles of all walls, and the pressure and velocity that they take from the water.
 
-A ghost stands in the wall; its node is its mirror image in the water, or the ghost itself. Each step the
-water's pressure and velocity are interpolated at the nodes and carried to the ghosts (Zhu et al. 2020,
-Eq. 18-20), which are from then on ordinary sources of the pair sums.
+A ghost stands in the wall. It is the mirror image of a particle near a plane wall, or it takes what it
+carries from its node: its own mirror image in the water, or the ghost itself. Each step the water's pressure
+and velocity are gathered from the particles, or interpolated at the nodes, and carried to the ghosts (Zhu et
+al. 2020, Eq. 18-20), which are from then on ordinary sources of the pair sums.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -21,10 +22,11 @@ from jaxsph.core.pairs import (
     Period,
     Smoothing,
 )
-from jaxsph.core.slabs import PointNeighbours, Sources
+from jaxsph.core.slabs import Chosen, PointNeighbours, Sources
 from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
 from jaxsph.solids.divisions import (
+    PLAIN,
     AbstractThinWall,
     RegionalGhosts,
     Regions,
@@ -33,11 +35,12 @@ from jaxsph.solids.divisions import (
 from jaxsph.solids.filling import (
     AbstractFilling,
     DummyParticles,
-    MirrorNodes,
+    MirrorImages,
     NodeFit,
     interpolation_weight,
 )
 from jaxsph.solids.fixed import PlatformBed, TankWalls, ThinPlate
+from jaxsph.solids.images import Images
 from jaxsph.solids.placement import (
     GhostSet,
     box_ghosts,
@@ -57,7 +60,8 @@ class Ghosts(eqx.Module):
     """Ghost particles of all walls, their interpolation nodes, and the method of filling them.
 
     The leaves stay constant in a run: positions at rest, masks, mirror factors. Moving solids place their own
-    rows anew at every step (`Model.walls_at`).
+    rows anew at every step (`Model.walls_at`). The images of particles come first; their positions here are
+    those where they stand while they have no particle, and their volumes are zero.
     """
 
     x: Float[Array, "G D"]
@@ -92,6 +96,8 @@ class Ghosts(eqx.Module):
     """Method by which the ghosts take their pressure and velocity from the water."""
     dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """Index of the first ghost, and of the one after the last, of every solid of dummy particles."""
+    images: Images = eqx.field(default_factory=Images)
+    """Ghosts that are images of particles; none with a filling other than `MirrorImages`."""
 
     @classmethod
     def build(
@@ -115,25 +121,35 @@ class Ghosts(eqx.Module):
         **Arguments**: `dx`: spacing, m; `slip`: at the tank's walls and plates; `sliding`: velocities (m/s)
         of walls that move along themselves, by (axis, 0 for the low or 1 for the high end); only walls
         without slip drag the water with them. `platform`: a raised bed at the far end of a two-dimensional
-        tank, its lengths whole numbers of spacings. `filling`: by default `MirrorNodes`. `shapes`: solids in
+        tank, its lengths whole numbers of spacings. `filling`: by default `MirrorImages`. `shapes`: solids in
         the water, which need `DummyParticles`. There is an argument for each thing that walls can be made of.
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
         thin_wall = RegionalGhosts() if thin_wall is None else thin_wall
         regions = Regions(tuple(plates), thin_wall.division, () if platform is None else (platform,))
-        filling = MirrorNodes() if filling is None else filling
+        filling = MirrorImages() if filling is None else filling
         if shapes and not isinstance(filling, DummyParticles):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
-        fixed = _fixed_ghosts(box, regions, thin_wall, dx, layers)
+        images, fixed = Images(), _fixed_ghosts(box, regions, thin_wall, dx, layers)
+        if isinstance(filling, MirrorImages):
+            radius = float(smoothing.radius)
+            images = Images.of(box, regions.platforms, dx, radius)
+            of_solids = GhostSet(*(a[fixed.kind != PLAIN] for a in fixed))
+            fixed = join([images.empty_rows(box, radius), of_solids])
         dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
-        ghosts, owner = _in_order([fixed, *dummies])
+        ghosts, owner = _in_order([fixed, *dummies], images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         # The paddle is free-slip whatever the walls are (Zhu et al. 2020, section 2.4), and so are dummies.
         tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
         normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
         node_sees = _seen_by_nodes(ghosts, regions)
-        full = _full(ghosts, node_sees, _brimful(box, regions, shapes, dx, layers), regions, smoothing)
+        full = np.ones(len(ghosts.x))
+        at_nodes = slice(images.count, None)
+        if images.count < len(full):
+            brim = _brimful(box, regions, shapes, dx, layers)
+            part = GhostSet(*(a[at_nodes] for a in ghosts))
+            full[at_nodes] = _full(part, node_sees[at_nodes], brim, regions, smoothing)
         ends = [int(end) for end in np.cumsum([len(part.x) for part in (fixed, *dummies)])]
         count = int(ghosts.moves.sum())
         return cls(
@@ -153,6 +169,7 @@ class Ghosts(eqx.Module):
             sliding=jnp.asarray(sliding_velocity(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
             dummies=tuple(itertools.pairwise(ends)),
+            images=images,
         )
 
     @property
@@ -175,50 +192,78 @@ class Ghosts(eqx.Module):
         """Number of ghosts."""
         return self.x.shape[0]
 
+    @property
+    def at_nodes(self) -> slice:
+        """Rows of the ghosts that interpolate at nodes: those that are not images of particles."""
+        return slice(self.images.count, None)
+
     def fit(
         self,
         nodes: Float[Array, "G D"],
         water: Sources,
         smoothing: Smoothing,
+        images: Chosen,
         table: PointNeighbours,
     ) -> NodeFit:
-        """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours."""
-        return self.filling.fit(nodes, self.full, water, smoothing, table)
+        """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours.
 
-    def at_nodes(
+        An image needs none, and is wet where it has its particle in `images`.
+        """
+        rows, none = self.at_nodes, jnp.zeros(self.images.count, nodes.dtype)
+        wet, zeros = images.there.astype(nodes.dtype), (none,) * nodes.shape[1]
+        alone = NodeFit(none, zeros, zeros, wet)
+        if len(wet) == self.count:
+            return alone
+        found = self.filling.fit(nodes[rows], self.full[rows], water, smoothing, table)
+        return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), alone, found)
+
+    def carried(
         self,
         law,
         fit: NodeFit,
         nodes: Float[Array, "G D"],
         water: Sources,
         smoothing: Smoothing,
+        images: Chosen,
         table: PointNeighbours,
     ):
-        """Interpolated values of `law(j)` (a pytree of fields of the water) at the nodes."""
+        """Values of `law(j)` (a pytree of fields of the water) at the particles or nodes of all ghosts."""
 
         def weighted(pair: Pair, i, j):
             w = interpolation_weight(pair, i, j, smoothing.h)
             return jax.tree.map(lambda f: w * f, law(j))
 
-        targets = {"x": columns(nodes), "a": fit.a, "b": fit.b}
-        return table.sum(weighted, smoothing, targets, water)
+        seen = images.fields(law(water.water))
+        if self.images.count == self.count:
+            return seen
+        rows = self.at_nodes
+        targets = {"x": columns(nodes[rows]), "a": fit.a[rows], "b": tuple(b[rows] for b in fit.b)}
+        found = table.sum(weighted, smoothing, targets, water)
+        return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), seen, found)
 
-    def node_weights(
+    def carrier(
         self,
         fit: NodeFit,
         nodes: Float[Array, "G D"],
         water: Sources,
         smoothing: Smoothing,
+        images: Chosen,
         table: PointNeighbours,
-    ) -> Float[Array, "K S"]:
-        """Interpolation weights of `at_nodes`, zero at dry nodes, for `weighted_sum` of the table."""
+    ) -> Callable[[Sources], Float[Array, " G"]]:
+        """Linear function that carries one field "f" of the water to all ghosts as `carried`; 0 where dry."""
+        rows, wet = self.at_nodes, jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
 
         def law(pair: Pair, i, j):
             return (), i["wet"] * interpolation_weight(pair, i, j, smoothing.h)
 
-        wet = jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
-        targets = {"x": columns(nodes), "a": fit.a, "b": fit.b, "wet": wet}
-        return table.weights(law, smoothing, targets, water)[1]
+        def seen(f: Sources) -> Float[Array, " I"]:
+            return wet[: self.images.count] * images.fields(f.water)["f"]
+
+        if self.images.count == self.count:
+            return seen
+        targets = {"x": columns(nodes[rows]), "a": fit.a[rows], "b": tuple(b[rows] for b in fit.b)}
+        weights = table.weights(law, smoothing, targets | {"wet": wet[rows]}, water)[1]
+        return lambda f: jnp.concatenate([seen(f), table.weighted_sum(weights, f)])
 
     def pressure(
         self,
@@ -248,14 +293,16 @@ class Ghosts(eqx.Module):
         return stack([m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)])
 
 
-def _in_order(parts: Sequence[GhostSet]) -> tuple[GhostSet, np.ndarray]:
+def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarray]:
     """Ghosts of the walls (first) and of solids, and for each the place of its part.
 
     The paddle's come first, then the walls' by column, the solids' last: gathers from near memory cost less.
+    The first `kept` stay in their order.
     """
     ghosts = join(parts)
     owner = np.repeat(np.arange(len(parts)), [len(part.x) for part in parts])
-    order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner))
+    first = np.minimum(np.arange(len(owner)), kept)
+    order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner, first))
     return GhostSet(*(a[order] for a in ghosts)), owner[order]
 
 

@@ -112,6 +112,9 @@ def point_neighbours(
     **Returns** also the slots that the fullest point needs, and the points of the fullest slab.
     """
     count = points.shape[0]
+    if not count:
+        none = jnp.zeros((), jnp.int32)
+        return PointNeighbours.of(jnp.zeros((capacity, 0), jnp.int32)), none, none
     places = min(count, slabs.points or count)  # of one slab
     if slabs.count == 1 and places == count:
         found = method.table(points, water.x, capacity, sees, water.kind, same=False)
