@@ -10,7 +10,7 @@ from conftest import enable_x64
 
 from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2, support
 from jaxsph.core.lattice import lattice_points, lattice_stress
-from jaxsph.schemes.kernels import SEMICIRCLE, usual_length
+from jaxsph.schemes.kernels import KERNEL, usual_length
 
 H = 0.03
 KERNELS = {
@@ -131,7 +131,7 @@ def test_stress_of_a_strained_lattice(kernel, h, dim, neighbours, stress):
 def test_the_semicircle_resists_least(dim):
     """With half the neighbours of the Gaussian in two dimensions, and as many as Wendland's in three."""
     of_old = lattice_stress(*{2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}[dim], dim)
-    kernel = SEMICIRCLE[dim]
+    kernel = KERNEL[dim]
     found = lattice_stress(kernel, usual_length(kernel, dim), dim)
     assert found.neighbours <= {2: 28, 3: 92}[dim]
     assert max(found.strained / of_old.strained, found.distorted / of_old.distorted) < {2: 0.3, 3: 0.1}[dim]

@@ -73,7 +73,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     level = geometry.depth if geometry.column == geometry.length else None
     x, volume = around_solids(x, volume, away, walls, level, case.dx)
     if level is not None and case.scheme.kind == "incompressible":
-        x = at_rest(x, level, case.dx)
+        x = at_rest(x, level, case.dx, scheme.smoothing.kernel)
     if not len(x):
         raise CaseError("body: fills the whole tank, and leaves no water in it")
     g = np.zeros(case.dim)

@@ -32,6 +32,9 @@ ON_WALL = 1e-6
 
 Points = tuple[tuple[float, ...], ...]
 
+PADDLE_GAUGE = 4.8
+"""Distance in spacings from the paddle's face at which active absorption measures the elevation."""
+
 
 class Geometry:
     """Lengths of a case on its lattice (m), and in `notices` those that are not what was asked for."""

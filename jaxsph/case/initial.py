@@ -9,24 +9,31 @@ import numpy as np
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
+from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
 from jaxsph.solids.packing import packed
 from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
 from jaxsph.solids.walls import Ghosts
 
-SURFACE_ROWS = {2: (-0.0235, 0.0105, -0.004, 0.001), 3: (0.0255, 0.030, 0.004, 0.004, 0.0015, 0.001)}
-"""Rise over dx of a lattice's rows, from the surface down, until incompressible water is at rest, by number
-of dimensions: measured in tanks 0.48 m deep at dx = 0.04 m, with the default kernels
+SURFACE_ROWS: dict[tuple[type[AbstractKernel], int], tuple[float, ...]] = {
+    (Semicircle, 2): (0.011, 0.0055, 0.0, 0.0005),
+    (Semicircle, 3): (0.0272, 0.0108, 0.0022, 0.0016, 0.0007, 0.0006),
+    (Gaussian, 2): (-0.0235, 0.0105, -0.004, 0.001),
+    (WendlandC2, 3): (0.0255, 0.030, 0.004, 0.004, 0.0015, 0.001),
+}
+"""Rise over dx of a lattice's rows, from the surface down, until incompressible water is at rest, by kernel
+and number of dimensions: measured in tanks 0.48 m deep at dx = 0.04 m, with the kernels' usual lengths
 (`python -m experiments run still_tank`)."""
 
 
-def at_rest(x: np.ndarray, level: float, dx: float) -> np.ndarray:
+def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> np.ndarray:
     """Positions `[N, D]` (m) of a lattice under a surface at the level (m) as incompressible water rests.
 
     The kernel is cut at the surface, and the rows there are at rest a few hundredths of a spacing off the
-    lattice. Started on the lattice they would rise or sink, and the projection would do the work.
+    lattice. Started on the lattice, as with kernels that are not among `SURFACE_ROWS`, they would rise or
+    sink, and the projection would do the work.
     """
-    rise = (*SURFACE_ROWS[x.shape[1]], 0.0)
+    rise = (*SURFACE_ROWS.get((type(kernel), x.shape[1]), ()), 0.0)
     moved = np.array(x)
     moved[:, -1] += dx * np.interp((level - x[:, -1]) / dx - 0.5, np.arange(len(rise)), rise)
     return moved

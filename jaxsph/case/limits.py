@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.case.geometry import Geometry, walls_of
+from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import reference_speed, sound_speed, wavenumber
@@ -290,7 +290,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
     if waves.zone is not None:
         _check_zone(waves.zone, length, geometry)
         return
-    gauge = 4.0 * case.smoothing_length + 2 * case.dx
+    gauge = (PADDLE_GAUGE + 2) * case.dx
     if gauge > geometry.front:
         raise CaseError(
             f"tank.length = {case.tank.length:g} m: the paddle's own gauge needs {gauge:.3g} m of water in "

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxsph.case.case import Case
-from jaxsph.case.geometry import Geometry
+from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
 from jaxsph.errors import CaseError
 from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
@@ -97,7 +97,7 @@ def make_paddle(
         return Paddle(motion=FlowMotion(waves), rows=walls.paddle)
     if not section.absorption:
         return Paddle(motion=WaveMotion(waves), rows=walls.paddle)
-    distance, width = 4.0 * case.smoothing_length, 3.0 * case.dx
+    distance, width = PADDLE_GAUGE * case.dx, 3.0 * case.dx
     # Slow against the waves, quick against the drift: with 0.01 omega the paddle crept 0.04 m back
     # in ten periods, on the half millimetre by which the gauge's mean is off.
     rate = 0.04 * float(waves.omega)

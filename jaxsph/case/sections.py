@@ -29,7 +29,7 @@ from jaxsph.case.section import (
 from jaxsph.case.wave_sections import WAVES, WavesSection
 from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
-from jaxsph.schemes.kernels import KERNEL, SEMICIRCLE, usual_length
+from jaxsph.schemes.kernels import KERNEL, usual_length
 from jaxsph.schemes.projection import RELAXATION
 
 
@@ -83,7 +83,7 @@ class WeaklyCompressible(Section):
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        named = {"gaussian": Gaussian(self.cut), "wendland": WendlandC2(), "semicircle": SEMICIRCLE[dim]}
+        named = {"gaussian": Gaussian(self.cut), "wendland": WendlandC2(), "semicircle": KERNEL[dim]}
         return named[self.kernel]
 
 
@@ -93,12 +93,12 @@ class Incompressible(Section):
     kind: Literal["incompressible"] = "incompressible"
     """Kind of the scheme; another kind has other keys."""
     kernel: Literal["gaussian", "wendland", "semicircle"] | None = None
-    """Smoothing kernel: the Gaussian, cut off (by default in 2-D), Wendland's C2 (by default in 3-D), or the
-    exponential of a semicircle."""
+    """Smoothing kernel: the exponential of a semicircle (by default), the Gaussian, cut off, or Wendland's
+    C2."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
-    """Smoothing length of the kernel over dx; by default 1.2 of the Gaussian, which reaches 3.5 h, 2 in two
-    and 1.5 in three dimensions of Wendland's, which reaches 2 h, and such that the semicircle reaches 3.05 dx
-    in two and 3 dx in three dimensions."""
+    """Smoothing length of the kernel over dx; by default such that the semicircle reaches 3.05 dx in two and
+    3 dx in three dimensions, 1.2 of the Gaussian, which reaches 3.5 h, and 2 in two and 1.5 in three
+    dimensions of Wendland's, which reaches 2 h."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
     """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
     separation: float = Field(SEPARATION, ge=0, le=10)
@@ -132,7 +132,7 @@ class Incompressible(Section):
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), "semicircle": SEMICIRCLE[dim]}
+        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), "semicircle": KERNEL[dim]}
         return KERNEL[dim] if self.kernel is None else named[self.kernel]
 
 
