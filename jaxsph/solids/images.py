@@ -162,10 +162,8 @@ class Images(eqx.Module):
 
         `radius`: that of the kernel's support, m.
         """
-        dim = len(box.low)
-        nothing = GhostSet(
-            *(np.zeros((0, dim)),) * 3, *(np.zeros(0, int),) * 2, np.zeros(0, bool), np.zeros(0)
-        )
+        x, none = np.zeros((0, len(box.low))), np.zeros(0, int)
+        nothing = GhostSet(x, x, x, none, none, np.zeros(0, bool), np.zeros(0))
         return join([nothing, *(_rows(one, box, self.dx, radius) for one in self.sets)])
 
 

@@ -1,0 +1,78 @@
+"""Height of the waves that a piston makes over Biesel's transfer function, by its stroke.
+
+Biesel's theory is linear. Waves of a finite height are lower than it says by a share that grows with their
+steepness squared, so that the limit at no steepness is what is compared with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report
+from jaxsph import analysis
+from jaxsph.waves import theory
+
+DEPTH, STROKE, SHARES = 0.31, 0.0524, (1.0, 0.5, 0.25)
+"""Depth and largest stroke, m; shares of the stroke that are run."""
+ALONG = np.arange(1.0, 2.5, 0.2)
+"""Places of the gauges, wavelengths from the paddle."""
+RAMP, PERIODS, BAR = 3.0, 4, 0.01
+
+
+def main(layers: int = 20, T: float = 1.0) -> None:
+    """Runs a piston of the period T (s) with three strokes, in water of so many spacings."""
+    dx, k = DEPTH / layers, 2 * np.pi / float(theory.wavelength(T, DEPTH))
+    transfer = float(theory.biesel(k, DEPTH))
+    with Report(f"piston_{layers}_{T:g}", f"Waves of a piston against Biesel, T = {T:g} s", dx) as report:
+        ratios, steepness = [], []
+        for share in SHARES:
+            run, height = made(dx, T, share * STROKE * transfer), share * STROKE * transfer
+            first, second = (harmonics(run, T / n) for n in (1, 2))
+            ratios.append(np.mean(first) / height)
+            steepness.append(k * height / 2)
+            where = f"stroke {1e3 * share * STROKE:.3g} mm, ka = {steepness[-1]:.2g}"
+            report.row(f"{where}: height over Biesel's", ratios[-1], theory=1.0)
+            report.row(f"{where}: its spread along the tank", np.std(first) / height, theory=0.0)
+            report.row(f"{where}: second harmonic, mean along the tank", np.mean(second) / height)
+            lost = run.results["energy_hyperviscosity"] / run.results["energy_paddle"]
+            report.row(f"{where}: hyperviscosity of the paddle's work", 100 * lost, "%", theory=0.0)
+        slope, limit = np.polyfit(np.square(steepness), ratios, 1)
+        off = abs(limit - 1)
+        report.row("change with the steepness squared", slope)
+        report.row("at no steepness", limit, theory=1.0, bar=f"within {100 * BAR:g} %", passes=off < BAR)
+        figure = Figure(figsize=(5, 3.6), layout="constrained")
+        axis = figure.subplots()
+        axis.plot(np.square(steepness), ratios, "o")
+        axis.plot([0.0, max(steepness) ** 2], [limit, limit + slope * max(steepness) ** 2], "--", lw=1)
+        axis.set(xlabel="(ka)^2", ylabel="wave height over Biesel's", xlim=(0, None))
+        report.picture(figure)
+
+
+def made(dx: float, T: float, height: float) -> js.Solution:
+    """A run of a tank of five wavelengths until waves of this height (m) have passed all gauges."""
+    length = float(theory.wavelength(T, DEPTH))
+    speed = float(theory.group_velocity(2 * np.pi / T, DEPTH))
+    changes = {
+        "dx": dx,
+        "scheme.kind": "incompressible",
+        "tank.depth": DEPTH,
+        "tank.length": round(5 * length / dx) * dx,
+        "sponge.length": length,
+        "waves.T": T,
+        "waves.H": height,
+        "waves.second_order": False,
+        "waves.absorption": False,
+        "waves.ramp_periods": RAMP,
+        "probes.gauges": [float(at) for at in np.round(ALONG * length, 3)],
+        "t1": round((RAMP + PERIODS + 2) * T + ALONG[-1] * length / speed, 1),
+    }
+    return js.run(js.load_case("wave_tank").replace(changes), progress=False)
+
+
+def harmonics(run: js.Solution, T: float) -> np.ndarray:
+    """Heights (m) of the waves of the period T (s) at all gauges, over the last periods."""
+    t, eta = run.t, run["eta"]
+    last = t > t[-1] - PERIODS * run.case.waves.T + 1e-6
+    return np.array([2 * abs(analysis.fundamental(t[last], at[last], T)) for at in eta.T])
