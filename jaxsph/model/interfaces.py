@@ -370,21 +370,21 @@ class Model(eqx.Module):
         return (*self.solids, *self.moving, *self.bodies)
 
     def walls_at(
-        self, own: Mapping[str, Any], mirrored: Float[Array, "I D"] | None = None
+        self, own: Mapping[str, Any], *mirrored: Float[Array, "I D"]
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
         """Positions of all ghosts and of their nodes, m, with the moving solids in the states `own`.
 
-        `mirrored`: positions (m) of the particles of which ghosts are the images; without them these ghosts
-        stand where they do while they have none.
+        `mirrored`: positions (m) of the particles of which ghosts are the images, one array or none; without
+        them these ghosts stand where they do while they have no particle.
         """
         x, nodes, images = self.walls.x, self.walls.node, self.walls.images
         for solid in (*self.moving, *self.bodies):
             rows = slice(*solid.rows)
             there, its_nodes = solid.place(own[solid.name], x[rows], nodes[rows])
             x, nodes = x.at[rows].set(there), nodes.at[rows].set(its_nodes)
-        if images.count and mirrored is not None:
-            x = x.at[: images.count].set(images.image(mirrored, self.paddle_at(own)))
-            nodes = nodes.at[: images.count].set(mirrored)
+        for seen in mirrored:
+            x = x.at[: images.count].set(images.image(seen, self.paddle_at(own)))
+            nodes = nodes.at[: images.count].set(seen)
         return x, nodes
 
     def paddle_at(self, own: Mapping[str, Any]) -> Callable[[Array], Array]:

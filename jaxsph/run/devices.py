@@ -183,13 +183,19 @@ def _points(model: Model, state: State, devices: int) -> int:
     tank in which a dam breaks.
     """
     grid, x = model.search.grid, state.particles.x
-    nodes = model.walls_at(state.own)[1][model.walls.at_nodes]
-    near = np.asarray(_beside(x, nodes, grid))
-    cell, at = (np.asarray(cell_index(a, grid))[:, 0] for a in (x, nodes[near]))
+    ghosts, nodes = model.walls_at(state.own)
+    cell = np.asarray(cell_index(x, grid))[:, 0]
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]
-    most = np.bincount(np.searchsorted(edges, at, side="right"), minlength=1).max()
-    points = needed_capacity(int(most), SPREADING)
-    if devices == 1 and len(near) - points < WORTH_SPARING * len(x):
+
+    def fullest(points: jax.Array) -> int:
+        near = np.asarray(_beside(x, points, grid))
+        at = np.asarray(cell_index(points[near], grid))[:, 0]
+        return int(np.bincount(np.searchsorted(edges, at, side="right"), minlength=1).max())
+
+    nodes = nodes[model.walls.at_nodes]
+    around = (ghosts[slice(*wall.rows)] for wall in model.moving)
+    points = needed_capacity(max(map(fullest, (nodes, *around))), SPREADING)
+    if devices == 1 and len(nodes) - points < WORTH_SPARING * len(x):
         return 0
     return points
 

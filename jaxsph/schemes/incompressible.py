@@ -165,9 +165,9 @@ class ISPH(AbstractParticleScheme):
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractParticleScheme`: 50 ns a neighbour, with the iterations that still water, a flap in
-        waves and the column's dam break take."""
-        return 50e-9 * self.neighbours(dx, dim)
+        """See `AbstractParticleScheme`: 30 ns a neighbour and 2.2 us, with the iterations that still water, a
+        flap in waves and the column's dam break take."""
+        return 2.2e-6 + 30e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):
         """See `AbstractParticleScheme`: a particle that crosses 0.6 spacings in a step."""

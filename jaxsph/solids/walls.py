@@ -133,10 +133,7 @@ class Ghosts(eqx.Module):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
         images, fixed = Images(), _fixed_ghosts(box, regions, thin_wall, dx, layers)
         if isinstance(filling, MirrorImages):
-            radius = float(smoothing.radius)
-            images = Images.of(box, regions.platforms, dx, radius)
-            of_solids = GhostSet(*(a[fixed.kind != PLAIN] for a in fixed))
-            fixed = join([images.empty_rows(box, radius), of_solids])
+            images, fixed = _with_images(fixed, box, regions, dx, float(smoothing.radius))
         dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
         ghosts, owner = _in_order([fixed, *dummies], images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
@@ -144,12 +141,8 @@ class Ghosts(eqx.Module):
         tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
         normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
         node_sees = _seen_by_nodes(ghosts, regions)
-        full = np.ones(len(ghosts.x))
-        at_nodes = slice(images.count, None)
-        if images.count < len(full):
-            brim = _brimful(box, regions, shapes, dx, layers)
-            part = GhostSet(*(a[at_nodes] for a in ghosts))
-            full[at_nodes] = _full(part, node_sees[at_nodes], brim, regions, smoothing)
+        brim = _brimful(box, regions, shapes, dx, layers)
+        full = _full(ghosts, node_sees, images.count, brim, regions, smoothing)
         ends = [int(end) for end in np.cumsum([len(part.x) for part in (fixed, *dummies)])]
         count = int(ghosts.moves.sum())
         return cls(
@@ -347,18 +340,28 @@ def _brimful(
     return x, volume
 
 
+def _with_images(
+    fixed: GhostSet, box: Box, regions: Regions, dx: float, radius: float
+) -> tuple[Images, GhostSet]:
+    """Images of the water in a tank's walls, and the ghosts with the images' rows for those of the tank."""
+    images = Images.of(box, regions.platforms, dx, radius)
+    of_solids = GhostSet(*(a[fixed.kind != PLAIN] for a in fixed))
+    return images, join([images.empty_rows(box, radius), of_solids])
+
+
 def _full(
     ghosts: GhostSet,
     node_sees: np.ndarray,
+    images: int,
     brim: tuple[np.ndarray, np.ndarray],
     regions: Regions,
     smoothing: Smoothing,
 ) -> np.ndarray:
-    """Kernel's sum V W at every node over the water `brim` that the node sees."""
+    """Kernel's sum V W at every node over the water `brim` that the node sees; 1 for the first `images`."""
     x, volume = brim
-    full = np.zeros(len(ghosts.x))
+    full = np.ones(len(ghosts.x))
     kind = np.asarray(region_bits(regions, jnp.asarray(x, jnp.float32))[0])
-    for mask in np.unique(node_sees):
-        of, seen = node_sees == mask, (kind & mask) != 0
+    for mask in np.unique(node_sees[images:]):
+        of, seen = (node_sees == mask) & (np.arange(len(full)) >= images), (kind & mask) != 0
         full[of] = kernel_fill(ghosts.node[of], x[seen], volume[seen], smoothing.kernel, float(smoothing.h))
     return full
