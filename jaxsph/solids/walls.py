@@ -131,26 +131,22 @@ class Ghosts(eqx.Module):
         filling = MirrorImages() if filling is None else filling
         if shapes and not isinstance(filling, DummyParticles):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
-        images, fixed = Images(), _fixed_ghosts(box, regions, thin_wall, dx, layers)
-        if isinstance(filling, MirrorImages):
-            images, fixed = _with_images(fixed, box, regions, dx, float(smoothing.radius))
+        fixed = _fixed_ghosts(box, regions, thin_wall, dx, layers)
+        images, fixed = _with_images(filling, fixed, box, regions, dx, float(smoothing.radius))
         dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
         ghosts, owner = _in_order([fixed, *dummies], images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
-        # The paddle is free-slip whatever the walls are (Zhu et al. 2020, section 2.4), and so are dummies.
-        tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
-        normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
         node_sees = _seen_by_nodes(ghosts, regions)
         brim = _brimful(box, regions, shapes, dx, layers)
-        full = _full(ghosts, node_sees, images.count, brim, regions, smoothing)
+        full = np.maximum(_full(ghosts, node_sees, images.count, brim, regions, smoothing), filling.least)
         ends = [int(end) for end in np.cumsum([len(part.x) for part in (fixed, *dummies)])]
         count = int(ghosts.moves.sum())
         return cls(
             x=jnp.asarray(ghosts.x, dtype),
             node=jnp.asarray(ghosts.node, dtype),
             mirror=jnp.asarray(ghosts.mirror, dtype),
-            shear=jnp.asarray(np.where(normal, ghosts.mirror, tangential), dtype),
-            full=jnp.asarray(np.maximum(full, filling.least), dtype),
+            shear=jnp.asarray(_shear(ghosts, owner, slip), dtype),
+            full=jnp.asarray(full, dtype),
             volume=jnp.asarray(ghosts.volume, dtype),
             kind=jnp.asarray(ghosts.kind, jnp.int32),
             node_sees=jnp.asarray(node_sees, jnp.int32),
@@ -340,10 +336,21 @@ def _brimful(
     return x, volume
 
 
+def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.ndarray:
+    """Factors `[G, D]` of the velocity that the viscous force sees. The paddle is free-slip whatever the walls
+    are (Zhu et al. 2020, section 2.4), and so are dummies."""
+    tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
+    normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
+    return np.where(normal, ghosts.mirror, tangential)
+
+
 def _with_images(
-    fixed: GhostSet, box: Box, regions: Regions, dx: float, radius: float
+    filling: AbstractFilling, fixed: GhostSet, box: Box, regions: Regions, dx: float, radius: float
 ) -> tuple[Images, GhostSet]:
-    """Images of the water in a tank's walls, and the ghosts with the images' rows for those of the tank."""
+    """Images of the water in a tank's walls, and the ghosts with the images' rows for those of the tank; none
+    and the ghosts as they are with another filling."""
+    if not isinstance(filling, MirrorImages):
+        return Images(), fixed
     images = Images.of(box, regions.platforms, dx, radius)
     of_solids = GhostSet(*(a[fixed.kind != PLAIN] for a in fixed))
     return images, join([images.empty_rows(box, radius), of_solids])
