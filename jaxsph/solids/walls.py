@@ -337,8 +337,10 @@ def _brimful(
 
 
 def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.ndarray:
-    """Factors `[G, D]` of the velocity that the viscous force sees. The paddle is free-slip whatever the walls
-    are (Zhu et al. 2020, section 2.4), and so are dummies."""
+    """Factors `[G, D]` of the velocity that the viscous force sees.
+
+    The paddle is free-slip whatever the walls are (Zhu et al. 2020, section 2.4), and so are dummies.
+    """
     tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
     normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
     return np.where(normal, ghosts.mirror, tangential)
