@@ -271,14 +271,15 @@ def _first_images(images: Images, x: jax.Array, radius: float, skin: float) -> t
     """Images (m) of particles at x (m) with the paddle at rest, and which of the rows have one."""
     if not images.count:
         return np.zeros((0, x.shape[1])), np.zeros(0, bool)
-
-    @jax.jit
-    def found(x):
-        rows, _ = images.choose(x, lambda a: a, radius, skin)
-        return images.image(x[jnp.minimum(rows, len(x) - 1)], lambda a: a), rows < len(x)
-
-    there = found(x)
+    there = _imaged(images, x, radius, skin)
     return np.asarray(there[0]), np.asarray(there[1])
+
+
+@jax.jit
+def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[jax.Array, jax.Array]:
+    """As `_first_images`, compiled whole and once for all builds of a size."""
+    rows, _ = images.choose(x, lambda a: a, radius, skin)
+    return images.image(x[jnp.minimum(rows, len(x) - 1)], lambda a: a), rows < len(x)
 
 
 def _neighbour_count(

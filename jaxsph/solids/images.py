@@ -191,12 +191,12 @@ def _corners(planes: tuple[Plane, ...], walls: Sequence[Plane]) -> Iterator[tupl
 
 
 def _extent(one: ImageSet, box: Box, axis: int) -> tuple[float, float]:
-    """Ends (m) of the images along an axis that no plane of theirs is across.
-
-    Water that follows the paddle back is as much as before: another stroke makes no other number of rows.
-    """
+    """Ends (m) of the images along an axis that no plane of theirs is across."""
     ends = [end[1:] for end in one.windows if end[0] == axis]
-    return max([box.low[axis], *(low for low, _ in ends)]), min([box.high[axis], *(high for _, high in ends)])
+    behind = box.stroke if axis == 0 else 0.0
+    return max([box.low[axis] - behind, *(low for low, _ in ends)]), min(
+        [box.high[axis], *(b for _, b in ends)]
+    )
 
 
 def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
