@@ -269,10 +269,8 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
 
 def _first_images(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[np.ndarray, np.ndarray]:
     """Images (m) of particles at x (m) with the paddle at rest, and which of the rows have one."""
-    if not images.count:
-        return np.zeros((0, x.shape[1])), np.zeros(0, bool)
-    there = _imaged(images, x, radius, skin)
-    return np.asarray(there[0]), np.asarray(there[1])
+    found, there = _imaged(images, x, radius, skin)
+    return np.asarray(found), np.asarray(there)
 
 
 @jax.jit

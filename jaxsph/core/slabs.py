@@ -296,7 +296,7 @@ class Chosen(eqx.Module):
         return cls(jnp.minimum(rows, n - 1), rows < n, slabs)
 
     def fields(self, fields: Fields) -> Fields:
-        """Fields of the particles, `[I]`; those of any particle where there is none."""
+        """Fields of the particles, `[I]`; an empty place repeats some other particle: see `there`."""
         if self.slabs.count == 1:
             return jax.tree.map(lambda a: gather_linearly(a, self.rows), fields)
         return self.slabs.take(fields, self.rows)

@@ -22,7 +22,7 @@ import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
-from jaxsph.core.slabs import Sources
+from jaxsph.core.slabs import Chosen, Sources
 from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
 from jaxsph.model.meaning import Entry, Reading
 from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
@@ -395,16 +395,18 @@ class Model(eqx.Module):
         return lambda x: x
 
     def ghosts_at(
-        self, state: State, tables: Tables
+        self, own: Mapping[str, Any], p: Particles, images: Chosen
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"], Float[Array, " G"]]:
-        """Positions (m) of all ghosts and their nodes in a state, and their volumes (m^D) in full water."""
-        p, images = state.particles, self.walls.images
-        if not images.count:
-            return *self.walls_at(state.own), self.walls.volume
-        seen = tables.images.fields({"x": columns(p.x), "V": self.scheme.volume(p)})
-        x, nodes = self.walls_at(state.own, stack(seen["x"]))
-        count = tables.images.there * seen["V"] * images.share(x[: images.count])
-        return x, nodes, self.walls.volume.at[: images.count].set(count)
+        """Positions (m) of all ghosts and their nodes, and their volumes (m^D) in full water.
+
+        `images`: particles of `p` that are mirrored; an image without one is out of the way.
+        """
+        count, there = self.walls.images.count, images.there
+        seen = images.fields({"x": columns(p.x), "V": self.scheme.volume(p)})
+        x, nodes = self.walls_at(own, stack(seen["x"]))
+        share = there * seen["V"] * self.walls.images.share(x[:count])
+        x = x.at[:count].set(jnp.where(there[:, None], x[:count], self.walls.x[:count]))
+        return x, nodes, self.walls.volume.at[:count].set(share)
 
     def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Acceleration by the body forces beside g at x (m), m/s2."""

@@ -127,7 +127,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
     h, dim = smoothing.h, p.x.shape[1]
-    ghosts, _, volume = model.ghosts_at(state, tables)
+    ghosts, _, volume = model.ghosts_at(state.own, p, tables.images)
     V = model.scheme.volume(p)
     own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(volume)

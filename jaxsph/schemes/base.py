@@ -109,7 +109,7 @@ class AbstractParticleScheme(AbstractScheme):
         p, astray = sort_by_cell(s.slabs, s.grid, p, p.x)
         region = walls.regions.index(p.x)
         images, too_many = self._images(model, state.own, p)
-        ghosts, nodes = self._walls_to_search(model, state.own, p, images)
+        ghosts, nodes, _ = model.ghosts_at(state.own, p, images)
         there = images.there
         kind = walls.kind.at[: len(there)].multiply(there.astype(walls.kind.dtype))
         # a search keeps escaped particles in the cells at the edge; `check` flags their failure
@@ -151,26 +151,11 @@ class AbstractParticleScheme(AbstractScheme):
 
     def _images(self, model: Model, own: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
         """Particles of which ghosts are the images until the next search, and whether there are too many."""
-        s, images, n = model.search, model.walls.images, p.x.shape[0]
-        if not images.count:
-            none = jnp.zeros(0, jnp.int32)
-            return Chosen.of(none, n, s.slabs), jnp.zeros((), bool)
+        s = model.search
         x = jax.lax.stop_gradient(s.slabs.gather(p.x))
         paddle = model.paddle_at(jax.lax.stop_gradient(own))
-        rows, full = images.choose(x, paddle, self.smoothing.radius, s.skin)
-        return Chosen.of(rows, n, s.slabs), full
-
-    @staticmethod
-    def _walls_to_search(
-        model: Model, own: Mapping[str, Any], p: Particles, images: Chosen
-    ) -> tuple[jax.Array, jax.Array]:
-        """Positions of all ghosts and of their nodes, m: images without a particle are out of the way."""
-        if not model.walls.images.count:
-            return model.walls_at(own)
-        alone, nodes = model.walls_at(own)
-        x, nodes = model.walls_at(own, stack(images.fields({"x": columns(p.x)})["x"]))
-        count = model.walls.images.count
-        return x.at[:count].set(jnp.where(images.there[:, None], x[:count], alone[:count])), nodes
+        rows, full = model.walls.images.choose(x, paddle, self.smoothing.radius, s.skin)
+        return Chosen.of(rows, len(x), s.slabs), full
 
     @abc.abstractmethod
     def respond(self, model: Model, state: State, tables: Tables) -> dict[str, Response]:
@@ -210,7 +195,7 @@ class AbstractParticleScheme(AbstractScheme):
     def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
-        x, nodes, volume = model.ghosts_at(state, tables)
+        x, nodes, volume = model.ghosts_at(state.own, state.particles, tables.images)
         water = tables.fluid.slabs.fetch(self.water(state.particles))
         fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes)
         here = fit.wet

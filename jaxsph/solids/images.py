@@ -128,11 +128,12 @@ class Images(eqx.Module):
 
     def image(self, x: Float[Array, "I D"], paddle: Placed) -> Float[Array, "I D"]:
         """Images (m) of the particles at x (m), one for every row; `paddle` places its points."""
-        return jnp.concatenate([one.image(x[slice(*one.rows)], paddle) for one in self.sets])
+        return jnp.concatenate([x[:0], *(one.image(x[slice(*one.rows)], paddle) for one in self.sets)])
 
     def share(self, images: Float[Array, "I D"]) -> Float[Array, " I"]:
         """Shares of the images (m) that count, 0 to 1."""
-        return jnp.concatenate([one.share(images[slice(*one.rows)], self.dx) for one in self.sets])
+        shares = (one.share(images[slice(*one.rows)], self.dx) for one in self.sets)
+        return jnp.concatenate([images[:0, 0], *shares])
 
     def choose(
         self, x: Float[Array, "N D"], paddle: Placed, radius: float | Array, skin: float | Array
@@ -142,7 +143,7 @@ class Images(eqx.Module):
         **Arguments**: positions x (m) of the water; `paddle` places its points; `radius` of the kernel's
         support, m; `skin`, the margin of the search, of which a particle moves half at most, m.
         """
-        n, rows, full = len(x), [], jnp.zeros((), bool)
+        n, rows, full = len(x), [jnp.zeros(0, jnp.int32)], jnp.zeros((), bool)
         for one in self.sets:
             images = one.image(x, paddle)
             near = jnp.ones(n, bool)
