@@ -26,6 +26,7 @@ SMALL = {
     "owc": {"dx": 0.04, "tank.length": 2.4, "device.wall_thickness": 0.04, "probes": {}},
     "vessel": {"dx": 0.04, "device.wall_thickness": 0.04},
     "wave_tank": {"dx": 0.05},
+    "wave_tank_3d": {"dx": 0.1, "tank.height": 1.0},
     "wedge_entry": {"dx": 0.05},
 }
 """Changes that make the built-in cases small enough to build by the hundred."""

@@ -125,6 +125,7 @@ def test_case_files(tmp_path):
         ({"waves.T": 30.0}, r"shallow water"),
         ({"waves.T": 0.5}, r"deep water"),
         ({"waves.H": 0.02}, r"waves.H = 0.02 m is only 1.0 spacings high"),
+        ({"device.wall_thickness": 0.01}, r"device.wall_thickness = 0.01 m is less than a spacing"),
     ],
 )
 def test_theory_s_limits_are_told_not_refused(changes, notice):

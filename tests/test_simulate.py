@@ -226,6 +226,13 @@ def test_settings_go_straight_to_what_was_needed(hydrostatic):
     assert chunks.better_settings(model, stale) == {"rebuild_every": 1}
 
 
+def test_a_table_outrun_in_one_step_names_what_makes_steps_shorter(hydrostatic):
+    _, model, state = hydrostatic
+    stale = eqx.tree_at(lambda s: s.status.bits, state, jnp.asarray(int(Failure.STALE_TABLE)))
+    error = chunks.failure_error("fast", model, stale)
+    assert "outruns its neighbour table" in str(error) and model.scheme.too_fast[1] in str(error)
+
+
 @pytest.mark.parametrize("field", ["u", "rho"])
 def test_the_place_of_a_value_gone_wrong_is_where_it_began(hydrostatic, field):
     """At the end of the step that made it, before the next one carries it everywhere."""

@@ -11,7 +11,8 @@ from pydantic import BaseModel, ValidationError
 
 from jaxsph.case.air_sections import LAWS
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.limits import check_limits, limit_notices
+from jaxsph.case.limits import check_limits
+from jaxsph.case.notices import limit_notices
 from jaxsph.case.section import Section, kind_of
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.errors import CaseError

@@ -16,11 +16,10 @@ import numpy as np
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
 from jaxsph.case.sections import Sections
-from jaxsph.case.speeds import reference_speed, sound_speed, wavenumber
+from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.errors import CaseError
 from jaxsph.solids.images import Images
-from jaxsph.waves import theory
 
 MOST_STEPS = 1e8
 """Most time steps of a run: weeks for the smallest tank."""
@@ -37,15 +36,6 @@ STEEPNESS_BREAKING = 0.142
 """Largest wave height over the wavelength and tanh(kd) (Miche 1944)."""
 STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
-CHAMBER = 6
-"""Spacings in a chamber's length below which a case gets a notice: at 3.2 the built-in OWC's efficiency is
-0.53 to 0.57, at 6.5 it is 0.64."""
-SAMPLE = 0.1
-"""Longest sampling interval over the waves' period, above which a case gets a notice."""
-GAUGE = 3.0
-"""Half-width over the spacing of the water column that a gauge reads."""
-NEAR = 0.8
-"""Share of the breaking height above which a case gets a notice."""
 
 
 def check_limits(case: Sections, geometry: Geometry) -> None:
@@ -57,52 +47,6 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
     _check_probes(case, geometry)
     _check_zones(case, geometry)
     _check_steps(case)
-
-
-def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of a case that may run though it is near a limit, or beyond one of theory or of the lattice."""
-    notes = []
-    if case.scheme.kind == "weakly_compressible" and sound_speed(case) < 3.0 * reference_speed(case):
-        notes.append(
-            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed to expect, "
-            f"{reference_speed(case):.3g} m/s: the run stops where water is faster than a third of it"
-        )
-    if case.device is not None and case.device.chamber_length < CHAMBER * case.dx:
-        notes.append(
-            f"device.chamber_length = {case.device.chamber_length:g} m is only "
-            f"{case.device.chamber_length / case.dx:.1f} spacings long: expect an efficiency that is "
-            f"a tenth to a fifth too low ({CHAMBER} or more are usual)"
-        )
-    notes += _gauge_notices(case, geometry)
-    if case.waves is None:
-        return notes
-    waves = case.waves
-    if case.output.sample_dt > SAMPLE * waves.period:
-        notes.append(
-            f"output.sample_dt = {case.output.sample_dt:g} s is more than a tenth of the waves' period of "
-            f"{waves.period:g} s: peaks are missed, and reflection needs eight samples in a period; take "
-            f"{SAMPLE * waves.period:.3g} s or less"
-        )
-    H, T = waves.highest(geometry.depth, case.g), waves.period
-    highest, why = breaking_height(T, geometry.depth, case.g)
-    if H > NEAR * highest:
-        which = "" if waves.kind == "regular" else f": the highest wave, {H:.3g} m,"
-        notes.append(f"{_asked(waves)}{which} is near breaking, which begins at {highest:.3g} m ({why})")
-    if waves.kind == "regular":
-        notes += theory.theory_limits(H, T, geometry.depth, case.g)
-    if waves.height < 3 * case.dx:
-        notes.append(
-            f"{_asked(waves)} is only {waves.height / case.dx:.1f} spacings high; "
-            "expect visible decay along the tank (five or more are usual)"
-        )
-    if waves.kind == "recorded" and waves.left_out > 0.02:
-        notes.append(
-            f"{waves.left_out:.0%} of the series' variance is in waves too long or too short for a paddle "
-            "and left out"
-        )
-    if waves.repeats is not None and case.t1 > waves.repeats:
-        notes.append(f"t1 = {case.t1:g} s: the sea repeats after {waves.repeats:g} s")
-    return notes
 
 
 def breaking_height(T: float, d: float, g: float) -> tuple[float, str]:
@@ -189,13 +133,13 @@ def _places(geometry: Geometry) -> float:
 
 def _inside(case: Sections, dx: float) -> int:
     """Particles that fill a body's volume."""
-    low, high = _extent(case)
+    low, high = extent(case)
     return round(math.prod((b - a) / dx + 1 for a, b in zip(low, high, strict=True)))
 
 
 def _around(case: Sections, dx: float) -> int:
     """Particles that cover a body's surface once."""
-    low, high = _extent(case)
+    low, high = extent(case)
     assert case.body is not None
     sides = [(b - a) / dx + 1 for a, b in zip(low, high, strict=True)]
     if case.body.polygon is not None:
@@ -205,7 +149,7 @@ def _around(case: Sections, dx: float) -> int:
     return round(2 * sum(whole / side for side in sides))
 
 
-def _extent(case: Sections) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def extent(case: Sections) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Lower and upper corner of a body, m."""
     body = case.body
     assert body is not None
@@ -271,7 +215,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
     highest, why = breaking_height(waves.period, geometry.depth, case.g)
     if waves.height > highest:
         raise CaseError(
-            f"{_asked(waves)}: waves of {T} = {waves.period:g} s on a depth of {geometry.depth:g} m break "
+            f"{asked(waves)}: waves of {T} = {waves.period:g} s on a depth of {geometry.depth:g} m break "
             f"above {highest:.3g} m ({why}): use a smaller height, or other waves.{T} or tank.depth"
         )
     length = 2.0 * np.pi / wavenumber(waves.period, geometry.depth, case.g)
@@ -283,7 +227,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         )
     if geometry.stroke > 0.5 * geometry.front:
         raise CaseError(
-            f"waves.{T} = {waves.period:g} s, {_asked(waves)}: the paddle would need a stroke of "
+            f"waves.{T} = {waves.period:g} s, {asked(waves)}: the paddle would need a stroke of "
             f"{geometry.stroke:.3g} m, more than half of the {geometry.front:g} m of water in front of it: "
             "use a shorter period, a smaller height or a longer tank"
         )
@@ -312,7 +256,7 @@ def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
         )
 
 
-def _asked(waves: AbstractWavesSection) -> str:
+def asked(waves: AbstractWavesSection) -> str:
     """Height that a case asks for, as it is written there, or that of a recorded sea."""
     value = getattr(waves, waves.height_key)
     if isinstance(value, float):
@@ -391,25 +335,6 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
     return None
 
 
-def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of gauges whose water column has a plate in it, or a body."""
-    spans = []
-    if geometry.plate is not None:
-        spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
-    if case.body is not None:
-        low, high = _extent(case)
-        if low[-1] < geometry.depth < high[-1]:  # over a body under water there is a surface to read
-            spans.append(("the body", low[0], high[0]))
-    reach = GAUGE * case.dx - 1e-9
-    return [
-        f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "
-        f"{what} is there, from {low:.4g} to {high:.4g} m: its elevations are mixed or too low"
-        for index, x in enumerate(geometry.gauges)
-        for what, low, high in spans
-        if low - reach < x < high + reach
-    ]
-
-
 def _check_zones(case: Sections, geometry: Geometry) -> None:
     """Refuses a sponge or a relaxation zone over the device or the body, whose energy it would take."""
     end, zones = geometry.length, []
@@ -421,7 +346,7 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
     if geometry.plate is not None:
         solids.append(("the device", geometry.plate.x0, end))
     if case.body is not None:
-        low, high = _extent(case)
+        low, high = extent(case)
         solids.append(("the body", low[0], high[0]))
     for key, length, first, last in zones:
         for what, low, high in solids:

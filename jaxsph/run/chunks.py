@@ -160,4 +160,7 @@ def _cause(model: Model, status: Status) -> tuple[str, str]:
             f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
             "go on with fewer devices: jaxsph resume FILE --devices N",
         )
+    if failed & Failure.STALE_TABLE:
+        # they are searched at every step by now, and a particle still leaves them within one
+        return "a particle outruns its neighbour table in a single step", model.scheme.too_fast[1]
     return f"the neighbour tables cannot be kept ({failed.name})", "reduce scheme.cfl or dx"

@@ -1,0 +1,90 @@
+"""Notices of a case that may run though it is near a limit, or beyond one of theory or of the lattice."""
+
+from __future__ import annotations
+
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.limits import asked, breaking_height, extent
+from jaxsph.case.sections import Sections
+from jaxsph.case.speeds import reference_speed, sound_speed
+from jaxsph.waves import theory
+
+CHAMBER = 6
+"""Spacings in a chamber's length below which a case gets a notice: at 3.2 the built-in OWC's efficiency is
+0.53 to 0.57, at 6.5 it is 0.64."""
+SAMPLE = 0.1
+"""Longest sampling interval over the waves' period, above which a case gets a notice."""
+GAUGE = 3.0
+"""Half-width over the spacing of the water column that a gauge reads."""
+NEAR = 0.8
+"""Share of the breaking height above which a case gets a notice."""
+
+
+def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
+    """Notices of a case that may run though it is near a limit, or beyond one of theory or of the lattice."""
+    notes = []
+    if case.scheme.kind == "weakly_compressible" and sound_speed(case) < 3.0 * reference_speed(case):
+        notes.append(
+            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed to expect, "
+            f"{reference_speed(case):.3g} m/s: the run stops where water is faster than a third of it"
+        )
+    if case.device is not None and case.device.chamber_length < CHAMBER * case.dx:
+        notes.append(
+            f"device.chamber_length = {case.device.chamber_length:g} m is only "
+            f"{case.device.chamber_length / case.dx:.1f} spacings long: expect an efficiency that is "
+            f"a tenth to a fifth too low ({CHAMBER} or more are usual)"
+        )
+    if geometry.plate is not None and geometry.plate.thickness < 0.99 * case.dx:
+        notes.append(
+            f"device.wall_thickness = {geometry.plate.thickness:.3g} m is less than a spacing (dx = "
+            f"{case.dx:g} m): water is noisy at the wall's tip, and the efficiency may be a tenth too low; "
+            "take a smaller dx, or a thicker wall"
+        )
+    notes += _gauge_notices(case, geometry)
+    if case.waves is None:
+        return notes
+    waves = case.waves
+    if case.output.sample_dt > SAMPLE * waves.period:
+        notes.append(
+            f"output.sample_dt = {case.output.sample_dt:g} s is more than a tenth of the waves' period of "
+            f"{waves.period:g} s: peaks are missed, and reflection needs eight samples in a period; take "
+            f"{SAMPLE * waves.period:.3g} s or less"
+        )
+    H, T = waves.highest(geometry.depth, case.g), waves.period
+    highest, why = breaking_height(T, geometry.depth, case.g)
+    if H > NEAR * highest:
+        which = "" if waves.kind == "regular" else f": the highest wave, {H:.3g} m,"
+        notes.append(f"{asked(waves)}{which} is near breaking, which begins at {highest:.3g} m ({why})")
+    if waves.kind == "regular":
+        notes += theory.theory_limits(H, T, geometry.depth, case.g)
+    if waves.height < 3 * case.dx:
+        notes.append(
+            f"{asked(waves)} is only {waves.height / case.dx:.1f} spacings high; "
+            "expect visible decay along the tank (five or more are usual)"
+        )
+    if waves.kind == "recorded" and waves.left_out > 0.02:
+        notes.append(
+            f"{waves.left_out:.0%} of the series' variance is in waves too long or too short for a paddle "
+            "and left out"
+        )
+    if waves.repeats is not None and case.t1 > waves.repeats:
+        notes.append(f"t1 = {case.t1:g} s: the sea repeats after {waves.repeats:g} s")
+    return notes
+
+
+def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
+    """Notices of gauges whose water column has a plate in it, or a body."""
+    spans = []
+    if geometry.plate is not None:
+        spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
+    if case.body is not None:
+        low, high = extent(case)
+        if low[-1] < geometry.depth < high[-1]:  # over a body under water there is a surface to read
+            spans.append(("the body", low[0], high[0]))
+    reach = GAUGE * case.dx - 1e-9
+    return [
+        f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "
+        f"{what} is there, from {low:.4g} to {high:.4g} m: its elevations are mixed or too low"
+        for index, x in enumerate(geometry.gauges)
+        for what, low, high in spans
+        if low - reach < x < high + reach
+    ]
