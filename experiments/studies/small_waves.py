@@ -1,7 +1,7 @@
 """The OWC in waves of small amplitude against linear theory: efficiency and chamber pressure.
 
-H/d = 0.02 over a flat bed, a wall of one spacing at dx = 0.01 m, four frequencies around resonance, two
-dampings. The smaller the waves the larger the K_dm that suits them: 960 here is 440 in waves of 0.04 m.
+H/d = 0.02 over a flat bed, a wall of one spacing at dx = 0.01 and 0.02 m, four frequencies around resonance,
+two dampings. The smaller the waves the larger the K_dm that suits them: 960 here is 440 in waves of 0.04 m.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from experiments.owc_tank import amplitude, study_case, swept
 
 PERIODS = (1.0, 1.1, 1.2, 1.4)
 DAMPINGS = (960.0, 2000.0)
-HEIGHT = 0.0084
+HEIGHT, WALL = 0.0084, 0.01
+"""Height of the waves and least thickness of the wall, m: a plate thinner than a spacing has a noisy tip."""
 
 
 def main(dx: float = 0.01) -> None:
@@ -25,7 +26,7 @@ def main(dx: float = 0.01) -> None:
             "tank.length": 3.0,
             "probes.gauges": [0.8, 1.2, 1.5, 1.9],
             "waves.H": HEIGHT,
-            "device.wall_thickness": 0.01,
+            "device.wall_thickness": max(WALL, dx),
         }
     )
     over = {"pto.K_dm": list(DAMPINGS), "waves.T": list(PERIODS)}

@@ -1,7 +1,8 @@
 """Incompressible water that nobody disturbs, and the energy of the projection over a whole run.
 
-A tank at rest must keep its level and its potential energy from the first step on, in 2-D and 3-D. In a run
-with waves the projection may give or take only little of the paddle's work, the start of the run included.
+A tank at rest must keep its level and its potential energy from the first step on, in 2-D and 3-D, and in 3-D
+still be at rest after ten seconds. In a run with waves the projection may give or take only little of the
+paddle's work, the start of the run included.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ import jaxsph as js
 from experiments.common import Report, solved
 from jaxsph.analysis import energy_budget
 
+DEPTH = 0.48
+"""Depth of the still tanks, m."""
 PERIOD = 1.2
 """Time that the tanks are watched for, s: the first period of the built-in waves."""
+LONG, LAYERS = 10.0, 20
+"""Time (s) that a 3-D tank so many spacings deep is watched for."""
 
 
 def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
-    """Runs a 2-D tank of the size of `wave_tank`, a 3-D one of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
+    """Runs a 2-D tank of the size of `wave_tank`, 3-D ones of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
     flat = still(dx, js.load_case("wave_tank").tank.length)
     deep = still(dx_3d, 1.0, width=0.3)
     with Report(f"still_tank_{dx:g}", "Incompressible water at rest from its first step on", dx) as report:
@@ -33,6 +38,7 @@ def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
                     f"{label}: {what}", value, unit, theory=0.0, bar=f"< {bar:g} {unit}", passes=value < bar
                 )
             report.row(f"{label}: largest speed at the end", speed, "m/s", theory=0.0)
+        long(report)
         if waves:
             case = js.load_case("wave_tank").replace({"dx": dx, "scheme.kind": "incompressible"})
             budget = energy_budget(solved(case, f"still_tank_waves_{dx:g}").series())
@@ -47,13 +53,27 @@ def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
             )
 
 
+def long(report: Report) -> None:
+    """Rows of a 3-D tank after ten seconds."""
+    case = still(DEPTH / LAYERS, 1.0, width=0.3)
+    run = js.run(case, t1=LONG, progress=False)
+    level, _, _ = disturbance(run, case)
+    speed = float(np.max(run["max_speed"][run.t > 3.0])) / np.sqrt(case.g * DEPTH)
+    for what, value, bar in (
+        ("largest speed after 3 s over sqrt(g d)", speed, 0.5),
+        ("largest shift of the mean level over d", level / DEPTH, 0.1),
+    ):
+        label, share = f"3-D, d/dx = {LAYERS}, {LONG:g} s: {what}", 100 * value
+        report.row(label, share, "%", theory=0.0, bar=f"< {bar:g} %", passes=share < bar)
+
+
 def still(dx: float, length: float, width: float | None = None) -> js.Case:
-    """A tank of still incompressible water 0.48 m deep, of this length and width (m)."""
+    """A tank of still incompressible water of this length and width (m)."""
     changes = {
         "dx": dx,
         "scheme.kind": "incompressible",
         "tank.length": length,
-        "tank.depth": 0.48,
+        "tank.depth": DEPTH,
         "tank.height": 0.8,
         "probes.pressure": None,
         "output.sample_dt": 0.05,
