@@ -3,6 +3,7 @@
     python -m experiments run NAME [OPTIONS]   runs one: rows and pictures go to runs/results
     python -m experiments run NAME --help      its options; without a NAME, the names
     python -m experiments table [NAME ...]     prints the committed rows of those whose names begin so
+    python -m experiments again [NAME ...]     runs all whose rows are committed, or those, one after another
     python -m experiments gallery              writes experiments/README.md: a picture and a line for each
 
 A row is flagged MISSED where it is outside its bar, and `worse than the paper` where the paper's own value
@@ -15,7 +16,11 @@ import ast
 import difflib
 import importlib
 import json
+import os
 import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -86,6 +91,36 @@ def table(
 
 
 @app.command()
+def again(
+    names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
+    folder: Annotated[Path, typer.Option(help="Where runs and rows go.")] = Path("runs/again"),
+    commit: Annotated[bool, typer.Option("--commit", help="Copies the rows to experiments/results.")] = False,
+) -> None:
+    """Runs the experiments whose rows are committed, the shortest first, and tells which failed.
+
+    Each is a process of its own, in a folder where no run of an older version is read: remove it to begin
+    anew; called again with it, this goes on where it was.
+    """
+    made, failed = folder.resolve() / OWN, []
+    folder.mkdir(parents=True, exist_ok=True)
+    path = os.pathsep.join(filter(None, [str(GALLERY.parents[1]), os.environ.get("PYTHONPATH")]))
+    wanted = [(found["seconds"], file, found["command"]) for file, found in _committed(names)]
+    for seconds, file, command in sorted(wanted):
+        if not (made / file).exists():
+            print(f"\n{command}  ({seconds / 60:.0f} min the last time)", flush=True)
+            _, *arguments = shlex.split(command)
+            process = subprocess.run(
+                [sys.executable, *arguments], cwd=folder, env={**os.environ, "PYTHONPATH": path}, check=False
+            )
+            failed += [command] if process.returncode else []
+    for file in made.iterdir() if commit and made.exists() else ():
+        shutil.copy(file, COMMITTED)
+    for command in failed:
+        print(f"failed: {command}", file=sys.stderr)
+    raise typer.Exit(1 if failed else 0)
+
+
+@app.command()
 def gallery() -> None:
     """Writes experiments/README.md from the committed results."""
     GALLERY.write_text(gallery_text(), encoding="utf-8")
@@ -125,9 +160,14 @@ def _list() -> None:
 
 def results(names: list[str] | None = None, folder: Path = COMMITTED) -> list[dict[str, Any]]:
     """Results in a folder, of the experiments whose names begin with one of those given."""
+    return [found for _, found in _committed(names, folder)]
+
+
+def _committed(names: list[str] | None, folder: Path = COMMITTED) -> list[tuple[str, dict[str, Any]]]:
+    """The same, each with the name of its file."""
     paths = sorted(folder.glob("*.json"))
     chosen = [p for p in paths if not names or any(p.stem.startswith(name) for name in names)]
-    return [json.loads(path.read_text(encoding="utf-8")) for path in chosen]
+    return [(path.name, json.loads(path.read_text(encoding="utf-8"))) for path in chosen]
 
 
 def flag(row: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import types
 
 import numpy as np
 import pytest
@@ -59,6 +60,31 @@ def test_only_commit_renews_what_is_committed(quick, monkeypatch):
     found = json.loads((quick / "committed" / "thin_wall.json").read_text())
     assert found["command"] == "python -m experiments run thin_wall --t1 3"
     assert not (quick / "runs").exists()
+
+
+def test_all_rows_can_be_made_again_and_one_that_fails_stops_no_other(quick, monkeypatch):
+    ran = []
+
+    def run(command, cwd, **_):
+        ran.append(command[4:])
+        done = command[4] == "still_tank"
+        if done:
+            (cwd / OWN).mkdir(parents=True)
+            (cwd / OWN / "still_tank_0.02.json").write_text("{}")
+        return types.SimpleNamespace(returncode=0 if done else 1)
+
+    monkeypatch.setattr(runner.subprocess, "run", run)
+    monkeypatch.setattr(runner, "COMMITTED", quick / "committed")
+    (quick / "committed").mkdir()
+    names = ("still_tank", "lattice_stress")
+    committed = {file: found for file, found in runner._committed(list(names), COMMITTED)}
+    monkeypatch.setattr(runner, "_committed", lambda names: committed.items())
+    first = called("again", *names, "--commit")
+    assert first.exit_code == 1 and [command[0] for command in ran].count("still_tank") == 1
+    assert "failed: python -m experiments run lattice_stress" in first.output
+    assert (quick / "committed" / "still_tank_0.02.json").exists()
+    assert called("again", *names).exit_code == 1  # and what was made is not made again
+    assert [command[0] for command in ran].count("still_tank") == 1 and len(ran) == 3
 
 
 def test_names_of_experiments_and_their_options():

@@ -1,4 +1,5 @@
-"""Decay, noise and hyperviscosity of a standing wave in the incompressible scheme, by kernel, 2-D and 3-D.
+"""Decay, noise and hyperviscosity of a standing wave, by kernel: incompressible in 2-D and 3-D, or weakly
+compressible in 2-D by the diffusion of its density too.
 
 A wave of 0.08 m in a tank of 1 m (and 0.4 m wide in 3-D), two spacings high: what it loses it loses to the
 noise that the lattice of particles makes.
@@ -6,12 +7,15 @@ noise that the lattice of particles makes.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report
 from jaxsph import analysis
+from jaxsph.schemes.kernels import KERNEL, usual_length
 
 BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
 """Decay (1/s), noise over speed (-) and energy lost by hyperviscosity (J/m, J), by number of dimensions."""
@@ -19,14 +23,23 @@ BEFORE = {2: "gaussian", 3: "wendland"}
 """Default kernels before the semicircle, by number of dimensions."""
 
 
-def main(dx: float = 0.04, amplitude: float = 0.08, t1: float = 3.0) -> None:
+DIFFUSIONS = (0.1, 0.2, 0.4)
+"""Coefficients delta of the weakly compressible diffusion that are compared; the first is the default."""
+
+
+def main(
+    dx: float = 0.04, amplitude: float = 0.08, t1: float = 3.0, weakly_compressible: bool = False
+) -> None:
     """Runs the wave (m) to t1 (s) with the default kernel and with the one before it, in 2-D and 3-D."""
+    if weakly_compressible:
+        by_diffusion(dx, amplitude, t1)
+        return
     title = f"Standing wave of {amplitude:g} m by kernel, incompressible"
     with Report(f"quiet_water_{dx:g}", title, dx) as report:
         figure = Figure(figsize=(9, 3.6), layout="constrained")
         for dim, axis in zip((2, 3), figure.subplots(1, 2), strict=True):
             for kernel in ("semicircle", BEFORE[dim]):
-                run = solved(dx, amplitude, t1, dim, kernel)
+                run = solved(dx, amplitude, t1, dim, {"scheme.kernel": kernel})
                 measured = (decay(run), run.results["noise"], run.results["energy_hyperviscosity"])
                 units = ("1/s", "of the speed", "J/m" if dim == 2 else "J")
                 words = ("decay of the amplitude", "noise at the end", "taken by hyperviscosity")
@@ -47,9 +60,30 @@ def main(dx: float = 0.04, amplitude: float = 0.08, t1: float = 3.0) -> None:
         report.picture(figure)
 
 
-def solved(dx: float, amplitude: float, t1: float, dim: int, kernel: str) -> js.Solution:
-    """A run of the wave to t1 (s) with a kernel."""
-    changes = {
+def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
+    """The same in weakly compressible water, with two kernels and several coefficients of the diffusion."""
+    title = f"Standing wave of {amplitude:g} m by kernel and diffusion, weakly compressible"
+    with Report(f"quiet_water_{dx:g}_weakly_compressible", title, dx) as report:
+        for kernel in (BEFORE[2], "semicircle"):
+            for delta in DIFFUSIONS:
+                changes = {
+                    "scheme.kind": "weakly_compressible",
+                    "scheme.kernel": kernel,
+                    "scheme.delta": delta,
+                }
+                if kernel == "semicircle":
+                    changes["scheme.h_over_dx"] = usual_length(KERNEL[2], 2)
+                run = solved(dx, amplitude, t1, 2, changes)
+                label = f"{kernel}, delta = {delta:g}"
+                report.row(f"{label}: decay of the amplitude", decay(run), "1/s", theory=0.0)
+                report.row(f"{label}: noise at the end", run.results["noise"], "of the speed", theory=0.0)
+                for name in ("hyperviscosity", "diffusive", "residual"):
+                    report.row(f"{label}: energy, {name}", run.results[f"energy_{name}"], "J/m", theory=0.0)
+
+
+def solved(dx: float, amplitude: float, t1: float, dim: int, changes: dict[str, Any]) -> js.Solution:
+    """A run of the wave to t1 (s) with these changes of the incompressible case."""
+    asked = {
         "dx": dx,
         "scheme.kind": "incompressible",
         "start.amplitude": amplitude,
@@ -57,9 +91,8 @@ def solved(dx: float, amplitude: float, t1: float, dim: int, kernel: str) -> js.
         "probes.pressure": None,
         "output.sample_dt": 0.01,
     }
-    changes |= {"tank.width": 0.4} if dim == 3 else {}
-    changes["scheme.kernel"] = kernel
-    return js.run(js.load_case("hydrostatic").replace(changes), t1=t1, progress=False)
+    asked |= {"tank.width": 0.4} if dim == 3 else {}
+    return js.run(js.load_case("hydrostatic").replace(asked | changes), t1=t1, progress=False)
 
 
 def decay(run: js.Solution) -> float:
