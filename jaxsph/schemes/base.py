@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -208,8 +208,17 @@ class AbstractParticleScheme(AbstractScheme):
 
     def carried(self, model: Model, law, ghosts: GhostFields, tables: Tables):
         """Values of `law(j)` (a pytree of fields of the water) that the walls carry to their ghosts."""
-        seen = ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
-        return model.walls.carried(law, *seen)
+        return model.walls.carried(law, *self._seen(ghosts, tables))
+
+    def carrier(
+        self, model: Model, ghosts: GhostFields, tables: Tables
+    ) -> Callable[[Sources], Float[Array, " G"]]:
+        """Linear function that carries one field "f" of the water to all ghosts."""
+        return model.walls.carrier(*self._seen(ghosts, tables))
+
+    def _seen(self, ghosts: GhostFields, tables: Tables):
+        """What ghosts see of the water, as the walls' methods take it."""
+        return ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
 
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
         """Positions, volumes and pressures of all ghosts for the state's water (Zhu et al. 2020, Eq. 18-20).

@@ -365,7 +365,6 @@ class ISPH(AbstractParticleScheme):
         """Pressure equation for the water of `at`, with the velocities of the sources."""
         walls = model.walls
         poisson = self._poisson(model, at.particles, ghosts, sources, tables)
-        seen = ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
         force = self.wall_force(model, at.own, ghosts, interval)
         nowhere = jnp.zeros_like(ghosts.p)
         beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
@@ -374,7 +373,7 @@ class ISPH(AbstractParticleScheme):
         }
         return PressureEquation(
             poisson,
-            walls.carrier(*seen),
+            self.carrier(model, ghosts, tables),
             jnp.where(ghosts.fit.wet > 0, beyond, 0.0),
             couplings,
             self.rho0 * self.smoothing.h,

@@ -9,7 +9,7 @@ al. 2020, Eq. 18-20), which are from then on ordinary sources of the pair sums.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -26,7 +26,6 @@ from jaxsph.core.slabs import Chosen, PointNeighbours, Sources
 from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
 from jaxsph.solids.divisions import (
-    PLAIN,
     AbstractThinWall,
     RegionalGhosts,
     Regions,
@@ -131,8 +130,8 @@ class Ghosts(eqx.Module):
         filling = MirrorImages() if filling is None else filling
         if shapes and not isinstance(filling, DummyParticles):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
-        fixed = _fixed_ghosts(box, regions, thin_wall, dx, layers)
-        images, fixed = _with_images(filling, fixed, box, regions, dx, float(smoothing.radius))
+        images, tank = _tank(filling, box, regions, dx, layers, float(smoothing.radius))
+        fixed = join([tank, *_in_the_tank(box, regions, thin_wall, dx, layers)])
         dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
         ghosts, owner = _in_order([fixed, *dummies], images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
@@ -295,22 +294,35 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
     return GhostSet(*(a[order] for a in ghosts)), owner[order]
 
 
-def _fixed_ghosts(
-    box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int
-) -> GhostSet:
-    """Ghosts of a tank's walls, of its platform and of its plates.
+def _tank(
+    filling: AbstractFilling, box: Box, regions: Regions, dx: float, layers: int, radius: float
+) -> tuple[Images, GhostSet]:
+    """Ghosts of a tank's walls: rows for images of the water, or with another filling a lattice alone.
 
-    **Raises** ValueError for a platform in a tank that cannot have one, or a plate that is too thin.
+    **Raises** ValueError for a platform in a tank that cannot have one.
     """
-    parts = [box_ghosts(box, dx, layers)]
+    if regions.platforms and (len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]):
+        raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
+    if isinstance(filling, MirrorImages):
+        images = Images.of(box, regions.platforms, dx, radius)
+        return images, images.empty_rows(box, radius)
+    ghosts = box_ghosts(box, dx, layers)
     for platform in regions.platforms:
-        if len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]:
-            raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
-        parts = [
-            cut_by_platform(parts[0], box, platform, regions, dx, layers),
-            platform_ghosts(box, platform, regions, dx, layers),
-        ]
-    return join([*parts, *(plate_ghosts(box, p, thin_wall, regions, dx, layers) for p in regions.plates)])
+        ghosts = cut_by_platform(ghosts, box, platform, regions, dx, layers)
+    return Images(), ghosts
+
+
+def _in_the_tank(
+    box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int
+) -> Iterator[GhostSet]:
+    """Ghosts of the platform and of the plates in a tank.
+
+    **Raises** ValueError for a plate that is too thin.
+    """
+    for platform in regions.platforms:
+        yield platform_ghosts(box, platform, regions, dx, layers)
+    for plate in regions.plates:
+        yield plate_ghosts(box, plate, thin_wall, regions, dx, layers)
 
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
@@ -344,18 +356,6 @@ def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.n
     tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
     normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
     return np.where(normal, ghosts.mirror, tangential)
-
-
-def _with_images(
-    filling: AbstractFilling, fixed: GhostSet, box: Box, regions: Regions, dx: float, radius: float
-) -> tuple[Images, GhostSet]:
-    """Images of the water in a tank's walls, and the ghosts with the images' rows for those of the tank; none
-    and the ghosts as they are with another filling."""
-    if not isinstance(filling, MirrorImages):
-        return Images(), fixed
-    images = Images.of(box, regions.platforms, dx, radius)
-    of_solids = GhostSet(*(a[fixed.kind != PLAIN] for a in fixed))
-    return images, join([images.empty_rows(box, radius), of_solids])
 
 
 def _full(
