@@ -1,0 +1,56 @@
+"""Time of a step of the incompressible OWC over that with the kernel and the walls before, in turns."""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+import jax
+
+import jaxsph as js
+from experiments.common import Report, use_threads
+from jaxsph.case.report import steps_per_sample
+
+BEFORE = {"scheme.kernel": "gaussian", "tank.walls": "mirror"}
+"""What the case had before the semicircle, and before walls that mirror the water."""
+
+
+def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> None:
+    """Runs `turns` times so many steps with either, one thread, after `warm` steps that start the waves."""
+    use_threads(1)
+    case = js.load_case("owc").replace({"dx": dx})
+    runs = [started(case.replace(changes), steps, warm) for changes in ({}, BEFORE)]
+    times: list[list[float]] = [[], []]
+    for _ in range(turns):
+        for kept, run in zip(times, runs, strict=True):
+            began = time.perf_counter()
+            run()
+            kept.append(time.perf_counter() - began)
+    ratio = statistics.median(a / b for a, b in zip(*times, strict=True))
+    with Report(
+        f"bench_kernel_{dx:g}", "A step of the OWC, kernel and walls against those before", dx
+    ) as report:
+        report.seconds = sum(map(sum, times))
+        for label, kept in zip(("now", "before"), times, strict=True):
+            report.row(f"step, {label}", 1e3 * statistics.median(kept) / steps, "ms")
+        report.row("ratio (median over the turns)", ratio, bar="at most 0.7", passes=ratio <= 0.7)
+
+
+def started(case: js.Case, steps: int, warm: int):
+    """A call that runs so many steps more of a case, which has run `warm` already."""
+    model, state = js.build(case)
+    every = steps_per_sample(case, model)
+    chunk = -(-steps // every) * every
+    advance = jax.jit(js.simulate, static_argnames=("n_steps", "sample_every"))
+    for _ in range(-(-warm // chunk)):
+        state, _ = advance(model, state, n_steps=chunk, sample_every=every)
+
+    def run():
+        nonlocal state
+        state, _ = advance(model, state, n_steps=chunk, sample_every=every)
+        jax.block_until_ready(state)
+        if int(state.status.bits):
+            raise SystemExit("the run failed: its tables were too small")
+
+    run()
+    return run
