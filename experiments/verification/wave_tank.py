@@ -29,8 +29,10 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         changes = {
             "tank.length": round(case.tank.length / 4 * wavelengths, 3),
             "probes.gauges": [*case.probes.gauges, *far],
-            # as many settled periods as in the short tank, for waves that travel with their group
-            "t1": round(case.t1 + (wavelengths - 4) * wavelength / speed, 1),
+            # as many settled periods as in the short tank, for waves that travel with their group and a front
+            "t1": round(
+                case.t1 + (wavelengths - 4) * wavelength / speed + front(max(far, default=0.0), T, d), 1
+            ),
         }
         case = case.replace(changes)
     # a fifth of a wavelength apart, for the decay beside what the sponge sends back
@@ -72,7 +74,7 @@ def against_stokes(
     means, shown, k3 = [], [], float(theory.stokes3_wavenumber(H, T, d))
     for at in [at for at in PAPER if at < wavelengths - 1]:
         i = int(np.argmin(abs(x - at * wavelength)))
-        window = settled(t, x[i] / speed, T, case.waves.ramp_periods)
+        window = settled(t, x[i] / speed + front(x[i], T, d), T, case.waves.ramp_periods)
         record = t[window], eta[window, i]
         reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
         # the waves' height makes them longer, which second order leaves out
@@ -93,7 +95,7 @@ def against_stokes(
         means.append(np.mean(eta[window, i]))
         shown.append((f"{label}{at:g} wavelengths", t, eta[:, i], t[window], reference))
     report.row(f"{label}mean level", 1e3 * np.mean(means), "mm")
-    window = settled(t, x.max() / speed, T, case.waves.ramp_periods)
+    window = settled(t, x.max() / speed + front(x.max(), T, d), T, case.waves.ramp_periods)
     amplitude = np.array([analysis.fundamental(t[window], level, T) for level in eta[window].T])
     decay = analysis.decay_per_wavelength(x, amplitude, wavelength)
     report.row(f"{label}decay per wavelength", 100 * decay, "%", theory=0.0)
@@ -124,8 +126,18 @@ def _picture(gauges: list[tuple]) -> Figure:
     return figure
 
 
+def front(x: float, T: float, d: float) -> float:
+    """Time (s) that the front of waves takes to pass a place at x (m), so long as it has grown by dispersion.
+
+    Its frequencies travel at different speeds: a sharp front is sqrt(2 pi x |dS/domega|) long after x, S being
+    the inverse of the group velocity.
+    """
+    slower, faster = (1.0 / float(theory.group_velocity(2 * np.pi / T * by, d)) for by in (0.99, 1.01))
+    return float(np.sqrt(2 * np.pi * x * abs(faster - slower) / (0.02 * 2 * np.pi / T)))
+
+
 def settled(t: np.ndarray, delay: float, T: float, ramp: float, most: int = 5) -> np.ndarray:
     """Whole periods, `most` at most, from when the ramp's waves have passed a gauge."""
-    start = ramp * T + delay + T
+    start = ramp * T + delay
     periods = min(most, int((t[-1] - start) / T))
     return (t >= start) & (t < start + periods * T)
