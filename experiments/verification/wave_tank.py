@@ -127,7 +127,7 @@ def _picture(gauges: list[tuple]) -> Figure:
 
 
 def front(x: float, T: float, d: float) -> float:
-    """Time (s) that the front of waves takes to pass a place at x (m), so long as it has grown by dispersion.
+    """Time (s) that the front of waves takes to pass a place at x (m), so long has dispersion made it.
 
     Its frequencies travel at different speeds: a sharp front is sqrt(2 pi x |dS/domega|) long after x, S being
     the inverse of the group velocity.
