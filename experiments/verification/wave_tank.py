@@ -129,7 +129,7 @@ def _picture(gauges: list[tuple]) -> Figure:
 def front(x: float, T: float, d: float) -> float:
     """Time (s) that the front of waves takes to pass a place at x (m), so long has dispersion made it.
 
-    Its frequencies travel at different speeds: a sharp front is sqrt(2 pi x |dS/domega|) long after x, S being
+    Frequencies travel at different speeds: a sharp front is sqrt(2 pi x |dS/domega|) long after x, S being
     the inverse of the group velocity.
     """
     slower, faster = (1.0 / float(theory.group_velocity(2 * np.pi / T * by, d)) for by in (0.99, 1.01))
