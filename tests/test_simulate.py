@@ -452,6 +452,10 @@ def _one_pto():
     return {"pto": Entry("power take-off", Exchange.HARVESTED)}
 
 
+BRIEF = js.load_case("owc").replace({"t1": 22.8})
+"""The built-in OWC of a run that ends before what the device sends back is with it again."""
+
+
 def _ended(case, gauges, reflected=0.1):
     """A run of regular waves and what they make of the gauges, without running it."""
     case = case.replace({"probes.gauges": gauges})
@@ -468,7 +472,7 @@ def _ended(case, gauges, reflected=0.1):
 
 def test_reflection_is_of_the_gauges_that_see_free_waves():
     """Not of the second to the fourth: those beside paddle and device are left out, wherever they come."""
-    case, solution = _ended(js.load_case("owc"), [0.2, 7.5, 3.0, 3.3, 7.6, 3.75])
+    case, solution = _ended(BRIEF, [0.2, 7.5, 3.0, 3.3, 7.6, 3.75])
     assert flume_gauges(case) == [2, 3, 5]
     solution.series["eta"][:, [0, 1, 4]] = 1.0
     results, notices = run_results(case, solution, 1.0, 100)
@@ -479,7 +483,7 @@ def test_reflection_is_of_the_gauges_that_see_free_waves():
 
 def test_means_before_the_second_reflection_say_so():
     """What the device sends back is with it again after three lengths of the flume, at 23.0 s."""
-    gauges, case = [2.0, 2.3, 2.75], js.load_case("owc")
+    gauges, case = [2.0, 2.3, 2.75], BRIEF
     _, notices = run_results(*_ended(case, gauges, 0.3), 1.0, 100)
     assert len(notices) == 1
     assert re.search(r"means begin at t = 10.8 s, .* at t = 23 s: .* raise t1 to 35.04 s", notices[0])
@@ -491,7 +495,7 @@ def test_means_before_the_second_reflection_say_so():
 
 
 def test_noise_is_of_settled_periods_or_of_the_last_tenth():
-    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    case, solution = _ended(BRIEF, [2.0, 2.3, 2.75])
     t, series, still = solution.t, solution.series, js.load_case("hydrostatic")
     settled = t >= t[-1] - settled_periods(case, t[-1]) * case.waves.T - 1e-6
     series |= {"noise": np.where(settled, 0.3, 7.0), "rms_speed": np.full(len(t), 2.0)}
@@ -504,7 +508,7 @@ def test_noise_is_of_settled_periods_or_of_the_last_tenth():
 
 
 def test_reflection_has_the_gravity_of_the_case():
-    results, notices = run_results(*_ended(js.load_case("owc").replace({"g": 7.0}), [2.0, 2.3, 2.75]), 1.0, 1)
+    results, notices = run_results(*_ended(BRIEF.replace({"g": 7.0}), [2.0, 2.3, 2.75]), 1.0, 1)
     assert results["reflection"] == pytest.approx(0.1, abs=1e-4) and not notices
 
 
@@ -517,7 +521,7 @@ def test_reflection_has_the_gravity_of_the_case():
 )
 def test_a_run_that_has_ended_does_not_die_in_its_results(gauges, message):
     """Half a wavelength of 1.962 m apart, or too few: a notice, and every other result."""
-    case, solution = _ended(js.load_case("owc"), gauges)
+    case, solution = _ended(BRIEF, gauges)
     results, notices = run_results(case, solution, 1.0, 100)
     assert "reflection" not in results and {"xi", "P_inc", "energy_pto"} <= set(results)
     assert len(notices) == 1 and re.search(message, notices[0])
@@ -525,7 +529,7 @@ def test_a_run_that_has_ended_does_not_die_in_its_results(gauges, message):
 
 def test_efficiency_is_of_the_asked_and_of_the_measured_waves():
     """The gauges have waves of amplitude 0.02 m, which are those that the case asks for."""
-    results, _ = run_results(*_ended(js.load_case("owc"), [2.0, 2.3, 2.75]), 1.0, 100)
+    results, _ = run_results(*_ended(BRIEF, [2.0, 2.3, 2.75]), 1.0, 100)
     assert results["P_inc_measured"] == pytest.approx(results["P_inc"], rel=1e-4)
     assert results["xi_measured"] == pytest.approx(results["xi"], rel=1e-4)
     assert "xi_error" not in results
@@ -535,7 +539,7 @@ def test_results_of_a_sea_have_errors_and_its_measured_height():
     """A whole repetition of a sea at five gauges, without reflection: height and power to the taper's 4 %."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
     changes = {"waves": sea, "t1": 90.0, "probes.gauges": [2.0, 2.2, 2.5, 2.9, 3.4]}
-    case = js.load_case("owc").replace(changes)
+    case = BRIEF.replace(changes)
     a, omega = case.waves.sum_of_waves(case.tank.depth, case.g)
     k, t = wavenumbers(omega, case.tank.depth, case.g), np.arange(0.0, 90.0, 0.02)
     gauges = [Harmonics(a * np.exp(-1j * k * x), omega, k).at(t) for x in case.probes.gauges]
@@ -565,7 +569,7 @@ def _with_transient(case, solution, since=0.0):
 
 def test_means_begin_when_the_record_has_settled():
     """One window for all: of ten periods of 1.2 s those go that begin before 16 s."""
-    case, solution = _with_transient(*_ended(js.load_case("owc"), [2.0, 2.3, 2.75]))
+    case, solution = _with_transient(*_ended(BRIEF, [2.0, 2.3, 2.75]))
     t = solution.t
     late = t >= t[-1] - 5 * 1.2 - 1e-6
     series = solution.series
@@ -584,7 +588,7 @@ def test_means_begin_when_the_record_has_settled():
 def test_the_value_of_a_slope_is_the_result_of_its_run(of, sea):
     """Over the same settled periods, and of a part of a sea over the waves of that part."""
     waves = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
-    case = js.load_case("owc").replace({"waves": waves, "t1": 40.0} if sea else {})
+    case = BRIEF.replace({"waves": waves, "t1": 40.0} if sea else {})
     t = np.arange(0.0, case.t1, 0.02)
     ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
     model = types.SimpleNamespace(depth=case.tank.depth, time=lambda state: case.t1, entries=_one_pto)
@@ -601,7 +605,7 @@ def test_the_value_of_a_slope_is_the_result_of_its_run(of, sea):
 
 
 def test_too_few_settled_periods_ask_for_a_longer_run():
-    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    case, solution = _ended(BRIEF, [2.0, 2.3, 2.75])
     solution.series["power_pto"] = 0.1 * solution.t
     results, notices = run_results(case, solution, 1.0, 100)
     assert results["periods"] == 3 and results["periods_left_out"] == 7
@@ -610,7 +614,7 @@ def test_too_few_settled_periods_ask_for_a_longer_run():
 
 def test_results_begin_after_a_change_and_its_transient():
     """To the far end of the tank the waves' energy takes 7 s: of a change at 8 s none counts before 15."""
-    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    case, solution = _ended(BRIEF, [2.0, 2.3, 2.75])
     solution.series["power_pto"] = np.where(solution.t < 8.0, 100.0, 0.5)
     results, notices = run_results(case, solution, 1.0, 100, since=8.0)
     assert results["periods"] == 6 and results["P_owc"] == pytest.approx(0.5) and not notices
@@ -624,9 +628,9 @@ def test_results_begin_after_a_change_and_its_transient():
 def test_efficiency_of_a_focused_group_is_energy_over_energy():
     """Half of the group's energy, taken in its half minute: 0.5 however long the record is."""
     waves = {"kind": "focused", "crest": 0.04, "Tp": 1.2, "x": 4.0, "t": 14.0}
-    whole = incident_power(js.load_case("owc").replace({"waves": waves})) * 64 * 1.2
+    whole = incident_power(BRIEF.replace({"waves": waves})) * 64 * 1.2
     for t1 in (24.0, 34.0):
-        case = js.load_case("owc").replace({"waves": waves, "t1": t1})
+        case = BRIEF.replace({"waves": waves, "t1": t1})
         t = np.arange(0.0, t1, 0.01)
         power = 0.5 * whole * np.exp(-(((t - 16.5) / 1.5) ** 2)) / (1.5 * np.sqrt(np.pi))
         ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
@@ -644,7 +648,7 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
 def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
     """A device that takes half of what comes has 0.5, in a part of a sea weaker or stronger than it."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}
-    case = js.load_case("owc").replace({"waves": sea, "t1": 40.0})
+    case = BRIEF.replace({"waves": sea, "t1": 40.0})
     t, x = np.arange(0.0, 40.0, 0.1), Geometry.of(case).plate.x0
     power = np.zeros(len(t))
     for k in range(1, len(t)):
@@ -659,7 +663,7 @@ def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
 
 
 def test_whatever_goes_wrong_in_a_result_is_a_notice():
-    case, solution = _ended(js.load_case("owc"), [2.0, 2.3, 2.75])
+    case, solution = _ended(BRIEF, [2.0, 2.3, 2.75])
     del solution.series["compression"]
     results, notices = run_results(case, solution, 1.0, 100)
     assert notices == ("no result for the energy balance: KeyError: 'compression'",)
