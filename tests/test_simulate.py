@@ -226,6 +226,13 @@ def test_settings_go_straight_to_what_was_needed(hydrostatic):
     assert chunks.better_settings(model, stale) == {"rebuild_every": 1}
 
 
+def test_too_few_images_name_the_walls_that_need_none(hydrostatic):
+    _, model, state = hydrostatic
+    full = eqx.tree_at(lambda s: s.status.bits, state, jnp.asarray(int(Failure.NEIGHBOUR_OVERFLOW)))
+    assert chunks.better_settings(model, full.status) is None  # no table would be enough if it grew
+    assert 'set tank.walls = "mirror"' in str(chunks.failure_error("dense", model, full))
+
+
 def test_a_table_outrun_in_one_step_names_what_makes_steps_shorter(hydrostatic):
     _, model, state = hydrostatic
     stale = eqx.tree_at(lambda s: s.status.bits, state, jnp.asarray(int(Failure.STALE_TABLE)))

@@ -160,6 +160,10 @@ def _cause(model: Model, status: Status) -> tuple[str, str]:
             f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
             "go on with fewer devices: jaxsph resume FILE --devices N",
         )
+    now = search_settings(model) | slab_sizes(model)
+    if failed & Failure.NEIGHBOUR_OVERFLOW and all(int(np.max(n)) <= now[k] for k, n in status.most.items()):
+        # images are the only table whose needs are not counted, and which does not grow
+        return "water at a wall is denser than its images have room for", 'set tank.walls = "mirror"'
     if failed & Failure.STALE_TABLE:
         # they are searched at every step by now, and a particle still leaves them within one
         return "a particle outruns its neighbour table in a single step", model.scheme.too_fast[1]
