@@ -51,8 +51,12 @@ def main(dx: float = 0.04) -> None:
             bar="within 10 %",
             passes=abs(share) < 0.1,
         )
-        lost = results["energy_projection"] / results["energy_paddle"]
-        report.row("lost in the projection, of the paddle's work", 100 * lost, "%")
+        for name, what in (
+            ("projection", "lost in the projection"),
+            ("hyperviscosity", "taken by hyperviscosity"),
+        ):
+            lost = results[f"energy_{name}"] / results["energy_paddle"]
+            report.row(f"{what}, of the paddle's work", 100 * lost, "%", theory=0.0)
         figure = Figure(figsize=(9, 4.6), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True)
         upper.plot(t, np.degrees(series["pitch"]))
