@@ -169,7 +169,7 @@ def test_command_lines_are_understood(line):
 @pytest.mark.parametrize("line", list(quoted("python -m experiments")))
 def test_commands_of_experiments_are_understood(line):
     name, *words = shlex.split(line)
-    assert name in {"run", "table", "gallery"}
+    assert name in {"run", "table", "gallery", "again"}
     if name == "run" and words and words[0] != "NAME":
         experiments.parser(words[0]).make_context(
             words[0], [word for word in words[1:] if word != "--commit"]
