@@ -122,6 +122,11 @@ class Report:
         (self.folder / f"{self.name}.json").write_text(text, encoding="utf-8")
 
 
+def of_paddle(results: Mapping[str, float], energy: str, budget: str = "") -> float:
+    """Energy of the budget over the paddle's work, %; `budget`: "whole_" for that of the whole run."""
+    return 100 * results[f"{budget}energy_{energy}"] / results[f"{budget}energy_paddle"]
+
+
 def observed_order(dx: Sequence[float], errors: Sequence[float]) -> float:
     """Slope of log(error) over log(dx): the order of convergence seen over these resolutions."""
     return float(np.polyfit(np.log(dx), np.log(errors), 1)[0])

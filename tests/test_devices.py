@@ -181,7 +181,7 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         flow = -sum(float(jnp.sum(g * new[index, k])) for k, g in enumerate(grip))
         assert flow == pytest.approx(float(air.q), rel=1e-10, abs=1e-13)
         # the law's root is smooth at no flow: it takes the flow for up to 1e-12 m2/s larger
-        guard = 2e-12 * K_dm**2 * abs(flow)
+        guard = 1e-12 * K_dm**2 * abs(flow)
         assert float(law.P_a) == pytest.approx(K_dm**2 * abs(flow) * flow, rel=1e-9, abs=1e-12 + guard)
 
 

@@ -546,7 +546,7 @@ def test_results_of_a_sea_have_errors_and_its_measured_height():
     """A whole repetition of a sea at five gauges, without reflection: height and power to the taper's 4 %."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
     changes = {"waves": sea, "t1": 90.0, "probes.gauges": [2.0, 2.2, 2.5, 2.9, 3.4]}
-    case = BRIEF.replace(changes)
+    case = js.load_case("owc").replace(changes)
     a, omega = case.waves.sum_of_waves(case.tank.depth, case.g)
     k, t = wavenumbers(omega, case.tank.depth, case.g), np.arange(0.0, 90.0, 0.02)
     gauges = [Harmonics(a * np.exp(-1j * k * x), omega, k).at(t) for x in case.probes.gauges]
@@ -635,9 +635,9 @@ def test_results_begin_after_a_change_and_its_transient():
 def test_efficiency_of_a_focused_group_is_energy_over_energy():
     """Half of the group's energy, taken in its half minute: 0.5 however long the record is."""
     waves = {"kind": "focused", "crest": 0.04, "Tp": 1.2, "x": 4.0, "t": 14.0}
-    whole = incident_power(BRIEF.replace({"waves": waves})) * 64 * 1.2
+    whole = incident_power(js.load_case("owc").replace({"waves": waves})) * 64 * 1.2
     for t1 in (24.0, 34.0):
-        case = BRIEF.replace({"waves": waves, "t1": t1})
+        case = js.load_case("owc").replace({"waves": waves, "t1": t1})
         t = np.arange(0.0, t1, 0.01)
         power = 0.5 * whole * np.exp(-(((t - 16.5) / 1.5) ** 2)) / (1.5 * np.sqrt(np.pi))
         ones = {name: np.ones(len(t)) for name in ("kinetic", "potential", "compression")}
@@ -655,7 +655,7 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
 def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
     """A device that takes half of what comes has 0.5, in a part of a sea weaker or stronger than it."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}
-    case = BRIEF.replace({"waves": sea, "t1": 40.0})
+    case = js.load_case("owc").replace({"waves": sea, "t1": 40.0})
     t, x = np.arange(0.0, 40.0, 0.1), Geometry.of(case).plate.x0
     power = np.zeros(len(t))
     for k in range(1, len(t)):

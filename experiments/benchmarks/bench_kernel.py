@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import statistics
-import time
 
 import jax
 
 import jaxsph as js
-from experiments.common import Report, use_threads
+from experiments.common import Report, timed, use_threads
 from jaxsph.case.report import steps_per_sample
+from jaxsph.model.state import Failure
 
 BEFORE = {"scheme.kernel": "gaussian", "tank.walls": "mirror"}
 """What the case had before the semicircle, and before walls that mirror the water."""
@@ -19,13 +19,13 @@ def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> 
     """Runs `turns` times so many steps with either, one thread, after `warm` steps that start the waves."""
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx})
-    runs = [started(case.replace(changes), steps, warm) for changes in ({}, BEFORE)]
+    every = steps_per_sample(case, js.build(case)[0])
+    steps = -(-steps // every) * every  # of both runs: the step follows the spacing
+    runs = [started(case.replace(changes), steps, every, warm) for changes in ({}, BEFORE)]
     times: list[list[float]] = [[], []]
     for _ in range(turns):
         for kept, run in zip(times, runs, strict=True):
-            began = time.perf_counter()
-            run()
-            kept.append(time.perf_counter() - began)
+            kept.append(timed(run))
     ratio = statistics.median(a / b for a, b in zip(*times, strict=True))
     with Report(
         f"bench_kernel_{dx:g}", "A step of the OWC, kernel and walls against those before", dx
@@ -36,21 +36,19 @@ def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> 
         report.row("ratio (median over the turns)", ratio, bar="at most 0.7", passes=ratio <= 0.7)
 
 
-def started(case: js.Case, steps: int, warm: int):
+def started(case: js.Case, steps: int, every: int, warm: int):
     """A call that runs so many steps more of a case, which has run `warm` already."""
     model, state = js.build(case)
-    every = steps_per_sample(case, model)
-    chunk = -(-steps // every) * every
     advance = jax.jit(js.simulate, static_argnames=("n_steps", "sample_every"))
-    for _ in range(-(-warm // chunk)):
-        state, _ = advance(model, state, n_steps=chunk, sample_every=every)
+    for _ in range(-(-warm // steps)):
+        state, _ = advance(model, state, n_steps=steps, sample_every=every)
 
     def run():
         nonlocal state
-        state, _ = advance(model, state, n_steps=chunk, sample_every=every)
+        state, _ = advance(model, state, n_steps=steps, sample_every=every)
         jax.block_until_ready(state)
-        if int(state.status.bits):
-            raise SystemExit("the run failed: its tables were too small")
+        if failure := Failure(int(state.status.bits)):
+            raise SystemExit(f"the run failed: {failure.name}")
 
     run()
     return run

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, solved
+from experiments.common import Report, of_paddle, solved
 from jaxsph.analysis import fundamental, whole_periods
 
 
@@ -55,8 +55,7 @@ def main(dx: float = 0.04) -> None:
             ("projection", "lost in the projection"),
             ("hyperviscosity", "taken by hyperviscosity"),
         ):
-            lost = results[f"energy_{name}"] / results["energy_paddle"]
-            report.row(f"{what}, of the paddle's work", 100 * lost, "%", theory=0.0)
+            report.row(f"{what}, of the paddle's work", of_paddle(results, name), "%", theory=0.0)
         figure = Figure(figsize=(9, 4.6), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True)
         upper.plot(t, np.degrees(series["pitch"]))

@@ -6,7 +6,7 @@ Waves of 0.15 m, T = 1.34 s, on 0.36 m of water, in two dimensions, incompressib
 from __future__ import annotations
 
 import jaxsph as js
-from experiments.common import Report
+from experiments.common import Report, of_paddle
 
 RUNS = ((0.04, 0.25), (0.04, 0.12), (0.04, 0.06), (0.02, 0.25))
 """Spacings (m) and Courant numbers of the runs."""
@@ -20,8 +20,9 @@ def main() -> None:
             run = js.run(case.replace({"dx": dx, "scheme.cfl": cfl}), progress=False)
             results, label = run.results, f"dx = {dx:g} m, cfl = {cfl:g}"
             for name in ("projection", "hyperviscosity"):
-                share = results[f"energy_{name}"] / results["energy_paddle"]
-                report.row(f"{label}: {name}, of the paddle's work", 100 * share, "%", theory=0.0)
+                report.row(
+                    f"{label}: {name}, of the paddle's work", of_paddle(results, name), "%", theory=0.0
+                )
             report.row(f"{label}: incident height", results["incident_height"], "m", theory=case.waves.H)
             report.row(f"{label}: noise over speed", results["noise"], theory=0.0)
             report.row(f"{label}: time step", 1e3 * float(run.model.dt), "ms")

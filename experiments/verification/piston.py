@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report
+from experiments.common import Report, of_paddle
 from jaxsph import analysis
 from jaxsph.waves import theory
 
@@ -36,8 +36,8 @@ def main(layers: int = 20, T: float = 1.0) -> None:
             report.row(f"{where}: height over Biesel's", ratios[-1], theory=1.0)
             report.row(f"{where}: its spread along the tank", np.std(first) / height, theory=0.0)
             report.row(f"{where}: second harmonic, mean along the tank", np.mean(second) / height)
-            lost = run.results["energy_hyperviscosity"] / run.results["energy_paddle"]
-            report.row(f"{where}: hyperviscosity of the paddle's work", 100 * lost, "%", theory=0.0)
+            lost = of_paddle(run.results, "hyperviscosity")
+            report.row(f"{where}: hyperviscosity of the paddle's work", lost, "%", theory=0.0)
         slope, limit = np.polyfit(np.square(steepness), ratios, 1)
         off = abs(limit - 1)
         report.row("change with the steepness squared", slope)

@@ -1,8 +1,8 @@
-"""Decay, noise and hyperviscosity of a standing wave, by kernel: incompressible in 2-D and 3-D, or weakly
-compressible in 2-D by the diffusion of its density too.
+"""Decay, noise and hyperviscosity of a standing wave, by kernel and by the diffusion of density.
 
-A wave of 0.08 m in a tank of 1 m (and 0.4 m wide in 3-D), two spacings high: what it loses it loses to the
-noise that the lattice of particles makes.
+The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. A wave of 0.08 m in a tank of 1 m
+(and 0.4 m wide in 3-D), two spacings high: what it loses it loses to the noise that the lattice of particles
+makes.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
 """Decay (1/s), noise over speed (-) and energy lost by hyperviscosity (J/m, J), by number of dimensions."""
 BEFORE = {2: "gaussian", 3: "wendland"}
 """Default kernels before the semicircle, by number of dimensions."""
-
-
 DIFFUSIONS = (0.1, 0.2, 0.4)
 """Coefficients delta of the weakly compressible diffusion that are compared; the first is the default."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import jaxsph as js
-from experiments.common import Report, solved
+from experiments.common import Report, of_paddle, solved
 from experiments.verification.wave_tank import against_stokes
 from jaxsph.waves import theory
 
@@ -33,7 +33,7 @@ def main(dx: float = 0.025, width: float = 0.2) -> None:
                 report.picture(figure)
             for name, bar in (("hyperviscosity", 4.0), ("projection", 1.0)):
                 for when, before in (("settled periods", ""), ("whole run", "whole_")):
-                    share = 100 * results[f"{before}energy_{name}"] / results[f"{before}energy_paddle"]
+                    share = of_paddle(results, name, before)
                     judged = deep and not before
                     report.row(
                         f"{label}, {when}: {name}, of the paddle's work",

@@ -160,8 +160,7 @@ def _cause(model: Model, status: Status) -> tuple[str, str]:
             f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
             "go on with fewer devices: jaxsph resume FILE --devices N",
         )
-    now = search_settings(model) | slab_sizes(model)
-    if failed & Failure.NEIGHBOUR_OVERFLOW and all(int(np.max(n)) <= now[k] for k, n in status.most.items()):
+    if failed & Failure.NEIGHBOUR_OVERFLOW and better_settings(model, status) is None:
         # images are the only table whose needs are not counted, and which does not grow
         return "water at a wall is denser than its images have room for", 'set tank.walls = "mirror"'
     if failed & Failure.STALE_TABLE:
