@@ -1,8 +1,8 @@
 """Decay, noise and hyperviscosity of a standing wave, by kernel and by the diffusion of density.
 
-The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. A wave of 0.08 m in a tank of 1 m
-(and 0.4 m wide in 3-D), two spacings high: what it loses it loses to the noise that the lattice of particles
-makes.
+The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. A wave of 0.08 m in a tank of
+1 m (and 0.4 m wide in 3-D), two spacings high: what it loses it loses to the noise that the lattice of
+particles makes.
 """
 
 from __future__ import annotations
