@@ -14,20 +14,20 @@ from experiments.common import Report, of_paddle
 from jaxsph import analysis
 from jaxsph.waves import theory
 
-DEPTH, STROKE, SHARES = 0.31, 0.0524, (1.0, 0.5, 0.25)
+DEPTH, STROKE, SHARES = 0.31, 0.0524, (0.25, 0.5, 1.0)
 """Depth and largest stroke, m; shares of the stroke that are run."""
 ALONG = np.arange(1.0, 2.5, 0.2)
 """Places of the gauges, wavelengths from the paddle."""
 RAMP, PERIODS, BAR = 3.0, 4, 0.01
 
 
-def main(layers: int = 20, T: float = 1.0) -> None:
-    """Runs a piston of the period T (s) with three strokes, in water of so many spacings."""
+def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
+    """Runs a piston of the period T (s) with so many strokes, the smallest first; `layers`: depth in spacings."""
     dx, k = DEPTH / layers, 2 * np.pi / float(theory.wavelength(T, DEPTH))
     transfer = float(theory.biesel(k, DEPTH))
     with Report(f"piston_{layers}_{T:g}", f"Waves of a piston against Biesel, T = {T:g} s", dx) as report:
         ratios, steepness = [], []
-        for share in SHARES:
+        for share in SHARES[:strokes]:
             run, height = made(dx, T, share * STROKE * transfer), share * STROKE * transfer
             first, second = (harmonics(run, T / n) for n in (1, 2))
             ratios.append(np.mean(first) / height)
