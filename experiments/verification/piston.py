@@ -22,7 +22,7 @@ RAMP, PERIODS, BAR = 3.0, 4, 0.01
 
 
 def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
-    """Runs a piston of the period T (s) with so many strokes, the smallest first; `layers`: depth in spacings."""
+    """Runs a piston of the period T (s) with so many strokes, the smallest first, over `layers` spacings."""
     dx, k = DEPTH / layers, 2 * np.pi / float(theory.wavelength(T, DEPTH))
     transfer = float(theory.biesel(k, DEPTH))
     with Report(f"piston_{layers}_{T:g}", f"Waves of a piston against Biesel, T = {T:g} s", dx) as report:
