@@ -11,9 +11,11 @@ import jaxsph as js
 from experiments.common import RUNS, Report, solved
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.results import SettledPeriods, case_results
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.output.run_file import RunFile
-from jaxsph.run.results import run_results
+from jaxsph.problem.problem import summary_of
+from jaxsph.problem.results import energy_result, noise_result
 
 T, K_DM = 1.2, 534.66
 CHAMBER, RHO_AIR = 0.13, 1.2
@@ -62,7 +64,8 @@ def results_until(case: js.Case, series: dict[str, np.ndarray]) -> tuple[dict[st
     """Results of a record that may be the first part of a run's, and their notices."""
     model = _Ledger(Geometry.of(case).depth, float(series["time"][-1]))
     state = SimpleNamespace(step=1, particles=SimpleNamespace(x=np.zeros((1, 2))))
-    return run_results(case, js.Solution(series, {}, model, state, case), 1.0, 1)
+    made = (energy_result(model), noise_result, *case_results(case))
+    return summary_of(js.Solution(series, {}, model, state, case), made, SettledPeriods(case), 1.0, 1)
 
 
 def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = True) -> js.Sweep:
@@ -72,6 +75,8 @@ def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = T
 
 class _Ledger:
     """What results ask of the model of a run that is only read."""
+
+    g = (0.0, -9.81)
 
     def __init__(self, depth: float, t_end: float) -> None:
         self.depth, self._t_end = depth, t_end

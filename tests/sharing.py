@@ -18,7 +18,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
 import jaxsph as js  # noqa: E402
-from jaxsph.case.report import make_probes  # noqa: E402
+from jaxsph.case.probes import make_probes  # noqa: E402
 from jaxsph.cli.arguments import setting_of  # noqa: E402
 from jaxsph.run.devices import gather, share  # noqa: E402
 

@@ -18,6 +18,7 @@ LAYERS = (
     ("parts",),
     ("schemes",),
     ("probes",),
+    ("problem",),
     ("case",),
     ("run",),
     ("study",),
@@ -35,7 +36,8 @@ RECORDS = {
 }
 """Files know nothing of the physics, so those who run may write them."""
 DATA_FILES = {
-    f"output.{name}" for name in ("hdf5", "run_file", "run_groups", "run_view", "sweep_file", "vtk")
+    f"output.{name}"
+    for name in ("hdf5", "run_file", "run_groups", "run_reader", "run_view", "sweep_file", "vtk")
 }
 """Files of `output` that import no room below it: those of a run or a sweep, and what exports them."""
 FACADE = "__init__"
@@ -183,6 +185,7 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 """Functions of more than 60 lines, and why."""
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
+    "cli.running.resume": "an argument for each option of the command",
     "cli.running.run": "an argument for each option of the command",
     "cli.studies.matrix": "an argument for each option of the command",
     "cli.studies.optimise": "an argument for each option of the command",

@@ -37,12 +37,18 @@ def _record(path, overwrite=False, checkpoint=True, toml='name = "fake"\nprecisi
     return run
 
 
+def _ended(results, notices=()):
+    """What the command line asks of a solution."""
+    model = types.SimpleNamespace(g=(0.0, -9.81))
+    return types.SimpleNamespace(results=results, notices=notices, labels={}, model=model)
+
+
 @pytest.fixture
 def calls(monkeypatch, tmp_path):
     """The solver's part of the API, faked; each call is recorded."""
     monkeypatch.chdir(tmp_path)
     found = []
-    solution = types.SimpleNamespace(results={"xi": 0.4871, "steps": 1200.0, "mine": 1.5})
+    solution = _ended({"xi": 0.4871, "steps": 1200.0, "mine": 1.5})
 
     def load_case(name):
         if name == "oww":
@@ -154,7 +160,7 @@ def test_setting_without_key_or_value(calls, text):
 def test_resume(calls, tmp_path):
     run = _record(tmp_path / "a.h5")
     result = _jaxsph("resume", run.path, "--t1", 5, "--no-plot")
-    options = {"t1": 5.0, "progress": True, "changes": {}, "devices": None}
+    options = {"t1": 5.0, "progress": True, "changes": {}, "devices": None, "given": None}
     assert result.exit_code == 0 and calls == [(run.path, options)]
     assert _jaxsph("resume", "missing.h5").exit_code == 2
 
@@ -178,7 +184,7 @@ def test_a_particle_over_the_rim_names_the_file(calls, monkeypatch, tmp_path):
 def test_notices_of_the_results_are_printed(calls, monkeypatch):
     def run(case, out, **_):
         _record(out)
-        return types.SimpleNamespace(results={"steps": 1.0}, notices=("no result for the reflection: why",))
+        return _ended({"steps": 1.0}, ("no result for the reflection: why",))
 
     monkeypatch.setattr(js, "run", run)
     assert "note: no result for the reflection: why" in _jaxsph("run", "owc", "--no-plot").stderr

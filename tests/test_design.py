@@ -17,7 +17,7 @@ from jaxsph.case.build import build
 from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.run import together
+from jaxsph.output.sweep_file import Meanings
 from jaxsph.run.together import run_together
 from jaxsph.study import members
 from jaxsph.study.members import run_member
@@ -37,7 +37,7 @@ def quick(monkeypatch):
         failure = "stopped: too fast\nand why" if case.g in failing else ""
         results = {} if failure else {"value": case.g * 10 + case.dx, "t_end": case.t1}
         variables = {"eta": Variable("m", "elevation", "gauge"), "kinetic": Variable("J m-1", "energy")}
-        return {"results": results, "series": series, "failure": failure}, variables
+        return {"results": results, "series": series, "failure": failure}, Meanings(variables)
 
     monkeypatch.setattr(members, "run_member", member)
     return ran, failing
@@ -61,7 +61,7 @@ def test_a_batch_is_the_single_runs_and_one_that_fails_does_not_spoil_it(tmp_pat
             state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u + 100.0)
         return model, state
 
-    monkeypatch.setattr(together, "build", thrown)
+    monkeypatch.setattr("jaxsph.case.case.build", thrown)
     over = {"scheme.delta": [0.1, 0.05, 0.2]}
     done = js.sweep(CASE, over, tmp_path / "s.h5", batch=4, progress=False)
     assert list(done.failures) == [(2,)] and "stopped at t = " in done.failures[2,]
@@ -176,7 +176,9 @@ def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_p
     found, variables = run_member(CASE, stem)
     assert not stem.with_suffix(".log").exists()  # no process was begun
     assert found["failure"] == "" and found["results"] == {"t_end": 0.1}
-    assert variables["kinetic"] == kinetic["kinetic"] and list(found["series"]["kinetic"]) == [1.0] * 3
+    assert (
+        variables.variables["kinetic"] == kinetic["kinetic"] and list(found["series"]["kinetic"]) == [1.0] * 3
+    )
 
 
 class Alternating:

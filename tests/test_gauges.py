@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxsph as js
-from jaxsph.case.report import make_probes
+from jaxsph.case.probes import make_probes
 from jaxsph.probes.gauges import WaveGauge
 
 DX, LENGTH, DEPTH = 0.02, 1.0, 0.2

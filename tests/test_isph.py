@@ -11,7 +11,7 @@ from conftest import enable_x64
 
 import jaxsph as js
 from jaxsph import analysis
-from jaxsph.case.report import make_probes
+from jaxsph.case.probes import make_probes
 from jaxsph.model import laws
 from jaxsph.model.state import Failure
 from jaxsph.probes.devices import BodyProbe

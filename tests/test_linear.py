@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 import jaxsph as js
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power, linear_owc
+from jaxsph.case.results import _power, mean_of_power
 from jaxsph.case.settling import settled_window
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.solution import Solution
-from jaxsph.run.results import _power
-from jaxsph.study.base import result_of_power
+from jaxsph.problem.record import Record
 from jaxsph.waves import theory
 from jaxsph.waves.linear_owc import linear_response
 from jaxsph.waves.radiation import _FUNCTIONS, ChamberGeometry, _solve, radiation_and_scattering
@@ -336,10 +336,10 @@ def test_every_efficiency_is_relative_to_one_incident_power():
     series = {"power_pto": all_of_it}
     model = SimpleNamespace(entries=lambda: {"pto": Entry("power take-off", Exchange.HARVESTED)})
     solution = Solution(series | {"time": t}, {}, model, None)
-    results = _power(case, solution, settled_window(case, t, [all_of_it]))
+    results = _power(case, Record(solution, settled_window(case, t, [all_of_it]), 0.0))
     assert results["P_inc"] == P and results["P_owc"] == pytest.approx(P, rel=1e-9)
     assert results["xi"] == pytest.approx(1.0, rel=1e-9)
-    assert result_of_power(case, "xi")(t, all_of_it).of_power(all_of_it) == pytest.approx(1.0, rel=1e-9)
+    assert mean_of_power(case, "xi")(t, all_of_it).of_power(all_of_it) == pytest.approx(1.0, rel=1e-9)
     # theory in float64 beside float32
     assert linear_owc(case).P_inc == pytest.approx(P, rel=1e-5)
     assert dict(js.check(case))["incident power"] == f"{P:.4g} W per metre of width"

@@ -17,7 +17,7 @@ from jaxsph.cli.app import app
 from jaxsph.errors import CaseError, DerivativeError, FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.output.sweep_file import SweepFile
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.study import members
 from jaxsph.study.matrix import ScatterTable, matrix_of
 
@@ -92,7 +92,7 @@ def quick(monkeypatch):
             call()
         value = 1.0 + 1e-3 * (case.pto.K_dm if case.pto else 0.0)
         results = {"xi": value, "P_owc": value, "P_inc": 1.0, "xi_error": 0.1}
-        return {"results": results, "series": {"time": np.arange(3.0)}, "failure": ""}, {}
+        return {"results": results, "series": {"time": np.arange(3.0)}, "failure": ""}, Meanings()
 
     monkeypatch.setattr(members, "run_member", member)
     return ran, meanwhile
@@ -286,7 +286,7 @@ def test_a_matrix_in_a_tank_with_a_width_leaves_out_what_its_runs_do_not_have():
 
 def test_an_ensemble_whose_members_lack_the_result_says_so(monkeypatch):
     def member(case, stem):
-        return {"results": {"P_inc": 1.0}, "series": {"time": np.arange(3.0)}, "failure": ""}, {}
+        return {"results": {"P_inc": 1.0}, "series": {"time": np.arange(3.0)}, "failure": ""}, Meanings()
 
     monkeypatch.setattr(members, "run_member", member)
     with pytest.raises(DerivativeError, match="only 0 of 4 members gave P_owc"):
@@ -305,7 +305,7 @@ def test_a_damaged_file_of_a_sweep_gives_the_numbers_written_or_an_error(tmp_pat
     one = {"results": {"xi": 0.5, "P_owc": 1.5}, "series": {"time": t, "P_a": np.sin(t)}, "failure": ""}
     axes = {"pto.K_dm": np.array([100.0, 200.0])}
     described = {"P_a": Variable("Pa", "pressure"), "time": Variable("s", "time")}
-    SweepFile(path).write(OWC.to_toml(), axes, (2,), {0: one, 1: one}, described)
+    SweepFile(path).write(OWC.to_toml(), axes, (2,), {0: one, 1: one}, Meanings(described))
     whole, rng, refused = path.read_bytes(), np.random.default_rng(3), 0
     said = repr(js.read_sweep(path)) + repr(js.read_sweep(path).members)
     for _ in range(150):

@@ -18,7 +18,7 @@ from jaxsph.output.plot.style import ORANGE
 from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
 from jaxsph.output.plot.tank import Tank
 from jaxsph.output.run_file import RunFile
-from jaxsph.output.sweep_file import SweepFile
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.waves.linear_owc import linear_response
 from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
@@ -246,7 +246,7 @@ def _swept(path, axes, shape, **results):
         i: {"results": {k: float(np.ravel(v)[i]) for k, v in results.items()}, "series": {}, "failure": ""}
         for i in range(int(np.prod(shape)))
     }
-    SweepFile(path).write(CASE, axes, shape, members, {})
+    SweepFile(path).write(CASE, axes, shape, members, Meanings())
     return path
 
 

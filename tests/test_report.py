@@ -20,7 +20,7 @@ import jaxsph as js
 from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.output.sweep_file import SweepFile
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.report.content import extremes_of
 from jaxsph.report.frames import FIELDS, UNSEEN, Frames, local_flow
 from jaxsph.report.labels import LABELS, in_order
@@ -98,9 +98,8 @@ def make_sweep(path, axes, shape, slopes=False):
         results |= {f"slope {name}": 0.5 for name in axes} if slopes else {}
         members[k] = {"results": results, "series": {"time": t, "P_a": np.sin(t) * k}, "failure": ""}
     members[0] |= {"failure": "a particle has left", "results": {}}
-    SweepFile(path).write(
-        OWC.to_toml(), axes, shape, members, {"P_a": Variable("Pa", "P_a"), "time": Variable("s", "t")}
-    )
+    meanings = Meanings({"P_a": Variable("Pa", "P_a"), "time": Variable("s", "t")})
+    SweepFile(path).write(OWC.to_toml(), axes, shape, members, meanings)
     return path
 
 

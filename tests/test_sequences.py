@@ -13,10 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph.case.report import make_probes
+from jaxsph.case import case as case_module
+from jaxsph.case.probes import make_probes
 from jaxsph.errors import CaseError, FileError
 from jaxsph.output.run_file import RunFile
-from jaxsph.run import amend, host
+from jaxsph.run import host
 from jaxsph.run.simulate import simulate_chunk
 
 CHUNK = 0.02
@@ -218,8 +219,7 @@ def live(sequence):
     first, others = sequence
     with (
         tempfile.TemporaryDirectory() as folder,
-        mock.patch.object(host, "build", build),
-        mock.patch.object(amend, "build", build),
+        mock.patch.object(case_module, "build", build),
     ):
         life = Life(folder)
         for what in (first, *others):

@@ -23,17 +23,19 @@ from conftest import advance, coarse, enable_x64, with_velocity
 import jaxsph as js
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power
+from jaxsph.case.results import SettledPeriods, case_results, flume_gauges
+from jaxsph.case.results import mean_of_power as result_of_power
 from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.state import Failure
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.run_groups import replace_results
+from jaxsph.problem.problem import summary_of
+from jaxsph.problem.results import energy_result, noise_result
 from jaxsph.report.labels import label_of
-from jaxsph.run import chunks, host, recorder, simulate
+from jaxsph.run import chunks, host, simulate
 from jaxsph.run.amend import amend
-from jaxsph.run.results import flume_gauges, run_results
-from jaxsph.study.base import result_of_power
 from jaxsph.waves import theory
 from jaxsph.waves.second_order import Harmonics, wavenumbers
 
@@ -41,6 +43,15 @@ CHUNK = 0.05
 """Seconds from checkpoint to checkpoint in these tests."""
 OWC = coarse("owc", {"output.snapshot_dt": CHUNK})
 quiet = functools.partial(js.run, progress=False)
+
+
+def run_results(case, solution, seconds, steps, since=0.0):
+    """Scalars of a case's run and notices, without building the case."""
+    labelled = energy_result(types.SimpleNamespace(entries=dict, g=(0.0, 0.0)))
+    made = (labelled, noise_result, *case_results(case))
+    return summary_of(solution, made, SettledPeriods(case), seconds, steps, since)
+
+
 resume = functools.partial(js.resume, progress=False)
 
 
@@ -304,8 +315,7 @@ def test_a_case_is_built_once_in_a_run(whole, tmp_path, monkeypatch):
         built.append(arguments)
         return js.build(*arguments)
 
-    for module in (host, recorder):
-        monkeypatch.setattr(module, "build", build, raising=False)
+    monkeypatch.setattr("jaxsph.case.case.build", build)
     quiet(OWC, t1=CHUNK, out=tmp_path / "once.h5")
     assert len(built) == 1
     resume(tmp_path / "once.h5", t1=2 * CHUNK)
@@ -320,7 +330,7 @@ def test_checkpoint_of_other_rules_is_refused(whole, tmp_path, monkeypatch):
         model, state = js.build(case, settings)
         return eqx.tree_at(lambda m: m.scheme.c0, model, 1.1 * model.scheme.c0), state
 
-    monkeypatch.setattr(host, "build", build)
+    monkeypatch.setattr("jaxsph.case.case.build", build)
     with pytest.raises(FileError, match=r"makes something else of its case: scheme.c0 was \d+.* and is \d+"):
         resume(path)
     monkeypatch.undo()
@@ -419,7 +429,7 @@ def test_another_interval_of_samples_keeps_powers_and_what_was_exchanged(whole, 
 def test_a_run_that_was_killed_before_its_results_is_ended_by_resume(whole, tmp_path):
     path = shutil.copy(whole[0], tmp_path / "nearly.h5")
     with RunFile.open(path)._rewritten() as (file, _):
-        replace_results(file, {}, ())
+        replace_results(file, {}, (), {})
     again = resume(path, t1=4 * CHUNK)
     assert {k: v for k, v in again.results.items() if "second" not in k} == {
         k: v for k, v in whole[1].results.items() if "second" not in k
@@ -795,7 +805,7 @@ def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
     """From tables that are too small by far the run reaches what it reaches from good ones, in one replay."""
     good = _settings(whole[1].model)
     small = {name: good[name] // 2 for name in ("capacity", "node_capacity")}
-    real, ran = host.build, []
+    real, ran = js.build, []
 
     def build(case, settings=None):
         return real(case, good | small if settings is None else settings)
@@ -804,7 +814,7 @@ def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
         ran.append(_settings(model))
         return simulate.simulate_chunk(model, **others)
 
-    monkeypatch.setattr(host, "build", build)
+    monkeypatch.setattr("jaxsph.case.case.build", build)
     monkeypatch.setattr(host, "simulate_chunk", chunk)
     model, state = build(OWC)
     overflown, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)

@@ -8,7 +8,6 @@ import jax
 
 import jaxsph as js
 from experiments.common import Report, timed, use_threads
-from jaxsph.case.report import steps_per_sample
 from jaxsph.model.state import Failure
 
 BEFORE = {"scheme.kernel": "gaussian", "tank.walls": "mirror"}
@@ -19,7 +18,7 @@ def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> 
     """Runs `turns` times so many steps with either, one thread, after `warm` steps that start the waves."""
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx})
-    every = steps_per_sample(case, js.build(case)[0])
+    every = case.problem().sample_every
     steps = -(-steps // every) * every  # of both runs: the step follows the spacing
     runs = [started(case.replace(changes), steps, every, warm) for changes in ({}, BEFORE)]
     times: list[list[float]] = [[], []]

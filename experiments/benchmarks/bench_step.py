@@ -10,7 +10,6 @@ import jax
 
 import jaxsph as js
 from experiments.common import Report, timed, use_threads
-from jaxsph.case.report import steps_per_sample
 from jaxsph.model.state import Failure
 from jaxsph.schemes.step import at_rest
 
@@ -21,7 +20,7 @@ def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) 
     case = js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"})
     model, state = js.build(case)
     probes = js.make_probes(case, model, state)
-    every = steps_per_sample(case, model)
+    every = round(case.output.sample_dt / float(model.dt))
     chunk = max(1, steps // (turns * every)) * every
     advance = jax.jit(js.simulate, static_argnames=("n_steps", "sample_every"))
 

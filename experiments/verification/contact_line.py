@@ -18,8 +18,8 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.initial import initial_velocity
 from jaxsph.core.arrays import Array, Bool
 from jaxsph.core.pairs import Smoothing
-from jaxsph.model.interfaces import AbstractProbe
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe
 
 TIMES = (0.95, 3.05)
 """Times at which the modes are compared, s."""

@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import RUNS, Report
-from jaxsph.case.report import steps_per_sample
 from jaxsph.model.state import Failure
 
 LENGTH, DEPTH, DRAUGHT, CHAMBER, WALL = 0.68, 0.8, 0.6, 0.32, 0.01
@@ -98,7 +97,7 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
     """Runs to t1 (s), or to the first failure, which is a result and raises nothing."""
     began = time.perf_counter()
     model, state = js.build(case)
-    every = steps_per_sample(case, model)
+    every = round(case.output.sample_dt / float(model.dt))
     # Room for what an unquiet division does to the tables; searched more often where that is not enough.
     search = dataclasses.replace(
         model.search,

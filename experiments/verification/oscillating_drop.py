@@ -22,8 +22,8 @@ import jaxsph as js
 from experiments.common import Report, lattice
 from jaxsph.model import laws
 from jaxsph.model.forces import CentralForce
-from jaxsph.model.interfaces import AbstractProbe
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.weakly_compressible import DeltaSPH

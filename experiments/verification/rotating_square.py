@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import Report, lattice
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractProbe
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.weakly_compressible import DeltaSPH

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.assemble import SKIN, assemble
-from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
 from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
@@ -25,6 +24,7 @@ from jaxsph.case.parts import (
     make_zones,
 )
 from jaxsph.case.scheme import make_scheme, stable_time_step
+from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import search_speed
 from jaxsph.core.search import jax_md
 from jaxsph.core.search.base import AbstractSearch
@@ -46,7 +46,7 @@ as a fifth of a spacing, by number of dimensions. In two, with a search at every
 fifth less time than with 0.5 and one at every second; in three each slot is dearer."""
 
 
-def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, State]:
+def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model, State]:
     """Model and initial state of a case.
 
     `settings`: sizes of the neighbour tables and steps between searches (see `model.state.Search`) in the
@@ -103,7 +103,7 @@ def build(case: Case, settings: dict[str, int] | None = None) -> tuple[Model, St
     )
 
 
-def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
+def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
     """Ghosts of the tank's walls, of its device's plate and platform, and of its body."""
     return Ghosts.build(
         geometry.box(case),
@@ -119,7 +119,7 @@ def _walls(case: Case, geometry: Geometry, scheme: AbstractParticleScheme) -> Gh
     )
 
 
-def _search_method(case: Case) -> type[AbstractSearch]:
+def _search_method(case: Sections) -> type[AbstractSearch]:
     """Class of a case's neighbour search. **Raises** CaseError where its package is not installed."""
     if case.search == "cells":
         return Cells

@@ -3,19 +3,46 @@
 from __future__ import annotations
 
 import difflib
-import json
+import functools
 import typing
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from jaxsph.case.air_sections import LAWS
+from jaxsph.case.build import build
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
 from jaxsph.case.notices import limit_notices
+from jaxsph.case.probes import make_probes
+from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
 from jaxsph.case.section import Section, kind_of
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.errors import CaseError
+from jaxsph.problem.problem import Problem
+from jaxsph.problem.toml import toml_text, toml_value
+
+SMOOTH = (
+    "pto.K_dm",
+    "pto.resistance",
+    "pto.area",
+    "pto.discharge",
+    "pto.P_a",
+    "pto.relief",
+    "pto.suction",
+    "air.volume",
+    "waves.H",
+    "fluid.nu",
+    "fluid.rho0",
+    "scheme.alpha",
+    "scheme.delta",
+    "sponge.strength",
+    "body.pto.damping",
+    "body.pto.coulomb",
+    "body.pto.spring",
+)
+"""Keys of the numbers on which a model depends smoothly, for methods that differentiate through the time
+loop. Lengths are not among them: they move the lattice."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
 """Kinds of errors that say what a key means: of a value that is missing, or beyond its range."""
@@ -69,9 +96,38 @@ class Case(Sections):
                 place[last] = value
         return Case.from_dict(data)
 
+    def problem(self) -> Problem:
+        """Builds what the case describes: model, initial state, probes and results. **Raises** CaseError."""
+        model, state = build(self)
+        return Problem(
+            model,
+            state,
+            self.output.sample_dt,
+            self.t1,
+            probes=make_probes(self, model, state),
+            results=case_results(self),
+            snapshot_dt=self.output.snapshot_dt,
+            name=self.name,
+            description=self.description,
+            averaging=SettledPeriods(self),
+            mean_of_power=functools.partial(mean_of_power, self),
+        )
+
+    def value(self, name: str) -> Any:
+        """Value of a key, by dotted name; None where the case does not give it. **Raises** CaseError for a
+        key that no case has."""
+        value = functools.reduce(lambda part, key: getattr(part, key, None), name.split("."), self)
+        if value is None:
+            self.replace({name: 1.0})  # says what else is meant, where there is no such key
+        return value
+
+    def roughness(self, name: str) -> str:
+        """Why the model may not depend smoothly on a key; empty where it does."""
+        return "" if name in SMOOTH else f"the loop depends smoothly on {', '.join(SMOOTH)}"
+
     def to_toml(self) -> str:
         """TOML text of the whole case, defaults included."""
-        return _to_toml(self.model_dump(exclude_none=True, mode="json"))
+        return toml_text(self.model_dump(exclude_none=True, mode="json"))
 
     def notices(self) -> list[str]:
         """Notices for the user: lengths that the lattice changed, limits that the case is near or beyond."""
@@ -243,23 +299,3 @@ def _meaning(place: tuple[str | int, ...]) -> str:
         words, kinds = field.description or "", KINDS.get(str(part), {})
         section = section_in(field.annotation)
     return f" ({' '.join(words.split()).rstrip('.')})" if words else ""
-
-
-def _to_toml(data: dict[str, Any], prefix: str = "") -> str:
-    own = [f"{k} = {toml_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
-    text = "\n".join(own) + "\n" if own else ""
-    for key, value in data.items():
-        if isinstance(value, dict):
-            text += f"\n[{prefix}{key}]\n" + _to_toml(value, f"{prefix}{key}.")
-    return text
-
-
-def toml_value(value: Any) -> str:
-    """Value as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_value(v) for v in value) + "]"
-    return repr(value)

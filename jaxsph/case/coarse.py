@@ -24,6 +24,8 @@ def coarsen(case: Case) -> Case:
     COARSE: efficiencies and forces of such a run are rough, and not for a design.
     **Raises** CaseError where no larger spacing passes the case's checks.
     """
+    if not isinstance(case, Case):
+        raise CaseError(f"{case!r}: only a case has a coarse form; give arguments that make a coarse problem")
     refusal = ""
     for factor in FACTORS:
         try:

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple, cast
 
 from pydantic.fields import FieldInfo
 
-from jaxsph.case.case import Case, section_in, toml_value
+from jaxsph.case.case import Case, section_in
 from jaxsph.case.section import Section
 from jaxsph.case.sections import KINDS, Sections
+from jaxsph.problem.toml import toml_value
 
 WIDTH = 100
 """Columns of a commented case file."""

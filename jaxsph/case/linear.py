@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.sections import Sections
 from jaxsph.errors import CaseError
 from jaxsph.waves import second_order, theory
 from jaxsph.waves.linear_owc import LinearAir, LinearOWC, linear_response
@@ -13,7 +13,7 @@ from jaxsph.waves.linear_sea import LinearSea, linear_sea_response
 from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 
-def incident_power(case: Case) -> float:
+def incident_power(case: Sections) -> float:
     """Mean power of a case's waves in its tank, W per metre of crest: what every efficiency is relative to.
 
     The depth is the one on the lattice, as of the paddle and of all results.
@@ -24,7 +24,7 @@ def incident_power(case: Case) -> float:
     return float(np.sum(each))
 
 
-def incident_energy(case: Case, x: float, start: float, end: float) -> float:
+def incident_energy(case: Sections, x: float, start: float, end: float) -> float:
     """Energy (J per metre of crest) that a case's waves carry past x (m) from `start` to `end` (s), by linear
     theory without the ramp; over a sea's whole repetition that of `incident_power`."""
     depth = Geometry.of(case).depth
@@ -38,7 +38,7 @@ def incident_energy(case: Case, x: float, start: float, end: float) -> float:
     return float(np.trapezoid(second_order.Harmonics(root, omega, k).at(t) ** 2, t))
 
 
-def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
+def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
     """Linear theory of a case's device in its waves, with the lengths that the lattice gives the case.
 
     `lip_loss` is the coefficient zeta (-) of the head lost at the front wall's lip, see `linear_response`.
@@ -58,12 +58,12 @@ def linear_owc(case: Case, lip_loss: float = 0.0) -> LinearOWC:
     )
 
 
-def sea_is_linear(case: Case) -> bool:
+def sea_is_linear(case: Sections) -> bool:
     """Whether linear theory of a sea covers a case: an OWC, linear or quadratic turbine, over a flat bed."""
     return case.waves is not None and case.waves.kind != "regular" and _missing(case, seas=True) is None
 
 
-def linear_sea(case: Case) -> LinearSea:
+def linear_sea(case: Sections) -> LinearSea:
     """Linear theory of a case's device in its sea, by stochastic linearisation of its turbine.
 
     **Raises** CaseError for a case without a device, a sea or pto.K_dm, or with a platform.
@@ -77,20 +77,20 @@ def linear_sea(case: Case) -> LinearSea:
     return linear_sea_response(_chamber(case), a, omega, K_dm, case.fluid.rho0, case.g, air)
 
 
-def _linear_air(case: Case) -> LinearAir:
+def _linear_air(case: Sections) -> LinearAir:
     """Linear part of a case's turbine, and its air's compliance."""
     give = 0.0 if case.air is None else case.air.give
     return LinearAir(case.pto.resistance or 0.0, give)
 
 
-def _chamber(case: Case) -> ChamberGeometry:
+def _chamber(case: Sections) -> ChamberGeometry:
     """Section of a case's chamber with the lengths that the lattice gives it."""
     tank = Geometry.of(case)
     lengths = (tank.depth, tank.chamber_length, tank.depth - tank.plate.tip, tank.plate.thickness)
     return ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
 
 
-def linear_check(case: Case) -> list[tuple[str, str]]:
+def linear_check(case: Sections) -> list[tuple[str, str]]:
     """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values; empty for
     a case that the theory does not cover."""
     if _missing(case) is not None:
@@ -106,7 +106,7 @@ def linear_check(case: Case) -> list[tuple[str, str]]:
     ]
 
 
-def _missing(case: Case, seas: bool = False) -> str | None:
+def _missing(case: Sections, seas: bool = False) -> str | None:
     """Key for which linear theory has no answer, of regular waves or of seas; None where it has one."""
     if case.device is None:
         return "device is not given"

@@ -10,8 +10,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxsph.case.case import Case
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
+from jaxsph.case.sections import Sections
 from jaxsph.errors import CaseError
 from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
@@ -38,7 +38,7 @@ from jaxsph.waves.regular import FirstOrderPiston, RegularWaves, SecondOrderPist
 from jaxsph.waves.seas import Sea
 
 
-def make_bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
+def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
     """Rigid body of a case; none without one.
 
     **Raises** CaseError for a body whose motions the model does not have.
@@ -75,7 +75,7 @@ def make_bodies(case: Case, geometry: Geometry, walls: Ghosts, leaf: Any) -> tup
     return (body,)
 
 
-def make_waves(case: Case, geometry: Geometry, leaf: Any) -> AbstractWaves:
+def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:
     """Waves that the case asks for, on the depth of its lattice."""
     section, depth = case.waves, geometry.depth
     ramp = section.ramp_periods * section.period
@@ -88,7 +88,7 @@ def make_waves(case: Case, geometry: Geometry, leaf: Any) -> AbstractWaves:
 
 
 def make_paddle(
-    case: Case, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
+    case: Sections, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
 ) -> Paddle:
     """Piston wavemaker of the case's waves; `water`: places (m) of the particles and their volumes per metre
     of the tank's width (m2), which its gauge reads at rest."""
@@ -109,7 +109,7 @@ def make_paddle(
     return Paddle(motion=motion, rows=walls.paddle)
 
 
-def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, ...]:
+def make_chambers(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Chamber, ...]:
     """Chamber of a case's device; none without one."""
     if case.device is None or case.pto is None:
         return ()
@@ -129,7 +129,7 @@ def make_chambers(case: Case, geometry: Geometry, leaf: Any) -> tuple[Chamber, .
     )
 
 
-def make_pto(case: Case, leaf: Any) -> AbstractPTO:
+def make_pto(case: Sections, leaf: Any) -> AbstractPTO:
     """Power take-off of a case's chamber."""
     section = case.pto
     if not section.is_turbine:
@@ -151,14 +151,14 @@ def make_pto(case: Case, leaf: Any) -> AbstractPTO:
     return ReliefValve(turbine, leaf(over), leaf(under))
 
 
-def make_air(case: Case, leaf: Any) -> AbstractAirLaw:
+def make_air(case: Sections, leaf: Any) -> AbstractAirLaw:
     """Air of a case's chamber."""
     if case.air is None:
         return IncompressibleAir()
     return IsentropicAir(leaf(case.air.volume), leaf(case.air.pressure), leaf(case.air.gamma))
 
 
-def make_background(case: Case, geometry: Geometry, leaf: Any) -> tuple[Background, ...]:
+def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Background, ...]:
     """Background pressure of the case's thin wall, if it has one."""
     plate = geometry.plate
     if plate is None or not plate.is_thin(case.dx, case.layers):
@@ -193,7 +193,7 @@ times the rate).
 """
 
 
-def make_zones(case: Case, geometry: Geometry, leaf: Any) -> tuple[RelaxationZone, ...]:
+def make_zones(case: Sections, geometry: Geometry, leaf: Any) -> tuple[RelaxationZone, ...]:
     """Relaxation zone at the near end of a case's tank; none where it is not asked for."""
     if case.waves is None or case.waves.zone is None:
         return ()
@@ -207,7 +207,7 @@ def make_zones(case: Case, geometry: Geometry, leaf: Any) -> tuple[RelaxationZon
     return (RelaxationZone(waves, *(leaf(a) for a in (length, strength, x, z))),)
 
 
-def make_sponges(case: Case, geometry: Geometry, leaf: Any) -> tuple[Sponge, ...]:
+def make_sponges(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Sponge, ...]:
     """Sponge at the far end of a case's tank; none where it is not asked for."""
     if case.sponge is None:
         return ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.case.wave_sections import AbstractWavesSection
+from jaxsph.problem.record import Window
 from jaxsph.waves import theory
 
 
@@ -46,17 +46,6 @@ def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
         begin = max(begin, since + travel_time(case, Geometry.of(case).length))
     whole = int((t1 - begin) / waves.cycle + 1e-6)
     return min(whole, case.output.periods if waves.repeats is None else round(waves.repeats / waves.cycle))
-
-
-class Window(NamedTuple):
-    """Part of a record over which every mean of a run is taken."""
-
-    over: NDArray[np.bool_]
-    """Mask of its samples; the first begins the window, and the means before it are not in it."""
-    periods: int
-    """Whole periods in the window; 0 where none has settled, and the window is all of the record."""
-    left_out: int
-    """Periods before the window that the waves had reached, and in which the record still had a trend."""
 
 
 def settled_window(

@@ -34,7 +34,11 @@ def _complete_key(begun: str) -> list[str]:
 
 CaseName = Annotated[
     str,
-    typer.Argument(metavar="CASE", help="A TOML file or a built-in name.", autocompletion=complete_case),
+    typer.Argument(
+        metavar="CASE",
+        help="A TOML file, a built-in name, or FILE.py:FUNCTION, which returns a Problem.",
+        autocompletion=complete_case,
+    ),
 ]
 
 
@@ -126,11 +130,21 @@ Page = Annotated[
 ]
 
 
+Program = Annotated[
+    str | None,
+    typer.Option(
+        "--program",
+        metavar="FILE.py:FUNCTION",
+        help="The function that made the run, where it was no case: a file never makes anyone import one.",
+    ),
+]
+
+
 def load(name: str, settings: list[str] | None) -> Any:
-    """Case of a name with the values of --set, once JAX has the precision that it asks for."""
+    """Case of a name, or program of FILE.py:FUNCTION, with the values of --set; JAX gets its precision."""
     import jaxsph as js
 
-    case = js.load_case(name)
+    case = js.Program.load(name) if ".py" in name else js.load_case(name)
     if settings:
         case = case.replace(dict(setting_of(text) for text in settings))
     match_precision(getattr(case, "precision", None))

@@ -18,6 +18,9 @@ def check(case: CaseName, settings: Settings = None) -> None:
 
     with messages():
         loaded = load(case, settings)
+        if isinstance(loaded, js.Program):
+            print_table(js.check(loaded))
+            return
         print_table(js.check(loaded) + js.linear_check(loaded))
         for notice in loaded.notices():
             typer.echo(f"note: {notice}", err=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +17,7 @@ from jaxsph.cli.arguments import (
     Page,
     Pictures,
     Process,
+    Program,
     Quiet,
     RunName,
     Settings,
@@ -60,9 +61,9 @@ def run(
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
         quiet = quiet or not is_first
         if not quiet:
-            for notice in loaded.notices():
+            for notice in () if isinstance(loaded, js.Program) else loaded.notices():
                 typer.echo(f"note: {notice}", err=True)
-        with _resumable(out):
+        with _resumable(out, case):
             solution = js.run(
                 loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
             )
@@ -74,6 +75,7 @@ def run(
 
 def resume(
     file: RunName,
+    program: Program = None,
     settings: Changes = None,
     t1: EndTime = None,
     devices: Devices = None,
@@ -91,8 +93,11 @@ def resume(
         stored = RunFile.open(file).case_keys()
         match_precision(stored.get("precision"))
         changes = dict(setting_of(text) for text in settings or [])
-        with _resumable(file):
-            solution = js.resume(file, t1=t1, progress=not quiet, changes=changes, devices=devices)
+        given = None if program is None else load(program, None)
+        with _resumable(file, program or ""):
+            solution = js.resume(
+                file, t1=t1, progress=not quiet, changes=changes, devices=devices, given=given
+            )
         if is_first:
             _report(solution, file, (plot, report), quiet)
 
@@ -116,11 +121,10 @@ def _find(devices: int | None, process: str | None) -> bool:
 def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -> None:
     """Results in the terminal, and as pictures and as a page where they are wanted."""
     if not quiet:
-        for notice in getattr(solution, "notices", ()):
+        for notice in solution.notices:
             typer.echo(f"note: {notice}", err=True)
-        case = getattr(solution, "case", None)
-        flat = case is None or case.tank.width is None
-        print_table(_rows(getattr(solution, "results", None) or {}, flat))
+        flat = len(solution.model.g) == 2
+        print_table(_rows(solution.results or {}, flat, solution.labels))
         typer.echo(f"recorded in {path}")
     pictures, page = wanted
     if pictures:
@@ -132,21 +136,25 @@ def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -
     write_page(path, page, quiet)
 
 
-def _rows(results: dict[str, float], flat: bool) -> list[tuple[str, str]]:
+def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
     """Labels and values of results; `flat`: in 2-D, where bodies and energies are per metre of width."""
     rows = []
     for name in in_order(results):
-        label = label_of(name, flat)
+        label = label_of(name, flat, own)
         rows.append((label.text, f"{in_words(results[name]):>10} {label.unit}".rstrip()))
     return rows
 
 
 @contextlib.contextmanager
-def _resumable(path: Path) -> Iterator[None]:
-    """Tells the user how to go on with a run that was interrupted or has failed."""
+def _resumable(path: Path, program: str) -> Iterator[None]:
+    """Tells the user how to go on with a run that was interrupted or has failed.
+
+    `program`: what was named to run it, which is named again where it is FILE.py:FUNCTION.
+    """
+    resume = f"jaxsph resume {path}" + (f" --program {program}" if ".py" in program else "")
 
     def words() -> str:
-        return f"\njaxsph: interrupted. {_what_is_left(path)}"
+        return f"\njaxsph: interrupted. {_what_is_left(path, resume)}"
 
     with interrupt.end_at_once(words):
         try:
@@ -155,13 +163,13 @@ def _resumable(path: Path) -> Iterator[None]:
             typer.echo(words(), err=True)
             raise typer.Exit(interrupt.CODE) from None
         except SimulationError as error:
-            text = f"{error}\n{_what_is_left(path)}".replace("resume FILE", f"resume {path}")
+            text = f"{error}\n{_what_is_left(path, resume)}".replace("jaxsph resume FILE", resume)
             raise SimulationError(text, error.step, error.time, error.where) from None
 
 
-def _what_is_left(path: Path) -> str:
+def _what_is_left(path: Path, resume: str) -> str:
     """How to go on with a run that was stopped."""
     with contextlib.suppress(JaxsphError):
         if RunFile.open(path).has_checkpoint():
-            return f"{path} is whole up to its last checkpoint; go on with: jaxsph resume {path}"
+            return f"{path} is whole up to its last checkpoint; go on with: {resume}"
     return f"There was no checkpoint yet; begin again with --overwrite ({path})"

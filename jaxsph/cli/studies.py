@@ -214,10 +214,10 @@ def optimise(  # of a command the options are the arguments
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:
     """A line per member: where it is, and its efficiency or what else its case gives."""
-    name = "xi" if "xi" in done.results else "energy_residual_share"
+    name = done.meanings.first(done.results) or "energy_residual_share"
     if name not in done.results:
         return []
-    label = label_of(name, flat=True).text.strip()
+    label = label_of(name, True, done.meanings.labels).text.strip()
     places = sorted(set(done.members) - set(done.failures))
     return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
 

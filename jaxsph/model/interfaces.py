@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -34,7 +33,6 @@ __all__ = [
     "AbstractForce",
     "AbstractGrip",
     "AbstractOutlet",
-    "AbstractProbe",
     "AbstractScheme",
     "AbstractTangents",
     "Dissipation",
@@ -300,21 +298,6 @@ class AbstractChamber(eqx.Module):
 
         It is not in the pressure of the scheme, whose `grip` on the air this is, and is added to it.
         """
-
-
-# --------------------------------------------------------------------------- probes
-
-
-class AbstractProbe(eqx.Module):
-    """A probe: readings of the state, taken inside the time loop."""
-
-    @abc.abstractmethod
-    def measure(self, model: Model, state: State, tables: Tables) -> Mapping[str, jax.Array]:
-        """Readings at the state's time, by name."""
-
-    @abc.abstractmethod
-    def describe(self) -> Mapping[str, Reading]:
-        """Unit and meaning of every reading, by name."""
 
 
 # --------------------------------------------------------------------------- the model

@@ -1,4 +1,4 @@
-"""Meaning of what a run records: of the energies of the ledger, and of the readings of probes."""
+"""Meaning of what a run records: energies of the ledger, readings of probes, scalar results."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 __all__ = [
     "Entry",
     "Exchange",
+    "Label",
     "Reading",
 ]
 
@@ -43,3 +44,14 @@ class Reading(NamedTuple):
     """Name of the second dimension, such as "gauge"; None for one number a sample."""
     group: str = "series"
     """Group of a run's file that keeps the reading: "series" or "energy"."""
+
+
+class Label(NamedTuple):
+    """Meaning of a scalar result: its name in a table, its unit, and what it says of the run."""
+
+    text: str
+    """Name of the result in words; one that begins with spaces is a part of the one before it."""
+    unit: str = ""
+    """Unit, such as "W/m"; in the labels of the package's own results that in two dimensions."""
+    meaning: str = ""
+    """What the result says, where its name does not."""

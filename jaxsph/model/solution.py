@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.model.interfaces import Model
+from jaxsph.model.meaning import Label
 from jaxsph.model.state import State
 
 
@@ -29,6 +30,8 @@ class Solution(eqx.Module):
     """Scalars made from the series by name: efficiency, powers, reflection (`jaxsph.analysis`)."""
     notices: tuple[str, ...] = eqx.field(static=True, default=())
     """Notices on the results: those that could not be made, and why."""
+    labels: Mapping[str, Label] = eqx.field(static=True, default_factory=dict)
+    """Labels of the results that are not the package's own, by name."""
 
     @property
     def t(self) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import h5py
@@ -13,6 +13,8 @@ from jaxsph.output.hdf5 import read
 from jaxsph.output.run_view import View, part_of
 from jaxsph.output.series_group import extend_series
 
+Labels = Mapping[str, Sequence[str]]
+"""Words, unit and meaning of results, by name."""
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
 
 
@@ -25,13 +27,16 @@ def describe(
     _put_text(file, "numbers", json.dumps(dict(numbers)))
 
 
-def replace_results(file: h5py.File, results: Mapping[str, float], notices: tuple[str, ...]) -> None:
-    """Makes the file hold these results and notices and no others."""
+def replace_results(
+    file: h5py.File, results: Mapping[str, float], notices: tuple[str, ...], labels: Labels
+) -> None:
+    """Makes the file hold these results, notices and labels and no others."""
     attributes = file["results"].attrs
     for name in list(attributes):
         del attributes[name]
     attributes.update({name: float(value) for name, value in results.items()})
     _put_text(file, "notices", json.dumps(list(notices)))
+    _put_text(file, "labels", json.dumps(dict(labels)))
 
 
 def text_of(file: h5py.File, name: str, default: Any) -> Any:

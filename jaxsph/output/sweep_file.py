@@ -1,7 +1,8 @@
 """The file of a sweep: results and series of its members over the swept parameters, in HDF5.
 
     attributes             schema, jaxsph_version, kind = "sweep", case (what all members share, as TOML),
-                           about (JSON: what else makes it this study, of a search its result and method)
+                           about (JSON: what else makes it this study, of a search its result and method),
+                           labels (JSON: words of results that brought some with them)
     one per parameter      its values, a dimension of the rest
     one per result         over the parameters, NaN where a member has none; `failure`: text
     series                 over the parameters and `time`, padded with NaN
@@ -12,7 +13,7 @@ The file is written anew whenever a member has ended, and takes the place of the
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +34,24 @@ from jaxsph.output.hdf5 import (
 )
 
 
+class Meanings(NamedTuple):
+    """Meanings of what members have: of their series, and of the results that brought labels with them."""
+
+    variables: Mapping[str, Variable] = {}
+    """Meaning of each series by name."""
+    labels: Mapping[str, Sequence[str]] = {}
+    """Words, unit and meaning of results, by name."""
+
+    def first(self, results: Collection[str]) -> str | None:
+        """Name of the result to show of several: the efficiency, or the first that a problem brought."""
+        own = [name for name in self.labels if not name.startswith("energy_")]
+        return next((name for name in ("xi", *own) if name in results), None)
+
+    def joined(self, other: Meanings) -> Meanings:
+        """These and other ones."""
+        return Meanings({**self.variables, **other.variables}, {**self.labels, **other.labels})
+
+
 class StoredSweep(NamedTuple):
     """Contents of a sweep's file, named as the arguments of `SweepFile.write`."""
 
@@ -40,7 +59,7 @@ class StoredSweep(NamedTuple):
     axes: dict[str, np.ndarray]
     shape: tuple[int, ...]
     members: dict[int, dict[str, Any]]
-    variables: dict[str, Variable]
+    meanings: Meanings
     about: dict[str, Any]
     version: str
 
@@ -71,7 +90,7 @@ class SweepFile:
         axes: Mapping[str, np.ndarray],
         shape: tuple[int, ...],
         members: Mapping[int, Mapping[str, Any]],
-        variables: Mapping[str, Variable],
+        meanings: Meanings,
         about: Mapping[str, Any] | None = None,
     ) -> None:
         """Writes a whole sweep, in the place of the file before.
@@ -79,14 +98,15 @@ class SweepFile:
         **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (of a
         list: all of them over one dimension); `members`: by flat index, "results" (scalars), "series"
         (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
-        well); `variables`: what each series is; `about`: what else makes it this study, in numbers, texts and
-        lists by name. **Raises** FileError where it cannot be written.
+        well); `meanings`: of series and results; `about`: what else makes it this study, in numbers, texts
+        and lists by name. **Raises** FileError where it cannot be written.
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(self.path, "w") as file:
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), case=case_toml, kind="sweep")
             file.attrs["about"] = json.dumps(dict(about or {}))
+            file.attrs["labels"] = json.dumps(dict(meanings.labels))
             dims = _write_axes(file, axes, shape)
             for name, values in over_members(members, shape).items():
                 _over(file, name, values, dims)
@@ -98,7 +118,7 @@ class SweepFile:
             dims = _write_axes(group, axes, shape)
             with_series = {i: m["series"] for i, m in members.items() if "time" in m["series"]}
             if with_series:
-                _write_padded(group, with_series, variables, dims, shape)
+                _write_padded(group, with_series, meanings.variables, dims, shape)
 
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.
@@ -110,6 +130,7 @@ class SweepFile:
             if file.attrs.get("kind") != "sweep":
                 raise FileError(f"{self.path}: is not the file of a sweep; give another name")
             about = json.loads(file.attrs.get("about", "{}"))
+            labels = json.loads(file.attrs.get("labels", "{}"))
             case, made_by = str(file.attrs["case"]), str(file.attrs["jaxsph_version"])
             order = [str(name) for name in file.attrs["parameters"]]
             axes = {name: file[name][()] for name in order}
@@ -136,7 +157,7 @@ class SweepFile:
                 there |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
             own = {n: v[there] for n, v in own.items()} | {"time": time[there]} if there.any() else {}
             members[index] = {"results": results, "series": own, "failure": text}
-        return StoredSweep(case, axes, shape, members, variables, about, made_by)
+        return StoredSweep(case, axes, shape, members, Meanings(variables, labels), about, made_by)
 
 
 def over_members(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxsph.model.interfaces import AbstractChamber, AbstractProbe, Model
+from jaxsph.model.interfaces import AbstractChamber, Model
 from jaxsph.model.meaning import Exchange
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import State
 from jaxsph.parts.paddle import Paddle

@@ -5,8 +5,8 @@ from __future__ import annotations
 import equinox as eqx
 
 from jaxsph.core.arrays import Scalar, columns
-from jaxsph.model.interfaces import AbstractProbe
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
 from jaxsph.probes.energy import per_metre
 

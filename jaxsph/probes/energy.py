@@ -6,8 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar, columns, dot
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Entry, Exchange, Reading
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
 
 __all__ = ["EnergyProbe", "per_metre"]

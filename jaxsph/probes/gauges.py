@@ -7,8 +7,8 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns
 from jaxsph.core.pairs import nearest_image
-from jaxsph.model.interfaces import AbstractProbe
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe, places
 from jaxsph.parts.paddle import column_depth
 
 
@@ -35,6 +35,10 @@ class WaveGauge(AbstractProbe):
     def describe(self):
         """See `AbstractProbe`."""
         return {"eta": Reading("m", "surface elevation over the still water level", "gauge")}
+
+    def coordinates(self):
+        """See `AbstractProbe`."""
+        return places(self.x[:, None], "gauge", "gauge, from the paddle at rest", "x")
 
 
 class InterpolatedGauge(AbstractProbe):
@@ -79,6 +83,10 @@ class InterpolatedGauge(AbstractProbe):
         what = "surface elevation at the point, by interpolated density"
         return {"eta_interpolated": Reading("m", what, "surface_point")}
 
+    def coordinates(self):
+        """See `AbstractProbe`."""
+        return places(self.x, "surface_point", "point", "xy"[: self.x.shape[1]])
+
 
 class WireGauge(AbstractProbe):
     """Gauge of the surface elevation (m) at points, by the length of a vertical wire that is wet.
@@ -116,3 +124,7 @@ class WireGauge(AbstractProbe):
         """See `AbstractProbe`."""
         what = "surface elevation at the point, by the wet length of a wire"
         return {"eta_wire": Reading("m", what, "surface_point")}
+
+    def coordinates(self):
+        """See `AbstractProbe`."""
+        return places(self.x, "surface_point", "point", "xy"[: self.x.shape[1]])

@@ -7,8 +7,9 @@ from typing import TypeVar
 
 import jax
 
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State, Tables
 
 __all__ = ["described", "measured"]

@@ -14,8 +14,9 @@ from jaxsph.core.pairs import (
     uncorrected,
 )
 from jaxsph.core.slabs import Sources
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State, Tables
 
 __all__ = ["NoiseProbe"]

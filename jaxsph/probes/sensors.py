@@ -8,8 +8,9 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, columns, stack
 from jaxsph.core.pairs import nearest_image
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Reading
+from jaxsph.model.probe import AbstractProbe, places
 from jaxsph.model.state import State
 
 
@@ -33,6 +34,10 @@ class PressureProbe(AbstractProbe):
         """See `AbstractProbe`."""
         return {"pressure": Reading("Pa", "gauge pressure at the sensor", "sensor")}
 
+    def coordinates(self):
+        """See `AbstractProbe`."""
+        return places(self.x, "sensor", "sensor", _axes(self.x))
+
 
 class BodyPressureProbe(AbstractProbe):
     """Sensor of the water's gauge pressure (Pa) at points that move with a body, as `PressureProbe`."""
@@ -52,6 +57,10 @@ class BodyPressureProbe(AbstractProbe):
         """See `AbstractProbe`."""
         return {"body_pressure": Reading("Pa", "gauge pressure at the body's sensor", "body_sensor")}
 
+    def coordinates(self):
+        """See `AbstractProbe`."""
+        return places(self.x, "body_sensor", "sensor on the body at rest", _axes(self.x))
+
 
 class VelocityProbe(AbstractProbe):
     """Sensor of the water's velocity (m/s) at fixed points, interpolated; zero away from the water."""
@@ -62,19 +71,23 @@ class VelocityProbe(AbstractProbe):
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         found = _interpolated(self.x, model, state, lambda _: state.particles.u)
-        return {f"velocity_{axis}": found[:, k] for k, axis in enumerate(self._axes)}
+        return {f"velocity_{axis}": found[:, k] for k, axis in enumerate(_axes(self.x))}
 
     def describe(self):
         """See `AbstractProbe`."""
         return {
             f"velocity_{a}": Reading("m s-1", f"velocity of the water at the point along {a}", "point")
-            for a in self._axes
+            for a in _axes(self.x)
         }
 
-    @property
-    def _axes(self) -> str:
-        """Letters of the axes."""
-        return "xz" if self.x.shape[1] == 2 else "xyz"
+    def coordinates(self):
+        """See `AbstractProbe`."""
+        return places(self.x, "point", "point", _axes(self.x))
+
+
+def _axes(x: Float[Array, "k D"]) -> str:
+    """Letters of the axes of points."""
+    return "xz" if x.shape[1] == 2 else "xyz"
 
 
 def _interpolated(points: Float[Array, "k D"], model: Model, state: State, field) -> Float[Array, "k F"]:

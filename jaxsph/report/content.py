@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
 from jaxsph.output.hdf5 import Variable
@@ -21,7 +22,6 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.report.frames import Frames
 from jaxsph.report.labels import in_order, in_words, label_of
 from jaxsph.report.pack import Pack
-from jaxsph.run.results import two_way_sea
 
 MOST_SAMPLES = 6000
 """Samples of a line above which it is drawn through the extremes of every few of them."""
@@ -73,7 +73,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
         "t1": float(keys.get("t1", 0.0)),
         "about": _about(run, keys, series),
         "warnings": [*run.notices(), *_warnings(keys, case, series, results)],
-        "results": _result_rows(results, flat),
+        "results": _result_rows(results, flat, run.labels()),
         "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
         "spectra": _spectrum(case, counting, run.coordinates(), pack),
         "case": run.case_toml,
@@ -158,11 +158,13 @@ def _warnings(
     return [*found, *([] if case is None else case.notices())]
 
 
-def _result_rows(results: dict[str, float], flat: bool) -> list[dict[str, str]]:
+def _result_rows(
+    results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]
+) -> list[dict[str, str]]:
     errors = {"xi": _standard_error(results)}
     rows = []
     for name in sorted(in_order(results), key=lambda name: name not in FIRST):
-        label, error = label_of(name, flat), errors.get(name)
+        label, error = label_of(name, flat, own), errors.get(name)
         value = in_words(results[name]) + ("" if error is None else f" ± {error:.1g}")
         rows.append(
             {
@@ -186,7 +188,7 @@ def _standard_error(results: dict[str, float]) -> float | None:
 
 def panels(
     series: dict[str, np.ndarray],
-    variables: dict[str, Variable],
+    variables: Mapping[str, Variable],
     coordinates: dict[str, Any],
     pack: Pack,
     expected: dict[str, list[float]] | None = None,

@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import NamedTuple
+from collections.abc import Collection, Mapping, Sequence
 
-
-class Label(NamedTuple):
-    """Name of a result in a table, its unit in two dimensions, and what it says of the run."""
-
-    text: str
-    unit: str = ""
-    meaning: str = ""
-
+from jaxsph.model.meaning import Label
 
 LABELS = {
     "t_end": Label("end of the run", "s"),
@@ -89,9 +81,14 @@ def in_order(results: Collection[str]) -> list[str]:
     return [name for name in LABELS if name in results] + [name for name in results if name not in LABELS]
 
 
-def label_of(name: str, flat: bool) -> Label:
-    """Label of a result; bodies and energies are per metre of width only in two dimensions (`flat`)."""
-    found = LABELS.get(name, Label(name))
+def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = None) -> Label:
+    """Label of a result; bodies and energies are per metre of width only in two dimensions (`flat`).
+
+    `own`: words, unit and meaning of results that brought labels with them.
+    """
+    if name not in LABELS:
+        return Label(*(own or {}).get(name, (name,)))
+    found = LABELS[name]
     per_metre = flat or name in PER_METRE
     return found if per_metre else found._replace(unit=found.unit.removesuffix("/m"))
 

@@ -17,8 +17,8 @@ from jaxsph.report.pack import Pack
 
 MOST_LINEAR = 100
 """Members above which linear theory is not evaluated for each."""
-FIRST = ("P_owc", "xi", "P_pto", "capture_width", "energy_residual_share")
-"""Results of which the first that is there is shown first."""
+FIRST = ("P_owc", "xi", "P_pto", "capture_width")
+"""Results of which the first that is there is shown first, and then a problem's own."""
 
 
 def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
@@ -37,7 +37,10 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
         warnings.insert(0, f"{waiting} of {waiting + len(members)} members have not ended yet.")
     shown = [name for name in in_order(results) if not name.startswith(("slope ", "error "))]
     matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]
-    first = next((n for n in (FIRST if matrix else FIRST[1:]) if n in shown), shown[0] if shown else "")
+    own = stored.meanings.first(shown)
+    first = next(
+        (n for n in (*FIRST[not matrix : 2], own, *FIRST[2:]) if n in shown), shown[0] if shown else ""
+    )
     return {
         "name": str(keys.get("name", sweep.path.stem)),
         "file": sweep.path.name,
@@ -46,7 +49,7 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
         "grid": tuple(len(v) for v in stored.axes.values()) == stored.shape,
         "members": members,
         "first": first,
-        "choices": [{"name": n, **label_of(n, flat)._asdict()} for n in shown],
+        "choices": [{"name": n, **label_of(n, flat, stored.meanings.labels)._asdict()} for n in shown],
         "warnings": warnings,
         "case": stored.case_toml,
     }
@@ -59,9 +62,9 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
     results = {name: float(value) for name, value in one["results"].items()}
     rows = [
         {
-            "label": label_of(n, flat).text.strip(),
+            "label": label_of(n, flat, stored.meanings.labels).text.strip(),
             "value": in_words(results[n]),
-            "unit": label_of(n, flat).unit,
+            "unit": label_of(n, flat, stored.meanings.labels).unit,
         }
         for n in in_order(results)
     ]
@@ -73,7 +76,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
         "linear": _linear(stored, at),
         "rows": rows,
         "failure": one["failure"],
-        "panels": panels(one["series"], stored.variables, {}, pack),
+        "panels": panels(one["series"], stored.meanings.variables, {}, pack),
     }
 
 

@@ -10,13 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.case.build import build
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError
 from jaxsph.model.state import State, map_tallies
 from jaxsph.output.run_file import RunFile
+from jaxsph.problem.problem import Problem
 from jaxsph.run.chunks import search_settings, with_settings
 from jaxsph.run.recorder import Start, deciding_numbers, saved_state
 
@@ -87,10 +86,17 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
 
     **Raises** CaseError for a value that a run cannot change in its course.
     """
-    case = amended_case(start.case, changes)
-    model, initial = build(case)
-    old_every, every = steps_per_sample(start.case, start.model), steps_per_sample(case, model)
-    old_dt, dt = start.case.output.sample_dt, case.output.sample_dt
+    before = start.source
+    if not isinstance(before, Case):
+        raise CaseError(
+            f"{', '.join(changes)}: a program's arguments cannot change in the course of a run: run it anew "
+            "with --set"
+        )
+    case = amended_case(before, changes)
+    problem = case.problem()
+    model, initial = problem.model, problem.state
+    old_every, every = start.problem.sample_every, problem.sample_every
+    old_dt, dt = start.problem.sample_dt, problem.sample_dt
     t = int(start.state.step) / old_every * old_dt
     samples = t / dt
     if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
@@ -106,24 +112,21 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     # time is counted in steps: the same time, in steps of the new length
     step = jnp.asarray(round(samples) * every, state.step.dtype)
     state = eqx.tree_at(lambda s: (s.step, s.own, s.ledger, s.limits), state, (step, own, ledger, limits))
-    _check_readings(start, Start(case, model, initial))
-    restarts = any(_value(start.case, k) != _value(case, k) for k in set(changes) - set(UNMOVED))
+    _check_readings(start.problem, problem)
+    restarts = any(_value(before, k) != _value(case, k) for k in set(changes) - set(UNMOVED))
     change = Change(
-        _told(file.case_toml, start.case, case, changes, t),
+        _told(file.case_toml, before, case, changes, t),
         search_settings(model),
         deciding_numbers(model, initial),
         t if restarts else file.since,
         saved_state(state),
     )
-    return Start(case, model, initial, state), change
+    return Start(case, problem, model, state), change
 
 
-def _check_readings(before: Start, now: Start) -> None:
+def _check_readings(before: Problem, now: Problem) -> None:
     """**Raises** CaseError where the changed case reads other series than the file holds."""
-    old, new = (
-        {name for probe in make_probes(s.case, s.model, s.initial) for name in probe.describe()}
-        for s in (before, now)
-    )
+    old, new = set(before.units), set(now.units)
     if old != new:
         raise CaseError(
             f"the changed case has other readings than the run ({', '.join(sorted(old ^ new))}): run it anew "

@@ -8,7 +8,6 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jaxsph.case.case import Case
 from jaxsph.core.pairs import SPARE
 from jaxsph.core.search.base import SPREADING, needed_capacity
 from jaxsph.core.search.tables import NARROW
@@ -33,11 +32,6 @@ def search_settings(model: Model) -> dict[str, int]:
 def slab_sizes(model: Model) -> dict[str, int]:
     """Sizes of a model's slabs, by name; they are no part of a run's file, which any number may resume."""
     return {name: int(getattr(model.search.slabs, name)) for name in ("halo", "points")}
-
-
-def steps_per_chunk(case: Case, sample_every: int) -> int:
-    """Number of time steps between two snapshots, a whole number of samples."""
-    return max(1, round(case.output.snapshot_dt / case.output.sample_dt)) * sample_every
 
 
 def sample_times(like: np.ndarray, every: float) -> np.ndarray:

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from jaxsph.case.build import build
-from jaxsph.case.case import Case
 from jaxsph.errors import CaseError, FileError
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import Model
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import SCHEMA
 from jaxsph.output.run_file import RunFile
 from jaxsph.probes.joined import described
+from jaxsph.problem.sources import source_of
 from jaxsph.run.amend import amend
 from jaxsph.run.chunks import advance_chunk, sample_times, search_settings, with_settings
 from jaxsph.run.devices import everywhere, find_devices, gather, share, unshare, usual_devices
@@ -40,17 +40,20 @@ from jaxsph.run.recorder import (
     restored_state,
 )
 from jaxsph.run.simulate import simulate_chunk
+from jaxsph.run.stored import stored_source
 
 
 def run(
-    case: Case,
+    given: Any,
     t1: float | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     progress: bool = True,
     devices: int | None = None,
 ) -> Solution:
-    """Builds a case and runs it to t1 (s; by default the case's), recording into the file `out`.
+    """Runs a case, a `Problem`, or a function that returns one, to t1 (s; by default its own end).
+
+    It is recorded into the file `out`.
 
     An interrupt (Ctrl-C) stops it at the end of a chunk, a second one at once. `devices`: number of
     accelerators, or on a CPU of cores, that share the particles (see `docs/cluster.md`); by default as many
@@ -60,8 +63,9 @@ def run(
     what to change; the file then holds the last good checkpoint).
     """
     find_devices(devices)  # before JAX is first used
-    start, processes = Start(case, *build(case)), Processes()
-    t1 = case.t1 if t1 is None else t1
+    source = source_of(given)
+    start, processes = Start(source, source.problem()), Processes()
+    t1 = start.problem.t1 if t1 is None else t1
     check_end(start, t1)
 
     def take() -> RunFile | None:
@@ -78,25 +82,27 @@ def resume(
     progress: bool = True,
     changes: Mapping[str, Any] | None = None,
     devices: int | None = None,
+    given: Any = None,
 ) -> Solution:
-    """Goes on with a run's file from its last checkpoint, to t1 (s) or the case's own end.
+    """Goes on with a run's file from its last checkpoint, to t1 (s) or its own end.
 
     The series are then bit for bit those of an uninterrupted run on one device. `devices`: as for `run`, and
     not the number that the run had before. `changes`: values of the case from here on,
     by dotted name, such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file
-    then says since when they hold. **Raises** FileError, as `restore`; CaseError for a change that a run
-    cannot take in its course.
+    then says since when they hold. `given`: the function, or the problem, that was run, where it was no
+    case: a file never makes anyone import code. **Raises** FileError, as `restore`; CaseError for a change
+    that a run cannot take in its course.
     """
     file = RunFile.open(path)
     find_devices(devices)
-    start, processes = load_start(path), Processes()
+    start, processes = load_start(path, given), Processes()
     if changes:
         if processes.count > 1:
             raise CaseError(
                 "changes: a run of several processes takes none; make them with one process first"
             )
         start, change = amend(file, start, changes)
-    t1 = start.case.t1 if t1 is None else t1
+    t1 = start.problem.t1 if t1 is None else t1
     check_end(start, t1, ended=bool(file.results()))
 
     def take() -> RunFile:
@@ -107,25 +113,20 @@ def resume(
     return _drive(start, t1, take, progress, devices, processes)
 
 
-def restore(path: str | Path, case: Case | None = None) -> tuple[Case, Model, State]:
-    """Case, model and state of a file's last checkpoint.
+def restore(path: str | Path, given: Any = None) -> tuple[Any, Model, State]:
+    """What was run (a `Case`, or a `Program`), model and state of a file's last checkpoint.
 
-    **Raises** FileError where the file is not a run's, holds no checkpoint, belongs to another case
-    than the one given, or to a version of jaxsph that made something else of the same case.
+    `given`: see `resume`. **Raises** FileError where the file is not a run's, holds no checkpoint, belongs to
+    another case or program than the one given, or to a version of jaxsph that made something else of it.
     """
-    start = load_start(path, case)
-    return start.case, start.model, start.state
+    start = load_start(path, given)
+    return start.source, start.model, start.state
 
 
-def load_start(path: str | Path, case: Case | None = None) -> Start:
-    """Case, model, checkpoint and initial state of a run's file. **Raises** FileError, as `restore`."""
+def load_start(path: str | Path, given: Any = None) -> Start:
+    """Problem and checkpoint of a run's file. **Raises** FileError, as `restore`."""
     file = RunFile.open(path)
-    stored = Case.from_dict(file.case_keys())
-    if case is not None and case != stored:
-        raise FileError(
-            f"{path}: was made by another case than the one given ({stored.name!r} against "
-            f"{case.name!r}, or other values): resume without a case, or run the new one to a new file"
-        )
+    source = stored_source(file, given)
     if file.schema != SCHEMA:
         raise FileError(
             f"{path}: holds a checkpoint of layout {file.schema}, and this version goes on from those of "
@@ -140,15 +141,16 @@ def load_start(path: str | Path, case: Case | None = None) -> Start:
         )
     # the progress holds the settings of the last chunk, which may have been regrown since the first
     known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
-    model, initial = build(stored, {k: int(v) for k, v in known.items()})
-    differ = differences(file.numbers(), deciding_numbers(model, initial))
+    problem = source.problem()
+    model = with_settings(problem.model, {k: int(v) for k, v in known.items()})
+    differ = differences(file.numbers(), deciding_numbers(model, problem.state))
     if differ:
         few = "; ".join(differ[:5]) + (f"; and {len(differ) - 5} more" if len(differ) > 5 else "")
         raise FileError(
             f"{path}: this version makes something else of its case: {few}. Going on would be another run: "
             "finish it with the version that began it, or run the case again"
         )
-    return Start(stored, model, initial, restored_state(initial, saved, path))
+    return Start(source, problem, model, restored_state(problem.state, saved, path))
 
 
 def _drive(
@@ -163,7 +165,7 @@ def _drive(
     recorder, count = Recorder(start, t1), len(start.state.particles.id)
     own = start.model
     model, state = share(own, start.state, devices or usual_devices(own, start.state))
-    probes = everywhere(model.search.slabs, recorder.probes)
+    probes = everywhere(model.search.slabs, start.problem.probes)
     every, last = recorder.sample_every, recorder.last
     file = take()
     path = None if file is None else file.path
@@ -183,7 +185,7 @@ def _drive(
             advance = functools.partial(
                 simulate_chunk, state=state, probes=probes, n_steps=n_steps, sample_every=every
             )
-            model, state, readings = advance_chunk(start.case.name, model, advance, bar.write)
+            model, state, readings = advance_chunk(start.problem.name, model, advance, bar.write)
             own = with_settings(own, search_settings(model))
             series = recorder.record(own, gather(state, count), whole(readings))
             bar.update(n_steps)

@@ -12,28 +12,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.case.case import Case
-from jaxsph.case.geometry import Geometry
-from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError, FileError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
-from jaxsph.output.hdf5 import Coordinates, Variable
+from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.probes.joined import described
-from jaxsph.run.chunks import sample_times, search_settings, steps_per_chunk
+from jaxsph.problem.problem import Problem
+from jaxsph.problem.source import Source
+from jaxsph.run.chunks import sample_times, search_settings
 from jaxsph.run.devices import describe_machine
-from jaxsph.run.results import run_results
 
 
 class Start:
-    """Start of a run: its case, model, state at t = 0, and the state that the run goes on from."""
+    """Start of a run: the problem and what it is made of, and the state that the run goes on from."""
 
-    def __init__(self, case: Case, model: Model, initial: State, state: State | None = None) -> None:
-        """**Arguments**: the state at t = 0, and that of a checkpoint; without one the run begins."""
-        self.case, self.model, self.initial = case, model, initial
-        self.state = initial if state is None else state
+    def __init__(
+        self, source: Source, problem: Problem, model: Model | None = None, state: State | None = None
+    ) -> None:
+        """**Arguments**: the `model` with other neighbour tables than the problem's; the state of a
+        checkpoint. Without them the run begins."""
+        self.source, self.problem = source, problem
+        self.model = problem.model if model is None else model
+        self.state = problem.state if state is None else state
 
 
 class Recorder:
@@ -41,23 +42,20 @@ class Recorder:
 
     def __init__(self, start: Start, t1: float, file: RunFile | None = None) -> None:
         """**Arguments**: `t1`: end of the run, s; `file`: the run's file, None for a run that keeps none."""
-        self.case, self.file = start.case, file
-        self.sample_every = steps_per_sample(start.case, start.model)
-        self.per_chunk = steps_per_chunk(start.case, self.sample_every)
-        self.probes = make_probes(start.case, start.model, start.initial)
-        self.units = described(self.probes)
+        self.problem, self._source, self.file = start.problem, start.source, file
+        self.sample_every, self.per_chunk = start.problem.sample_every, start.problem.per_chunk
         self.first = int(start.state.step)
-        self.last = round(t1 / start.case.output.sample_dt) * self.sample_every
+        self.last = round(t1 / start.problem.sample_dt) * self.sample_every
         self._chunks: list[dict[str, np.ndarray]] = []
         self._began = time.perf_counter()
 
     def record(self, model: Model, state: State, readings: dict[str, jax.Array]) -> dict:
         """Records a chunk and the state after it; returns its readings as recorded."""
         series = {k: np.asarray(v) for k, v in readings.items()}
-        series["time"] = sample_times(series["time"], self.case.output.sample_dt)
+        series["time"] = sample_times(series["time"], self.problem.sample_dt)
         self._chunks.append(series)
         if self.file is not None:
-            variables = {name: Variable(*self.units[name]) for name in series}
+            variables = {name: Variable(*self.problem.units[name]) for name in series}
             progress = search_settings(model) | {"wall_seconds": time.perf_counter() - self._began}
             self.file.append(series, variables, self._snapshot(model, state), saved_state(state), progress)
         return series
@@ -71,20 +69,21 @@ class Recorder:
             series = self.file.series()
         else:
             series = {k: np.concatenate([r[k] for r in self._chunks]) for k in self._chunks[0]}
-        solution = Solution(series, self.units, model, state, self.case)
+        solution = Solution(series, self.problem.units, model, state, self._source)
         seconds = (time.perf_counter() - self._began) / beside
         since = 0.0 if self.file is None else self.file.since
-        results, notices = run_results(self.case, solution, seconds, int(state.step) - self.first, since)
+        steps = int(state.step) - self.first
+        results, notices = self.problem.summary(solution, seconds, steps, since)
         if self.file is not None:
-            self.file.finish(results, notices)
-        return dataclasses.replace(solution, results=results, notices=notices)
+            self.file.finish(results, notices, self.problem.labels)
+        return dataclasses.replace(solution, results=results, notices=notices, labels=self.problem.labels)
 
     def _snapshot(self, model: Model, state: State) -> dict[str, Any]:
         """Particles in the order of their ids, and where the solids are."""
         p = state.particles
         order = np.argsort(np.asarray(p.id))
         snapshot = {
-            "time": int(state.step) / self.sample_every * self.case.output.sample_dt,
+            "time": int(state.step) / self.sample_every * self.problem.sample_dt,
             "step": int(state.step),
             "paddle": float(state.own["paddle"].X) if "paddle" in state.own else 0.0,
             "x": np.asarray(p.x)[order],
@@ -97,8 +96,8 @@ class Recorder:
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:
     """**Raises** CaseError for a t1 (s) that is in the past; `ended`: whether the run has results."""
-    dt = start.case.output.sample_dt
-    now = int(start.state.step) / steps_per_sample(start.case, start.model) * dt
+    dt = start.problem.sample_dt
+    now = int(start.state.step) / start.problem.sample_every * dt
     if not math.isfinite(t1):
         raise CaseError(f"t1 = {t1:g} s: must be a finite time after the {now:g} s that the run is at")
     if round(t1 / dt) < round(now / dt) + ended:
@@ -107,14 +106,16 @@ def check_end(start: Start, t1: float, ended: bool = True) -> None:
 
 def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
     """New file of a run, without samples. **Raises** FileError where it exists and is not to be replaced."""
-    case, model = start.case, start.model
+    coordinates = {}
+    for probe in start.problem.probes:
+        coordinates |= probe.coordinates()
     return RunFile.create(
         path,
-        case.to_toml(),
-        search_settings(model),
-        _coordinates(case),
+        start.source.to_toml(),
+        search_settings(start.model),
+        coordinates,
         overwrite=overwrite,
-        numbers=deciding_numbers(model, start.initial),
+        numbers=deciding_numbers(start.model, start.problem.state),
         machine=describe_machine(),
     )
 
@@ -177,23 +178,3 @@ def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> Stat
             )
         found.append(jnp.asarray(saved[name]))
     return jax.tree_util.tree_unflatten(tree, found)
-
-
-def _coordinates(case: Case) -> Coordinates:
-    """Places of gauges and sensors, for the file."""
-    found = {}
-    geometry = Geometry.of(case)
-    if geometry.gauges:
-        x = np.asarray(geometry.gauges)
-        found["gauge_x"] = ("gauge", x, "m", "distance of the gauge from the paddle at rest")
-    axes = "xz" if case.tank.width is None else "xyz"
-    for given, what, names in (
-        (geometry.surface, "surface_point", axes[:-1]),
-        (geometry.pressure, "sensor", axes),
-        (geometry.velocity, "point", axes),
-    ):
-        if given:
-            points = np.asarray(given)
-            for axis, name in enumerate(names):
-                found[f"{what}_{name}"] = (what, points[:, axis], "m", f"{name} of the {what}")
-    return found

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 
 from jaxsph.core.loop import blocks
 from jaxsph.core.transforms import any_lane
-from jaxsph.model.interfaces import AbstractProbe, Model
+from jaxsph.model.interfaces import Model
+from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State, settle
 from jaxsph.probes.joined import measured
 

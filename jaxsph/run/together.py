@@ -14,14 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
-from jaxsph.case.build import build
-from jaxsph.case.case import Case
-from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.run_file import RunFile
+from jaxsph.problem.problem import Problem
+from jaxsph.problem.source import Source
 from jaxsph.run.chunks import failure_error, replay_chunk, search_settings, with_settings
 from jaxsph.run.host import load_start
 from jaxsph.run.interrupt import hear_interrupts
@@ -33,7 +32,7 @@ from jaxsph.run.simulate import simulate
 class _Lane:
     """One of several runs that go side by side."""
 
-    case: Case
+    problem: Problem
     model: Model
     state: State
     recorder: Recorder
@@ -45,25 +44,25 @@ class _Lane:
         return int(self.state.step)
 
 
-def shape(case: Case) -> Hashable:
-    """Structure, array shapes and cadence of a case; cases for which they are equal can run together."""
-    model, state = build(case)
-    model = with_settings(model, dict.fromkeys(search_settings(model), 0))
-    sample_every = steps_per_sample(case, model)
-    everything = (model, state, make_probes(case, model, state))
+def shape(source: Source) -> Hashable:
+    """Structure, array shapes and cadence of a problem; those for which they are equal can run together."""
+    problem = source.problem()
+    model = with_settings(problem.model, dict.fromkeys(search_settings(problem.model), 0))
+    everything = (model, problem.state, problem.probes)
     arrays = [(np.shape(a), str(jnp.asarray(a).dtype)) for a in jax.tree.leaves(everything)]
-    return jax.tree.structure(everything), tuple(arrays), sample_every, case.t1, case.output
+    cadence = (problem.sample_every, problem.per_chunk, problem.sample_dt, problem.t1)
+    return jax.tree.structure(everything), tuple(arrays), cadence
 
 
 def run_together(
-    cases: Sequence[Case], outs: Sequence[str | Path], progress: bool = True
+    sources: Sequence[Source], outs: Sequence[str | Path], progress: bool = True
 ) -> list[Solution | SimulationError]:
-    """Runs cases of one `shape` side by side, in one vmapped call per chunk, each into a file of its own.
+    """Runs problems of one `shape` side by side, in one vmapped call per chunk, each into a file of its own.
 
-    A file that has a checkpoint of its case is gone on with. **Returns** what `run` would, or what it would
-    raise: a run that fails does not stop the others. **Raises** FileError, as `run` and `restore`.
+    A file that has a checkpoint of its problem is gone on with. **Returns** what `run` would, or what it
+    would raise: a run that fails does not stop the others. **Raises** FileError, as `run` and `restore`.
     """
-    lanes = [_lane(case, out) for case, out in zip(cases, outs, strict=True)]
+    lanes = [_lane(source, out) for source, out in zip(sources, outs, strict=True)]
     every = [search_settings(lane.model) for lane in lanes]
     joint = {k: max(s[k] for s in every) for k in every[0]}
     joint["rebuild_every"] = math.gcd(*(s["rebuild_every"] for s in every))
@@ -97,7 +96,7 @@ def _advance(
         state, read = jax.tree.map(lambda a, k=k: a[k], (states, readings))
         model = eqx.tree_at(lambda m: m.search, lane.model, like.search)
         if int(state.status.bits):
-            lane.failure = failure_error(lane.case.name, model, state)
+            lane.failure = failure_error(lane.problem.name, model, state)
             if lane.recorder.file is not None:
                 lane.recorder.file.fold()
             continue
@@ -106,20 +105,20 @@ def _advance(
     return like
 
 
-def _lane(case: Case, out: str | Path) -> _Lane:
+def _lane(source: Source, out: str | Path) -> _Lane:
     """A lane that goes on with its file, or begins it."""
     if Path(out).exists() and RunFile.open(out).has_checkpoint():
-        start, file = load_start(out, case), RunFile.open(out)
+        start, file = load_start(out, source), RunFile.open(out)
     else:
-        start = Start(case, *build(case))
+        start = Start(source, source.problem())
         file = new_file(out, start, overwrite=True)
-    return _Lane(start.case, start.model, start.state, Recorder(start, case.t1, file))
+    return _Lane(start.problem, start.model, start.state, Recorder(start, start.problem.t1, file))
 
 
 def _simulate_lanes(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[State, dict]:
     """A chunk of all lanes, with the tables of the model `like`."""
     models = [eqx.tree_at(lambda m: m.search, lane.model, like.search) for lane in lanes]
-    together = [(model, lane.recorder.probes) for model, lane in zip(models, lanes, strict=True)]
+    together = [(model, lane.problem.probes) for model, lane in zip(models, lanes, strict=True)]
     structure = jax.tree.structure(together[0])
     rows = list(zip(*map(jax.tree.leaves, together), strict=True))
     # leaves that all lanes have in common are not batched

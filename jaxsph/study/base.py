@@ -1,51 +1,25 @@
-"""Base of the methods for slopes: parameters, results as functions of the power, `Derivative`."""
+"""Base of the methods for slopes: parameters, `Derivative`."""
 
 from __future__ import annotations
 
 import abc
 import dataclasses
-import functools
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from jaxsph import analysis
-from jaxsph.case.case import Case
-from jaxsph.case.settling import settled_periods, settled_window
 from jaxsph.errors import CaseError
-from jaxsph.run.results import incident_over
-
-SMOOTH = (
-    "pto.K_dm",
-    "pto.resistance",
-    "pto.area",
-    "pto.discharge",
-    "pto.P_a",
-    "pto.relief",
-    "pto.suction",
-    "air.volume",
-    "waves.H",
-    "fluid.nu",
-    "fluid.rho0",
-    "scheme.alpha",
-    "scheme.delta",
-    "sponge.strength",
-    "body.pto.damping",
-    "body.pto.coulomb",
-    "body.pto.spring",
-)
-"""Keys of the numbers on which a model depends smoothly, for methods that differentiate through the time
-loop. Lengths are not among them: they move the lattice."""
+from jaxsph.problem.problem import Problem
+from jaxsph.problem.source import Source
 
 
 @dataclass(frozen=True)
 class Derivative:
-    """A result, its slope over a number of the case, and how far the slope can be trusted."""
+    """A result, its slope over a number of what is run, and how far the slope can be trusted."""
 
     parameter: str
     of: str
@@ -68,10 +42,10 @@ class Derivative:
 
 
 class AbstractMethod(eqx.Module):
-    """Method that finds the slope of a result over a number of a case."""
+    """Method that finds the slope of a result over a number of what is run."""
 
     @abc.abstractmethod
-    def derivative(self, case: Case, parameter: str, of: str, progress: bool) -> Derivative:
+    def derivative(self, source: Source, parameter: str, of: str, progress: bool) -> Derivative:
         """Value and slope of a result; arguments and errors are those of `study.derivative`."""
 
     def identity(self) -> dict[str, Any]:
@@ -102,55 +76,17 @@ def _told(one: Any, before: str) -> dict[str, Any]:
     return json.loads(json.dumps(found, default=str))
 
 
-def parameter_value(case: Case, parameter: str) -> float:
-    """Value of a number of the case, by dotted name. **Raises** CaseError where there is none."""
-    value = functools.reduce(lambda part, name: getattr(part, name, None), parameter.split("."), case)
+def parameter_value(source: Source, parameter: str) -> float:
+    """Value of a number of what is run, by name. **Raises** CaseError where there is none."""
+    value = source.value(parameter)
     if value is None:
-        case.replace({parameter: 1.0})  # says what else is meant, where there is no such number
         raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")
     if not isinstance(value, float):
         raise CaseError(f"{parameter} = {value!r}: must be a number that can vary a little, such as pto.K_dm")
     return value
 
 
-class PowerMean(NamedTuple):
-    """A result that is linear in the power, over a part of a record that does not depend on the slope."""
-
-    of_power: Callable[[np.ndarray], float]
-    """The result of the power take-offs' power (W; W/m in 2-D) at the record's times."""
-    incident: Callable[[Case], float]
-    """Incident power (W/m) of a changed case over the same time; the result is over it where it is xi."""
-
-
-def result_of_power(case: Case, of: str) -> Callable[[np.ndarray, np.ndarray], PowerMean]:
-    """Result `of` over the settled periods of a run, by its times (s) and its power (W; W/m in 2-D).
-
-    **Raises** CaseError for a result that the case does not have.
-    """
-    column = case.pto is not None and case.pto.is_turbine
-    if not column and (case.body is None or case.body.pto is None):
-        raise CaseError(f"of = {of!r} needs a turbine, such as pto.K_dm, or a body with body.pto")
-    if of == "energy_pto":
-        # a reading is the mean since the one before it: none for the first
-        total = PowerMean(lambda power: float(np.sum(power) * case.output.sample_dt), lambda _: 1.0)
-        return lambda *_: total
-    if of not in ("xi", "P_owc"):
-        raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
-    if of == "xi" and case.tank.width is not None:
-        raise CaseError("of = 'xi': a tank with a width has no efficiency; take of = 'P_owc', the mean power")
-    waves = case.waves
-    if waves is None or settled_periods(case, case.t1 - case.output.sample_dt) < 1:
-        raise CaseError(
-            f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
-        )
-
-    def over(t: np.ndarray, power: np.ndarray) -> PowerMean:
-        periods = settled_window(case, t, [power]).periods
-
-        def incident(changed: Case) -> float:
-            return incident_over(changed, float(t[-1]), periods) if of == "xi" else 1.0
-
-        P_inc = incident(case)
-        return PowerMean(lambda y: analysis.efficiency(t, y, waves.cycle, P_inc, periods).xi, incident)
-
-    return over
+def check_result(problem: Problem, of: str) -> None:
+    """**Raises** CaseError for a result that the problem's runs do not have."""
+    if of not in problem.labels:
+        problem.mean_of_power(of)

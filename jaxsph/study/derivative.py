@@ -1,28 +1,32 @@
-"""The slope of a result over one number of a case."""
+"""The slope of a result over one number of what is run."""
 
 from __future__ import annotations
 
-from jaxsph.case.case import Case
-from jaxsph.study.base import AbstractMethod, Derivative, parameter_value, result_of_power
+from typing import Any
+
+from jaxsph.problem.sources import source_of
+from jaxsph.study.base import AbstractMethod, Derivative, parameter_value
 from jaxsph.study.ensemble import Ensemble
 
 
 def derivative(
-    case: Case,
+    given: Any,
     parameter: str,
     of: str = "xi",
     method: AbstractMethod | None = None,
     progress: bool = True,
 ) -> Derivative:
-    """Value of a result at the end of a case, and its slope over one number of it.
+    """Value of a result at the end of a run, and its slope over one number of what is run.
 
-    **Arguments**: `parameter`: a dotted name of a number, for methods through the loop one of `SMOOTH`; `of`:
-    "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1). `method`: `Exact()`, for a fraction of a
+    **Arguments**: `given`: a case, or a function that returns a `Problem`; `parameter`: the dotted name of a
+    number, or an argument of the function, for methods through the loop one on which the model depends
+    smoothly; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1), or of an ensemble any
+    result that a problem brings with it. `method`: `Exact()`, for a fraction of a
     second; `Filtered()`, one run for whole wave periods, with a bias; `Ensemble()`, the default, many runs,
     with a standard error.
     **Raises** CaseError for a parameter or a result that the case or the method does not have,
     DerivativeError where the slope would not be one of the flow, SimulationError as `run`.
     """
-    parameter_value(case, parameter)
-    result_of_power(case, of)
-    return (Ensemble() if method is None else method).derivative(case, parameter, of, progress)
+    source = source_of(given)
+    parameter_value(source, parameter)
+    return (Ensemble() if method is None else method).derivative(source, parameter, of, progress)

@@ -14,8 +14,8 @@ from jaxsph.errors import CaseError, DerivativeError
 from jaxsph.study.base import (
     AbstractMethod,
     Derivative,
+    check_result,
     parameter_value,
-    result_of_power,
 )
 from jaxsph.study.sweep import MOST_MEMBERS, sweep
 
@@ -48,17 +48,17 @@ class Ensemble(AbstractMethod):
         """See `AbstractMethod`."""
         return self if self.out is not None else dataclasses.replace(self, out=path)
 
-    def derivative(self, case, parameter, of, progress):
+    def derivative(self, source, parameter, of, progress):
         """See `AbstractMethod`."""
-        value = parameter_value(case, parameter)
-        result_of_power(case, of)  # refuses what no member would have
+        value = parameter_value(source, parameter)
+        check_result(source.problem(), of)
         if value == 0.0:
             raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
         offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
         values = [float(v) for v in value * (1.0 + offsets)]
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
-            done = sweep(case, {parameter: values}, out, workers=self.workers, progress=progress)
+            done = sweep(source, {parameter: values}, out, workers=self.workers, progress=progress)
         # the energy of the whole run, where its budget is beside that of settled periods; of a body the mean
         # power has a name of its own
         names = {"energy_pto": ("whole_energy_pto", "energy_pto"), "P_owc": ("P_owc", "P_pto")}.get(of, (of,))

@@ -16,8 +16,8 @@ from jaxsph.analysis import Mean
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns
 from jaxsph.case.linear import linear_sea, sea_is_linear
+from jaxsph.case.results import mean_of_power
 from jaxsph.errors import CaseError
-from jaxsph.study.base import result_of_power
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
 HOURS = 8766.0
@@ -138,7 +138,7 @@ def power_matrix(
     a cell is that between its seeds, or that of its runs' means where it is larger. **Raises** CaseError for
     a case without irregular waves or a power take-off, and for a sea state that the tank cannot have.
     """
-    if case.waves is None or case.waves.kind != "irregular":
+    if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
         raise CaseError('a power matrix needs waves.kind = "irregular", whose Hs, Tp and seed it varies')
     if not 1 <= seeds <= MOST_MEMBERS:
         raise CaseError(f"seeds = {seeds}: must be 1 or more, up to {MOST_MEMBERS}")
@@ -147,7 +147,7 @@ def power_matrix(
         if values.ndim != 1 or not values.size or np.any(np.diff(values) <= 0.0):
             raise CaseError(f"{name} = {list(values)}: must be one value or more, ascending")
     for height, period in itertools.product(axes["Hs"].tolist(), axes["Tp"].tolist()):
-        result_of_power(case.replace({"waves.Hs": height, "waves.Tp": period}), "P_owc")
+        mean_of_power(case.replace({"waves.Hs": height, "waves.Tp": period}), "P_owc")
     first = case.waves.seed
     over = {
         "waves.Hs": axes["Hs"],

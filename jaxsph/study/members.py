@@ -15,7 +15,6 @@ import subprocess
 import sys
 import threading
 import time
-import tomllib
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
@@ -23,13 +22,16 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from jaxsph.case.case import Case
 from jaxsph.errors import FileError, JaxsphError
-from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import Meanings
+from jaxsph.problem.program import Program
+from jaxsph.problem.source import Source, identity
+from jaxsph.problem.toml import toml_value
 from jaxsph.run.interrupt import ATTACHED
+from jaxsph.run.stored import stored_identity
 from jaxsph.run.together import run_together, shape
-from jaxsph.study.ownership import case_keys, refuse_other
+from jaxsph.study.ownership import refuse_other
 
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
 """Flags of the compiler (XLA) for members: a step takes 0.83 of its time. With them a checkpointed reverse
@@ -44,16 +46,16 @@ GRACE = 4 * LOOK
 """Time in which a worker that has lost its claim ends its process, s; the new one waits for so long."""
 
 
-Ended = tuple[dict[str, Any], dict[str, Variable]]
-"""Results, series and failure of a member that has ended, and the meaning of each series."""
+Ended = tuple[dict[str, Any], Meanings]
+"""Results, series and failure of a member that has ended, and the meanings of series and results."""
 
 
-def check_members(cases: Sequence[Case], folder: Path) -> None:
-    """**Raises** FileError where the folder holds a member that is not of these cases."""
+def check_members(sources: Sequence[Source], folder: Path) -> None:
+    """**Raises** FileError where the folder holds a member that is not of these."""
     for run in sorted(folder.glob("[0-9]*.h5")):
-        i = int(run.stem) if run.stem.isdecimal() else len(cases)
-        if i < len(cases):
-            _stage(run, cases[i])
+        i = int(run.stem) if run.stem.isdecimal() else len(sources)
+        if i < len(sources):
+            _stage(run, sources[i])
         else:
             raise FileError(
                 f"{run}: is a member of another sweep, and nothing was changed; give another name for the "
@@ -61,20 +63,20 @@ def check_members(cases: Sequence[Case], folder: Path) -> None:
             )
 
 
-def run_each(cases: Mapping[int, Case], folder: Path, executor: Executor) -> Iterator[tuple[int, Ended]]:
+def run_each(sources: Mapping[int, Source], folder: Path, executor: Executor) -> Iterator[tuple[int, Ended]]:
     """Members as they end, each a job of the executor; all that it does lies in the folder.
 
     The executor may be of any kind with `submit` of `concurrent.futures`. A job that is lost for good counts
     as a member that failed. Where the iteration is given up, members that run stop within a second.
     """
-    jobs = {executor.submit(run_member, case, folder / f"{i:04d}"): i for i, case in cases.items()}
+    jobs = {executor.submit(run_member, one, folder / f"{i:04d}"): i for i, one in sources.items()}
     try:
         for job in as_completed(jobs):
             try:
                 ended = job.result()
             except Exception as error:  # of the executor, such as a worker lost again and again
                 text = f"{type(error).__name__}: {error}"
-                ended = {"results": {}, "series": {}, "failure": text}, {}
+                ended = {"results": {}, "series": {}, "failure": text}, Meanings()
             yield jobs[job], ended
     finally:
         for job in jobs:
@@ -84,18 +86,18 @@ def run_each(cases: Mapping[int, Case], folder: Path, executor: Executor) -> Ite
 
 
 def run_in_batches(
-    cases: Mapping[int, Case], folder: Path, size: int, progress: bool
+    sources: Mapping[int, Source], folder: Path, size: int, progress: bool
 ) -> Iterator[tuple[int, Ended]]:
     """Members as they end, up to `size` of them side by side in this process."""
-    runs = {i: folder / f"{i:04d}.h5" for i in cases}
+    runs = {i: folder / f"{i:04d}.h5" for i in sources}
     alike: dict[Any, list[int]] = {}
-    for i, member in cases.items():
+    for i, member in sources.items():
         if _stage(runs[i], member)[1]:
             yield i, _read(runs[i])
         else:
             alike.setdefault(shape(member), []).append(i)
     for batch in (group[k : k + size] for group in alike.values() for k in range(0, len(group), size)):
-        given = run_together([cases[i] for i in batch], [runs[i] for i in batch], progress)
+        given = run_together([sources[i] for i in batch], [runs[i] for i in batch], progress)
         for i, one in zip(batch, given, strict=True):
             found, variables = _read(runs[i])
             if isinstance(one, JaxsphError):
@@ -123,26 +125,25 @@ def one_per_core(workers: int | None) -> Executor:
     return ThreadPoolExecutor(workers, initializer=take_core)
 
 
-def run_member(case: Case, stem: Path) -> Ended:
+def run_member(source: Source, stem: Path) -> Ended:
     """Runs, or finishes, one member in a process of its own; its files have the path `stem` and a suffix.
 
     **Raises** FileError where this machine does not see the folder, where another worker has claimed the
-    member, or where its file is of another case.
+    member, or where its file is of another problem.
     """
     if not stem.parent.is_dir():
         raise FileError(
             f"{stem.parent}: the worker on {socket.gethostname()} sees no such folder; give the sweep an "
             "output on a disk that all its workers share"
         )
-    run, toml, log = (stem.with_suffix(suffix) for suffix in (".h5", ".toml", ".log"))
+    run, log = (stem.with_suffix(suffix) for suffix in (".h5", ".log"))
     status = 0
     with _claim(stem.with_suffix(".owner")) as claim:
         # only now: a worker that had it before may have taken it on, or to its end
-        begun, ended = _stage(run, case)
+        begun, ended = _stage(run, source)
         if not ended:
-            toml.write_text(case.to_toml(), encoding="utf-8")
-            on, anew = ["resume", run, "--t1", repr(case.t1)], ["run", toml, "--out", run, "--overwrite"]
-            command = [sys.executable, "-m", "jaxsph", *(on if begun else anew), "--devices", "1"]
+            what = _on(source, run) if begun else _anew(source, run)
+            command = [sys.executable, "-m", "jaxsph", *what, "--devices", "1"]
             command += ["--quiet", "--no-plot"]
             status = _run_process(command, log, claim)
     found, variables = _read(run)
@@ -150,6 +151,27 @@ def run_member(case: Case, stem: Path) -> Ended:
         found["results"] = {}
         found["failure"] = log.read_text(encoding="utf-8").strip() or f"ended with status {status}"
     return found, variables
+
+
+def _anew(source: Source, run: Path) -> list[Any]:
+    """Arguments of the command that runs a member from its start."""
+    if isinstance(source, Program):
+        values = [
+            part
+            for key, value in source.arguments.items()
+            for part in ("--set", f"{key}={toml_value(value)}")
+        ]
+        return ["run", source.place, *values, "--out", run, "--overwrite"]
+    toml = run.with_suffix(".toml")
+    toml.write_text(source.to_toml(), encoding="utf-8")
+    return ["run", toml, "--out", run, "--overwrite"]
+
+
+def _on(source: Source, run: Path) -> list[Any]:
+    """Arguments of the command that goes on with a member: with its own end, whatever that of the file is."""
+    if isinstance(source, Program):
+        return ["resume", run, "--program", source.place]
+    return ["resume", run, "--t1", repr(source.value("t1"))]
 
 
 class _Claim:
@@ -222,16 +244,16 @@ def _read(run: Path) -> Ended:
     try:
         file = RunFile.open(run)
         found = {"results": file.results(), "series": file.series(), "failure": ""}
-        return found, file.variables()
+        return found, Meanings(file.variables(), file.labels())
     except JaxsphError:
-        return {"results": {}, "series": {}, "failure": ""}, {}
+        return {"results": {}, "series": {}, "failure": ""}, Meanings()
 
 
-def _stage(run: Path, case: Case) -> tuple[bool, bool]:
+def _stage(run: Path, source: Source) -> tuple[bool, bool]:
     """Whether a member has a checkpoint to go on from, and whether it has ended: a sweep that was stopped
     before it recorded such a member has nothing left to run.
 
-    **Raises** FileError where the file is of another case.
+    **Raises** FileError where the file is of another problem.
     """
     try:
         file = RunFile.open(run)
@@ -239,8 +261,8 @@ def _stage(run: Path, case: Case) -> tuple[bool, bool]:
     except FileError:  # missing or damaged: the member is run anew
         return False, False
     try:
-        stored = case_keys(Case.from_dict(tomllib.loads(text)))
-    except (JaxsphError, tomllib.TOMLDecodeError):  # of another version of jaxsph
+        stored = stored_identity(run, text, file.version)
+    except FileError:  # of another version of jaxsph
         stored = {}
-    refuse_other(run, "a member of another sweep", stored, case_keys(case), run.parent)
+    refuse_other(run, "a member of another sweep", stored, identity(source.to_toml()), run.parent)
     return stage

@@ -13,23 +13,24 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
 from jaxsph.output.hdf5 import tell_write_errors
-from jaxsph.output.sweep_file import SweepFile
-from jaxsph.study.base import AbstractMethod, parameter_value, result_of_power
+from jaxsph.output.sweep_file import Meanings, SweepFile
+from jaxsph.problem.source import Source, identity
+from jaxsph.problem.sources import source_of
+from jaxsph.run.stored import stored_identity
+from jaxsph.study.base import AbstractMethod, check_result, parameter_value
 from jaxsph.study.derivative import derivative
 from jaxsph.study.ensemble import Ensemble
-from jaxsph.study.ownership import case_keys, only_study, refuse_other
-from jaxsph.study.sweep import stored_case
+from jaxsph.study.ownership import only_study, refuse_other
 
 
 @dataclass(frozen=True)
 class Maximum:
     """Best evaluation of a search, and all evaluations on the way to it."""
 
-    case: Case
-    """Case with the best values."""
+    case: Any
+    """Case, or program, with the best values."""
     of: str
     value: float
     reason: str
@@ -39,7 +40,7 @@ class Maximum:
 
 
 def maximise(
-    case: Case,
+    given: Any,
     over: Mapping[str, tuple[float, float]],
     out: str | Path,
     of: str = "xi",
@@ -48,7 +49,9 @@ def maximise(
     evaluations: int = 10,
     progress: bool = True,
 ) -> Maximum:
-    """Climbs along slopes to the largest result, from the case's own values.
+    """Climbs along slopes to the largest result of a case, or of a function that returns a `Problem`.
+
+    The search begins at its own values.
 
     **Arguments**: `over`: (lowest, highest) of every parameter, lengths of the device too, above zero: the
     search is in their logarithms. `out`: the file of the evaluations; called again, the search goes on from
@@ -62,15 +65,16 @@ def maximise(
     """
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
-    _check_bounds(case, over)
-    result_of_power(case, of)
+    source = source_of(given)
+    _check_bounds(source, over)
+    check_result(source.problem(), of)
     method = Ensemble() if method is None else method
     with only_study(Path(out)):
-        return _climb(case, over, SweepFile(out), of, method, optimiser, evaluations, progress)
+        return _climb(source, over, SweepFile(out), of, method, optimiser, evaluations, progress)
 
 
 def _climb(
-    case: Case,
+    source: Source,
     over: Mapping[str, tuple[float, float]],
     file: SweepFile,
     of: str,
@@ -81,12 +85,12 @@ def _climb(
 ) -> Maximum:
     names, folder = [*over], file.path.with_name(f"{file.path.name}.evaluations")
     about = {"of": of} | method.identity()
-    known = _known_evaluations(file, case, names, about)
-    _check_folder(folder, case_keys(case) | {"parameters": names} | about)
+    known = _known_evaluations(file, source, names, about)
+    _check_folder(folder, identity(source.to_toml()) | {"parameters": names} | about)
     if optimiser is None:
         optimiser = optax.adam(optax.exponential_decay(0.6, 1, 0.82), b1=0.5)
     bounds = np.log([over[name] for name in names])
-    z = np.log([parameter_value(case, name) for name in names])
+    z = np.log([parameter_value(source, name) for name in names])
     memory = optimiser.init(jnp.asarray(z))
     history: list[dict[str, float]] = []
     reason = f"{evaluations} evaluations"
@@ -96,10 +100,10 @@ def _climb(
             found = known[k]
         else:
             known = known[:k]
-            found = _evaluate(case.replace(here), here, of, method, folder / f"{k:02d}", progress)
+            found = _evaluate(source.replace(here), here, of, method, folder / f"{k:02d}", progress)
         history.append(found)
         if k >= len(known):
-            _write_evaluations(file, case, names, history, about)
+            _write_evaluations(file, source, names, history, about)
         slopes = np.array([found[f"slope {name}"] * here[name] for name in names])
         errors = np.array([found[f"error {name}"] * here[name] for name in names])
         outward = np.where(slopes > 0, z >= bounds[:, 1] - 1e-9, z <= bounds[:, 0] + 1e-9)
@@ -111,14 +115,14 @@ def _climb(
         z = np.clip(z + np.asarray(step), bounds[:, 0], bounds[:, 1])
     best = max(history, key=lambda found: found[of])
     shutil.rmtree(folder, ignore_errors=True)
-    return Maximum(case.replace({name: best[name] for name in names}), of, best[of], reason, history)
+    return Maximum(source.replace({name: best[name] for name in names}), of, best[of], reason, history)
 
 
-def _check_bounds(case: Case, over: Mapping[str, tuple[float, float]]) -> None:
+def _check_bounds(source: Source, over: Mapping[str, tuple[float, float]]) -> None:
     if not over:
         raise CaseError("a search needs at least one parameter, with its bounds")
     for name, (low, high) in over.items():
-        value = parameter_value(case, name)
+        value = parameter_value(source, name)
         if not 0.0 < low < high < np.inf or not low <= value <= high:
             raise CaseError(
                 f"{name} from {low:g} to {high:g}: must be positive and in order, and hold the case's own "
@@ -127,12 +131,12 @@ def _check_bounds(case: Case, over: Mapping[str, tuple[float, float]]) -> None:
 
 
 def _evaluate(
-    case: Case, here: dict[str, float], of: str, method: AbstractMethod, stem: Path, progress: bool
+    source: Source, here: dict[str, float], of: str, method: AbstractMethod, stem: Path, progress: bool
 ) -> dict[str, float]:
     found = dict(here)
     for name in here:
         kept = method.kept(stem.with_name(f"{stem.name}_{name}.h5"))
-        one = derivative(case, name, of, kept, progress)
+        one = derivative(source, name, of, kept, progress)
         found |= {of: one.value, f"slope {name}": one.slope, f"error {name}": one.error or 0.0}
     return found
 
@@ -152,13 +156,14 @@ def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
 
 
 def _known_evaluations(
-    file: SweepFile, case: Case, names: Sequence[str], about: Mapping[str, Any]
+    file: SweepFile, source: Source, names: Sequence[str], about: Mapping[str, Any]
 ) -> list[dict[str, float]]:
     if not file.path.exists():
         return []
     stored = file.read()
-    before = case_keys(stored_case(file.path, stored)) | {"parameters": [*stored.axes]} | stored.about
-    now = case_keys(case) | {"parameters": [*names]} | dict(about)
+    before = stored_identity(file.path, stored.case_toml, stored.version)
+    before = before | {"parameters": [*stored.axes]} | stored.about
+    now = identity(source.to_toml()) | {"parameters": [*names]} | dict(about)
     refuse_other(
         file.path, "a search from another case, or for another result or by another method", before, now
     )
@@ -169,11 +174,11 @@ def _known_evaluations(
 
 
 def _write_evaluations(
-    file: SweepFile, case: Case, names: Sequence[str], history: list[dict], about: Mapping[str, Any]
+    file: SweepFile, source: Source, names: Sequence[str], history: list[dict], about: Mapping[str, Any]
 ) -> None:
     axes = {name: np.array([found[name] for found in history]) for name in names}
     members = {
         i: {"results": {k: v for k, v in found.items() if k not in names}, "series": {}, "failure": ""}
         for i, found in enumerate(history)
     }
-    file.write(case.to_toml(), axes, (len(history),), members, {}, about)
+    file.write(source.to_toml(), axes, (len(history),), members, Meanings(), about)

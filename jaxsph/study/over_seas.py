@@ -31,9 +31,10 @@ class OverSeas(AbstractMethod):
         """See `AbstractMethod`."""
         return self if self.out is not None else dataclasses.replace(self, out=Path(path))
 
-    def derivative(self, case, parameter, of, progress):
+    def derivative(self, source, parameter, of, progress):
         """See `AbstractMethod`."""
-        if case.waves is None or case.waves.kind != "irregular":
+        waves = getattr(source, "waves", None)
+        if waves is None or waves.kind != "irregular":
             raise CaseError('a scatter table needs waves.kind = "irregular", whose Hs and Tp it gives')
         if of != "P_owc":
             raise CaseError(f"of = {of!r}: over a scatter table it must be 'P_owc', the mean power")
@@ -41,7 +42,7 @@ class OverSeas(AbstractMethod):
         rows = zip(self.table.share, self.table.Hs, self.table.Tp, strict=True)
         for i, (share, Hs, Tp) in enumerate(rows):
             if share > 0.0:
-                sea = case.replace({"waves.Hs": float(Hs), "waves.Tp": float(Tp)})
+                sea = source.replace({"waves.Hs": float(Hs), "waves.Tp": float(Tp)})
                 found.append((share, self._of_sea(i).derivative(sea, parameter, of, progress)))
         errors = [share * (one.error or 0.0) for share, one in found]
         return Derivative(

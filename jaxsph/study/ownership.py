@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxsph.case.case import Case
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import tell_write_errors
 
@@ -26,18 +25,6 @@ _FEW = 5
 _held: set[Path] = set()
 _guard = threading.Lock()
 """Outputs that studies of this process write to: a process does not exclude itself by locks of files."""
-
-
-def case_keys(case: Case) -> dict[str, Any]:
-    """Values of a case by dotted key."""
-    return _flat(case.model_dump(exclude_none=True, mode="json"))
-
-
-def _flat(section: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in section.items():
-        found |= _flat(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}
-    return found
 
 
 def refuse_other(

@@ -19,11 +19,14 @@ import numpy as np
 from tqdm import tqdm
 
 from jaxsph.case.case import Case
-from jaxsph.errors import CaseError, FileError
-from jaxsph.output.hdf5 import Variable
-from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
+from jaxsph.errors import CaseError
+from jaxsph.output.sweep_file import Meanings, SweepFile, over_members
+from jaxsph.problem.program import Program
+from jaxsph.problem.source import Source, identity
+from jaxsph.problem.sources import source_of
+from jaxsph.run.stored import stored_identity
 from jaxsph.study.members import Ended, check_members, one_per_core, run_each, run_in_batches
-from jaxsph.study.ownership import case_keys, only_study, refuse_other
+from jaxsph.study.ownership import only_study, refuse_other
 
 BATCH = 8
 """Number of members in one vmapped call on an accelerator, by default."""
@@ -35,8 +38,8 @@ MOST_MEMBERS = 100_000
 class Sweep:
     """Results of every member over the swept parameters."""
 
-    case: Case
-    """Case that all members share."""
+    case: Any
+    """Case that all members share, or program; None for that of a program whose file was read."""
     axes: dict[str, np.ndarray]
     """Values of each parameter by dotted name."""
     results: dict[str, np.ndarray]
@@ -45,6 +48,8 @@ class Sweep:
     """Error messages of the members that failed, by their place; empty where all went well."""
     members: dict[tuple[int, ...], dict[str, np.ndarray]] = field(repr=False)
     """Series of each member by its place, "time" (s) among them."""
+    meanings: Meanings = field(repr=False, default=Meanings())
+    """Meanings of the series, and of results that brought labels with them."""
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Scalar result called `name`, over the members."""
@@ -54,7 +59,7 @@ class Sweep:
 
 
 def sweep(
-    case: Case,
+    given: Any,
     over: Mapping[str, Sequence[float]],
     out: str | Path,
     *,
@@ -64,31 +69,36 @@ def sweep(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Sweep:
-    """Runs a case for every combination of values: on a CPU each member in a process of its own on one core,
-    on an accelerator in vmapped batches, on a cluster wherever an executor takes them.
+    """Runs a case, or a function that returns a `Problem`, for every combination of values: on a CPU each
+    member in a process of its own on one core, on an accelerator in vmapped batches, on a cluster wherever an
+    executor takes them.
 
-    **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`,
-    geometry and `t1` included; `grid`: every combination, or one member for each place in lists of equal
-    length; `out`: the file. Called again it goes on where it was interrupted: a member's checkpoints lie
-    beside the file, in `<out>.members`, until the member has ended. `workers`: members at a time (by
-    default one per core). `batch`: in its place, so many members in one vmapped call in this process, as far
-    as their arrays have the same shapes. On a CPU a member of a batch takes 1.3 times as long as alone
-    (`python -m experiments run bench_batch`), so batches are the default on an accelerator only. `executor`:
-    in the place of both, any executor with the interface of `concurrent.futures`, such as Dask's
-    `client.get_executor(pure=False)`; its workers must see the folder of `out`. A member whose worker was
-    lost goes on from its last checkpoint on the next one. The executor is left open.
+    **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`, of a
+    function by argument, geometry and `t1` included; `grid`: every combination, or one member for each place
+    in lists of equal length; `out`: the file. Called again it goes on where it was interrupted: a member's
+    checkpoints lie beside the file, in `<out>.members`, until the member has ended. `workers`: members at a
+    time (by default one per core). `batch`: in its place, so many members in one vmapped call in this
+    process, as far as their arrays have the same shapes. On a CPU a member of a batch takes 1.3 times as long
+    as alone (`python -m experiments run bench_batch`), so batches are the default on an accelerator only.
+    `executor`: in the place of both, any executor with the interface of `concurrent.futures`, such as Dask's
+    `client.get_executor(pure=False)`; its workers must see the folder of `out`, and a function's file. A
+    member whose worker was lost goes on from its last checkpoint on the next one. The executor is left open.
     **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
     **Raises** CaseError for a member that cannot be built, and for values that are no numbers, before any
     runs; FileError where `out`, or a member in `<out>.members`, is of another sweep, or another process
     runs one with this output.
     """
+    source = source_of(given)
     batch = _checked_batch(workers, batch, executor)
+    if isinstance(source, Program) and not source.importable:
+        batch = batch or 1  # in this process, which alone has the function
     axes = {name: _numbers(name, values) for name, values in over.items()}
-    cases, shape = _cases(case, axes, grid)
+    sources, shape = _members(source, axes, grid)
     file = SweepFile(Path(out).resolve())  # workers may be in other folders
+    runner = _Runner(batch, workers, executor)
     with only_study(file.path):
-        members = _run_missing(file, case, axes, shape, cases, _Runner(batch, workers, executor), progress)
-    return _make_sweep(case, axes, shape, members)
+        members, meanings = _run_missing(file, source, axes, shape, sources, runner, progress)
+    return _make_sweep(source, axes, shape, members, meanings)
 
 
 class _Runner(NamedTuple):
@@ -99,45 +109,47 @@ class _Runner(NamedTuple):
     executor: Executor | None
 
     def run(
-        self, cases: Mapping[int, Case], folder: Path, stack: contextlib.ExitStack, progress: bool
+        self, sources: Mapping[int, Source], folder: Path, stack: contextlib.ExitStack, progress: bool
     ) -> Iterator[tuple[int, Ended]]:
         """Members as they end; what is opened for them closes with the stack."""
         if self.batch is not None:
-            return run_in_batches(cases, folder, self.batch, progress)
+            return run_in_batches(sources, folder, self.batch, progress)
         executor = self.executor or stack.enter_context(one_per_core(self.workers))
-        return run_each(cases, folder, executor)
+        return run_each(sources, folder, executor)
 
 
 def _run_missing(
     file: SweepFile,
-    case: Case,
+    source: Source,
     axes: Mapping[str, np.ndarray],
     shape: tuple[int, ...],
-    cases: Sequence[Case],
+    sources: Sequence[Source],
     runner: _Runner,
     progress: bool,
-) -> dict[int, Any]:
-    """Runs the members that the file does not hold yet, and returns all."""
-    members, variables = _ended_before(file, case, axes, shape) if file.path.exists() else ({}, {})
+) -> tuple[dict[int, Any], Meanings]:
+    """Runs the members that the file does not hold yet; returns all, and their meanings."""
+    members, meanings = {}, Meanings()
+    if file.path.exists():
+        members, meanings = _ended_before(file, source, axes, shape)
     folder = file.path.with_name(f"{file.path.name}.members")
-    check_members(cases, folder)
+    check_members(sources, folder)
     folder.mkdir(exist_ok=True)
-    missing = {i: member for i, member in enumerate(cases) if i not in members}
-    bar = tqdm(total=len(cases), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
+    missing = {i: member for i, member in enumerate(sources) if i not in members}
+    bar = tqdm(total=len(sources), initial=len(members), unit="run", disable=not progress, dynamic_ncols=True)
     with contextlib.ExitStack() as stack:
         ended = runner.run(missing, folder, stack, progress)
         stack.enter_context(contextlib.closing(cast(Any, ended)))
         stack.enter_context(bar)
         for i, (members[i], described) in ended:
-            variables = variables | described
-            file.write(case.to_toml(), axes, shape, members, variables)
+            meanings = meanings.joined(described)
+            file.write(source.to_toml(), axes, shape, members, meanings)
             for part in folder.glob(f"{i:04d}.*"):
                 part.unlink()
             bar.update()
             if members[i]["failure"]:
                 bar.write(f"member {i}: {members[i]['failure'].splitlines()[0]}")
     shutil.rmtree(folder)
-    return members
+    return members, meanings
 
 
 def _checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
@@ -154,14 +166,15 @@ def _checked_batch(workers: int | None, batch: int | None, executor: Executor | 
 
 
 def _ended_before(
-    file: SweepFile, case: Case, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]
-) -> tuple[dict[int, Any], dict[str, Variable]]:
-    """Members of an earlier call that went well, and what their series are; failed ones are tried again."""
+    file: SweepFile, source: Source, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]
+) -> tuple[dict[int, Any], Meanings]:
+    """Members of an earlier call that went well, and their meanings; failed ones are tried again."""
     stored = file.read()
-    before = case_keys(stored_case(file.path, stored)) | _told(stored.axes, stored.shape) | stored.about
-    now = case_keys(case) | _told(axes, shape)
+    before = stored_identity(file.path, stored.case_toml, stored.version)
+    before = before | _told(stored.axes, stored.shape) | stored.about
+    now = identity(source.to_toml()) | _told(axes, shape)
     refuse_other(file.path, "a sweep of another case or of other values", before, now)
-    return {i: m for i, m in stored.members.items() if not m["failure"]}, stored.variables
+    return {i: m for i, m in stored.members.items() if not m["failure"]}, stored.meanings
 
 
 def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, Any]:
@@ -170,21 +183,13 @@ def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, A
     return values | {"parameters in order": [*axes], "members": list(shape)}
 
 
-def stored_case(path: Path, stored: StoredSweep) -> Case:
-    """Case in a sweep's file. **Raises** FileError where it is none of this version."""
-    try:
-        return Case.from_dict(tomllib.loads(stored.case_toml))
-    except (CaseError, tomllib.TOMLDecodeError) as error:
-        raise FileError(
-            f"{path}: this version does not read its case ({error}); take the version that wrote it, "
-            f"{stored.version}"
-        ) from None
-
-
 def read_sweep(path: str | Path) -> Sweep:
     """Results in a sweep's file, whether the sweep has ended or not. **Raises** FileError."""
     stored = SweepFile(path).read()
-    return _make_sweep(stored_case(Path(path), stored), stored.axes, stored.shape, stored.members)
+    stored_identity(Path(path), stored.case_toml, stored.version)  # refuses what this version does not read
+    keys = tomllib.loads(stored.case_toml)
+    case = None if "program" in keys else Case.from_dict(keys)
+    return _make_sweep(case, stored.axes, stored.shape, stored.members, stored.meanings)
 
 
 def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
@@ -201,7 +206,10 @@ def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
     return found
 
 
-def _cases(case: Case, axes: Mapping[str, np.ndarray], grid: bool) -> tuple[list[Case], tuple[int, ...]]:
+def _members(
+    source: Source, axes: Mapping[str, np.ndarray], grid: bool
+) -> tuple[list[Source], tuple[int, ...]]:
+    """What every member runs, and the shape of the sweep."""
     if not axes:
         raise CaseError("a sweep needs at least one parameter, and a row of values for it")
     lengths = [values.size for values in axes.values()]
@@ -212,19 +220,23 @@ def _cases(case: Case, axes: Mapping[str, np.ndarray], grid: bool) -> tuple[list
         names = ", ".join(axes)
         raise CaseError(f"values of {names} have lengths {lengths}: a list of members needs equal ones")
     combined = itertools.product(*axes.values()) if grid else zip(*axes.values(), strict=True)
-    cases = [
-        case.replace({name: value.item() for name, value in zip(axes, values, strict=True)})
+    sources = [
+        source.replace({name: value.item() for name, value in zip(axes, values, strict=True)})
         for values in combined
     ]
-    return cases, tuple(lengths) if grid else (lengths[0],)
+    return sources, tuple(lengths) if grid else (lengths[0],)
 
 
 def _make_sweep(
-    case: Case, axes: dict, shape: tuple[int, ...], members: Mapping[int, Mapping[str, Any]]
+    case: Source | None,
+    axes: dict,
+    shape: tuple[int, ...],
+    members: Mapping[int, Mapping[str, Any]],
+    meanings: Meanings,
 ) -> Sweep:
     def place(index: int) -> tuple[int, ...]:
         return tuple(int(k) for k in np.unravel_index(index, shape))
 
     failures = {place(i): m["failure"] for i, m in members.items() if m["failure"]}
     series = {place(i): m["series"] for i, m in members.items()}
-    return Sweep(case, dict(axes), over_members(members, shape), failures, series)
+    return Sweep(case, dict(axes), over_members(members, shape), failures, series, meanings)

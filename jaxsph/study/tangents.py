@@ -5,31 +5,26 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
 from tqdm import tqdm
 
-from jaxsph.case.build import build
 from jaxsph.case.case import Case
-from jaxsph.case.report import make_probes, steps_per_sample
 from jaxsph.errors import CaseError, DerivativeError
 from jaxsph.model.interfaces import Model
-from jaxsph.model.state import State
 from jaxsph.model.tangents import TangentFilter
-from jaxsph.probes.devices import BodyProbe, ChamberProbe
-from jaxsph.run.chunks import advance_chunk, search_settings, steps_per_chunk
-from jaxsph.run.results import harvested
+from jaxsph.problem.problem import Problem
+from jaxsph.problem.program import Program
+from jaxsph.problem.record import harvested
+from jaxsph.problem.source import Source
+from jaxsph.run.chunks import advance_chunk, search_settings, with_settings
 from jaxsph.run.simulate import simulate
-from jaxsph.study.base import (
-    SMOOTH,
-    AbstractMethod,
-    Derivative,
-    parameter_value,
-    result_of_power,
-)
+from jaxsph.study.base import AbstractMethod, Derivative, parameter_value
+
+S = TypeVar("S", bound=Source)
 
 
 class _ThroughLoop(AbstractMethod):
@@ -44,24 +39,26 @@ class _ThroughLoop(AbstractMethod):
         """Raises DerivativeError where at the time t the slopes are not worth going on."""
 
     @abc.abstractmethod
-    def _error(self, parameter: str, case: Case, value: float, slope: float) -> float | None:
+    def _error(self, parameter: str, source: Source, value: float, slope: float) -> float | None:
         """What is known of the slope's error."""
 
-    def derivative(self, case, parameter, of, progress):
+    def derivative(self, source, parameter, of, progress):
         """See `AbstractMethod`."""
-        if parameter not in SMOOTH:
+        if rough := source.roughness(parameter):
             raise CaseError(
-                f"{parameter}: the loop does not depend smoothly on it (on {', '.join(SMOOTH)} it does); "
-                "take method=js.Ensemble(), which builds every member anew"
+                f"{parameter}: the model may jump with it ({rough}); take method=js.Ensemble(), which builds "
+                "every member anew"
             )
-        result = result_of_power(case, of)
-        model, state = build(case)
-        d_model, d_state = _seed(case, parameter, model, state)
+        problem = source.problem()
+        result = problem.mean_of_power(of)
+        model, state = problem.model, problem.state
+        powers = harvested(model)
+        d_model, d_state = _seed(source, parameter, problem)
         model = self._model_to_differentiate(model)
-        probes = tuple(p for p in make_probes(case, model, state) if isinstance(p, ChamberProbe | BodyProbe))
-        sample_every = steps_per_sample(case, model)
-        last = round(case.t1 / case.output.sample_dt) * sample_every
-        chunk = steps_per_chunk(case, sample_every)
+        probes = tuple(probe for probe in problem.probes if {*powers} & {*probe.describe()})
+        value, dx = parameter_value(source, parameter), float(model.dx)
+        sample_every, chunk = problem.sample_every, problem.per_chunk
+        last = round(problem.t1 / problem.sample_dt) * sample_every
         readings, slopes, grains = [], [], []
         bar = tqdm(total=last, unit="step", disable=not progress, dynamic_ncols=True)
         with bar:
@@ -76,28 +73,28 @@ class _ThroughLoop(AbstractMethod):
                     n_steps=n_steps,
                     sample_every=sample_every,
                 )
-                model, state, (d_state, read, slope) = advance_chunk(case.name, model, advance, bar.write)
+                model, state, (d_state, read, slope) = advance_chunk(problem.name, model, advance, bar.write)
                 readings.append({k: np.asarray(v) for k, v in read.items()})
                 slopes.append({k: np.asarray(v) for k, v in slope.items()})
                 t = float(model.time(state))
-                unlike = grain(np.asarray(state.particles.x), np.asarray(d_state.particles.x), case.dx)
+                unlike = grain(np.asarray(state.particles.x), np.asarray(d_state.particles.x), dx)
                 grains.append(np.full(len(slopes[-1]["time"]), unlike))
-                reach = 0.1 * case.dx / unlike if unlike > 0 else np.inf if unlike == 0 else 0.0
-                self._check(parameter, parameter_value(case, parameter), t, reach)
+                reach = 0.1 * dx / unlike if unlike > 0 else np.inf if unlike == 0 else 0.0
+                self._check(parameter, value, t, reach)
                 bar.update(n_steps)
         series = {k: np.concatenate([r[k] for r in readings]) for k in readings[0]}
-        series["time"] = np.arange(len(series["time"])) * case.output.sample_dt
+        series["time"] = np.arange(len(series["time"])) * problem.sample_dt
         slope = {k: np.concatenate([s[k] for s in slopes]) for k in slopes[0] if k != "time"}
         slope["grain"] = np.concatenate(grains)
-        powers = [name for name in harvested(model) if name in series]
+        powers = [name for name in powers if name in series]
         mean = result(series["time"], np.sum([series[name] for name in powers], axis=0))
-        value, total = (sum(mean.of_power(of_all[name]) for name in powers) for of_all in (series, slope))
+        found, total = (sum(mean.of_power(of_all[name]) for name in powers) for of_all in (series, slope))
         if of == "xi":
-            ahead, behind, step = _beside(case, parameter)
+            ahead, behind, step = _beside(source, parameter, model)
             change = (mean.incident(ahead) - mean.incident(behind)) / (2 * step)
-            total -= value * change / mean.incident(case)
-        error = self._error(parameter, case, value, total)
-        return Derivative(parameter, of, value, total, error, reach, self, series, slope)
+            total -= found * change / mean.incident(source)
+        error = self._error(parameter, source, found, total)
+        return Derivative(parameter, of, found, total, error, reach, self, series, slope)
 
 
 class Exact(_ThroughLoop):
@@ -123,7 +120,7 @@ class Exact(_ThroughLoop):
                 "What to change: an earlier t1, method=js.Filtered() or js.Ensemble()"
             )
 
-    def _error(self, parameter, case, value, slope):
+    def _error(self, parameter, source, value, slope):
         return None
 
 
@@ -158,12 +155,11 @@ class Filtered(_ThroughLoop):
                 "What to change: a filter of lower order or shorter interval"
             )
 
-    def _error(self, parameter, case, value, slope):
-        if parameter != "pto.K_dm":
+    def _error(self, parameter, source, value, slope):
+        if parameter != "pto.K_dm" or not isinstance(source, Case):
             return None
-        assert case.pto is not None and case.pto.K_dm is not None  # the parameter
-        lost = LOST[case.scheme.kind] if self.lost is None else self.lost
-        return lost * abs(slope - 2.0 * value / case.pto.K_dm)
+        lost = LOST[source.scheme.kind] if self.lost is None else self.lost
+        return lost * abs(slope - 2.0 * value / parameter_value(source, parameter))
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "sample_every"))
@@ -184,33 +180,55 @@ def _simulate_tangents(model, state, d_model, d_state, probes, n_steps, sample_e
     return eqx.combine(floats, others), (d_state, readings, d_readings)
 
 
-def _beside(case: Case, parameter: str) -> tuple[Case, Case, float]:
-    """The case with a little more and a little less of the parameter, and by how much."""
-    value = parameter_value(case, parameter)
+def _beside(source: S, parameter: str, model: Model) -> tuple[S, S, float]:
+    """What is run with a little more and a little less of the parameter, and by how much."""
+    value = parameter_value(source, parameter)
     # the error of a central difference: the square of the share, and round-off over the share
-    share = 1e-4 if case.precision == "float64" else 1e-2
+    share = 1e-4 if model.dt.dtype == np.float64 else 1e-2
     step = share * value if value else share
-    return case.replace({parameter: value + step}), case.replace({parameter: value - step}), step
+    return source.replace({parameter: value + step}), source.replace({parameter: value - step}), step
 
 
-def _seed(case: Case, parameter: str, model: Model, state: State) -> tuple[Any, Any]:
+def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     """Slopes of the floats of model and initial state over the parameter, by differences of two builds.
 
     The time step counts as constant: it only ever jumps, to divide the sampling interval.
     """
-    ahead, behind, step = _beside(case, parameter)
-    settings = search_settings(model)
-    floats = eqx.filter((model, state), eqx.is_inexact_array)
-    leaves, structure = jax.tree.flatten(floats)
-    beside = [
-        jax.tree.leaves(eqx.filter(build(near, settings), eqx.is_inexact_array)) for near in (ahead, behind)
-    ]
+    ahead, behind, step = _beside(source, parameter, problem.model)
+    settings = search_settings(problem.model)
+
+    def floats(made: Problem) -> Any:
+        return eqx.filter((with_settings(made.model, settings), made.state), eqx.is_inexact_array)
+
+    here, more, less = (floats(made) for made in (problem, ahead.problem(), behind.problem()))
+    leaves, structure = jax.tree.flatten(here)
+    beside = [jax.tree.leaves(one) for one in (more, less)]
     shapes = [[leaf.shape for leaf in one] for one in (leaves, *beside)]
     if not shapes[0] == shapes[1] == shapes[2]:
         raise CaseError(f"{parameter} changes the number of ghosts here: compare runs with js.sweep")
+    if isinstance(source, Program):
+        _check_smooth(parameter, leaves, *beside)
     slopes = [(a - b) / (2 * step) for a, b in zip(*beside, strict=True)]
     d_model, d_state = jax.tree.unflatten(structure, slopes)
     return eqx.tree_at(lambda m: m.dt, d_model, 0.0 * d_model.dt), d_state
+
+
+CURVED = 0.1
+"""Difference of the two one-sided slopes of a model's number, over their sum, above which it jumps: of a
+smooth one it is of the order of the share of the parameter by which builds differ."""
+
+
+def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None:
+    """**Raises** CaseError where a number of the model jumps with the parameter, as it does with lengths."""
+    for at, more, less in zip(here, ahead, behind, strict=True):
+        at, more, less = (np.asarray(a, np.float64) for a in (at, more, less))
+        rounding = 8 * np.finfo(here[0].dtype).eps * (np.max(np.abs(at), initial=0.0) + 1e-30)
+        jump = np.max(np.abs((more - at) - (at - less)), initial=0.0)
+        if jump > CURVED * np.max(np.abs(more - less), initial=0.0) + rounding:
+            raise CaseError(
+                f"{parameter}: the model jumps with it, as where a length is rounded to the lattice; take "
+                "method=js.Ensemble(), which builds every member anew"
+            )
 
 
 def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:

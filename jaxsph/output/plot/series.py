@@ -6,7 +6,7 @@ shows.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -197,7 +197,7 @@ LEAST = 3.0e-3
 """Share of the largest energy in a budget below which one has no area or line of its own."""
 
 
-def harvested(variables: dict[str, Variable]) -> list[str]:
+def harvested(variables: Mapping[str, Variable]) -> list[str]:
     """Names of the power take-offs' series: of all powers a file keeps these alone beside the readings."""
     return [name for name, of in variables.items() if name.startswith("power_") and of.group == "series"]
 

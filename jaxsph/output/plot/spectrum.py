@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.results import two_way_sea
 from jaxsph.output.plot.style import BLUE, RED, WIDTH, has_samples, in_style
 from jaxsph.output.run_file import RunFile
-from jaxsph.run.results import two_way_sea
 
 WITHIN = 0.9
 """Probability with which the band of an incident density has the true one (-)."""

@@ -17,8 +17,12 @@ from jaxsph.output.plot.style import (
 from jaxsph.output.sweep_file import SweepFile, over_members
 
 
-def plot_sweep(sweep: SweepFile | str | Path, folder: str | Path | None = None, of: str = "xi") -> list[Path]:
+def plot_sweep(
+    sweep: SweepFile | str | Path, folder: str | Path | None = None, of: str | None = None
+) -> list[Path]:
     """Writes the picture of a sweep, an ensemble or a search: the result `of` over what was varied.
+
+    By default that is xi, or the first result that a problem of its own brought.
 
     One parameter: the members with their scatter and, of a search, the slopes as short lines and the way.
     Two: contours over a grid, the way of a search. **Returns** the files written; none where there are more
@@ -28,7 +32,8 @@ def plot_sweep(sweep: SweepFile | str | Path, folder: str | Path | None = None, 
     folder = Path(folder) if folder is not None else sweep.path.with_name(sweep.path.stem + "_plots")
     stored = sweep.read()
     results = over_members(stored.members, stored.shape)
-    if of not in results or len(stored.axes) > 2:
+    of = stored.meanings.first(results) if of is None else of
+    if of is None or of not in results or len(stored.axes) > 2:
         return []
     if len(stored.axes) == 1:
         figure = _over_one(stored.axes, results, of)

@@ -1,0 +1,48 @@
+"""Probes of a case's run, at their places on the lattice."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.sections import Sections
+from jaxsph.model.interfaces import Model
+from jaxsph.model.probe import AbstractProbe
+from jaxsph.model.state import State
+from jaxsph.probes.default import default_probes
+from jaxsph.probes.gauges import InterpolatedGauge, WaveGauge, WireGauge
+from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProbe
+
+
+def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractProbe, ...]:
+    """Probes that a case asks for, at their places on the lattice.
+
+    Elevations of all gauges have one zero: the still water level, or the bed where a column is released.
+    """
+    geometry = Geometry.of(case)
+    dtype = model.dt.dtype
+    found: list[AbstractProbe] = [*default_probes(model, state, case.output.sample_dt)]
+    released = case.tank.column is not None
+    level = jnp.zeros_like(model.depth) if released else model.depth
+    if geometry.gauges:
+        at = jnp.asarray(geometry.gauges, dtype)
+        gauge = WaveGauge(at, jnp.zeros_like(at))
+        # a gauge reads the depth of the water, over a raised bed too
+        still = jnp.zeros_like(at) if released else gauge.measure(model, state, None)["eta"]
+        found.append(WaveGauge(at, still))
+    if geometry.surface:
+        at, top = np.asarray(geometry.surface), model.walls.high[-1]
+        levels = np.arange(0.0, top, 0.5 * case.dx)
+        at, levels = (jnp.asarray(a, dtype) for a in (at, levels))
+        found.append(InterpolatedGauge(at, levels, level))
+        wire = WireGauge(at, jnp.zeros_like(at[:, 0]))
+        still = wire.still if released else wire.measure(model, state, None)["eta_wire"]
+        found.append(WireGauge(at, still))
+    if geometry.pressure:
+        found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
+    if geometry.velocity:
+        found.append(VelocityProbe(jnp.asarray(geometry.velocity, dtype)))
+    if model.bodies and case.body.sensors:
+        found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
+    return tuple(found)

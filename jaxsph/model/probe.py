@@ -1,0 +1,45 @@
+"""Interface of a probe: what is read of a state inside the time loop."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxsph.model.interfaces import Model
+from jaxsph.model.meaning import Reading
+from jaxsph.model.state import State, Tables
+
+__all__ = ["AbstractProbe", "places"]
+
+Coordinates = Mapping[str, tuple[str, np.ndarray, str, str]]
+"""Positions of gauges and sensors: name -> (dimension, values `[k]`, unit, long name)."""
+
+
+class AbstractProbe(eqx.Module):
+    """A probe: readings of the state, taken inside the time loop."""
+
+    @abc.abstractmethod
+    def measure(self, model: Model, state: State, tables: Tables) -> Mapping[str, jax.Array]:
+        """Readings at the state's time, by name."""
+
+    @abc.abstractmethod
+    def describe(self) -> Mapping[str, Reading]:
+        """Unit and meaning of every reading, by name."""
+
+    def coordinates(self) -> Coordinates:
+        """Places that the readings' second dimensions stand for, by name; none by default."""
+        return {}
+
+
+def places(points: jax.Array, dimension: str, what: str, axes: str) -> Coordinates:
+    """Coordinates of points `[k, D]` (m) along axes, each one letter, by name, such as "sensor_x".
+
+    The values are the decimals that were given, not their neighbours in single precision.
+    """
+    values = np.asarray(points).astype(str).astype(float)
+    columns = zip(axes, values.T, strict=True)
+    return {f"{dimension}_{axis}": (dimension, row, "m", f"{axis} of the {what}") for axis, row in columns}

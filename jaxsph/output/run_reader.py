@@ -1,0 +1,213 @@
+"""Reading of a run's file: file and journal as one, finished or not. See `output.run_file`."""
+
+from __future__ import annotations
+
+import contextlib
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from jaxsph.errors import FileError
+from jaxsph.output import journal
+from jaxsph.output.hdf5 import (
+    SCHEMA,
+    Coordinates,
+    Variable,
+    attributes,
+    check_signature,
+    dimension,
+    open_file,
+    read,
+)
+from jaxsph.output.journal import Owner
+from jaxsph.output.records import Head
+from jaxsph.output.run_groups import Labels, snapshot_name, text_of
+from jaxsph.output.run_view import View, owner_of, part_of
+
+
+class RunReader:
+    """What one file of a run holds. Holds only the path: no handle stays open between calls."""
+
+    path: Path
+
+    def __init__(self, path: str | Path) -> None:
+        """Names a run's file and does not check it, as `open` does."""
+        self.path = Path(path)
+        self._index: tuple[Any, list[Head]] = (None, [])
+        self._own: Owner | None = None
+        """Owner of the file when it was made or opened; a file that has another by then is left alone."""
+
+    def __repr__(self) -> str:
+        """The class and its path."""
+        return f"{type(self).__name__}({str(self.path)!r})"
+
+    @classmethod
+    def open(cls, path: str | Path) -> Self:
+        """Existing file of a run. **Raises** FileError where it is missing, cut short, or not a run's."""
+        run = cls(path)
+        check_signature(run.path)
+        with open_file(run.path) as file:
+            schema = file.attrs.get("schema")
+            if schema is None or "jaxsph_version" not in file.attrs:
+                raise FileError(
+                    f"{path}: is an HDF5 file, but not one of jaxsph; give a file that `jaxsph run` wrote"
+                )
+            if int(schema) > SCHEMA:
+                raise FileError(
+                    f"{path}: has layout {int(schema)} of jaxsph {file.attrs['jaxsph_version']}, "
+                    f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
+                )
+            run._own = owner_of(file)
+        return run
+
+    @contextlib.contextmanager
+    def _view(self) -> Iterator[View]:
+        # the journal first: see `journal.beside`
+        with journal.beside(self.path) as beside, open_file(self.path) as file:
+            ours = beside is not None and beside.owner == owner_of(file)
+            yield View(file, beside if ours else None)
+
+    def _attributes(self, group: str) -> dict[str, Any]:
+        """Attributes of a group, "/" for the file's own."""
+        with open_file(self.path) as file:
+            return attributes(file[group])
+
+    @property
+    def schema(self) -> int:
+        """Version of the file's layout."""
+        return int(self._attributes("/")["schema"])
+
+    @property
+    def version(self) -> str:
+        """Version of jaxsph that made the file."""
+        return str(self._attributes("/")["jaxsph_version"])
+
+    @property
+    def machine(self) -> str:
+        """What the run began on, in words; empty in files of older versions."""
+        return str(self._attributes("/").get("machine", ""))
+
+    @property
+    def case_toml(self) -> str:
+        """Whole case of the run as TOML text."""
+        return str(self._attributes("/")["case"])
+
+    def case_keys(self) -> dict[str, Any]:
+        """Keys and values of the case. **Raises** FileError where its text is damaged."""
+        try:
+            return tomllib.loads(self.case_toml)
+        except tomllib.TOMLDecodeError as error:
+            raise FileError(f"{self.path}: the text of its case is damaged ({error})") from None
+
+    @property
+    def settings(self) -> dict[str, int | float]:
+        """Numbers that fixed the arrays' shapes, by name, as given to `create`, or to `amend` after it."""
+        return self._attributes("settings")
+
+    def numbers(self) -> dict[str, list[float]]:
+        """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
+        with open_file(self.path) as file:
+            return text_of(file, "numbers", {})
+
+    @property
+    def since(self) -> float:
+        """Time of the last change of the case in the course of its run, from which results count, s."""
+        return float(self._attributes("/").get("since", 0.0))
+
+    def progress(self) -> dict[str, float]:
+        """Numbers of the run so far, by name, as given to the last `append`."""
+        with self._view() as view:
+            if view.journal is not None:
+                return dict(view.journal.about["progress"])
+        return self._attributes("progress")
+
+    def results(self) -> dict[str, float]:
+        """Scalar results by name; empty for a run that has not finished, or has gone on since."""
+        with self._view() as view:
+            return attributes(view.file["results"]) if view.journal is None else {}
+
+    def notices(self) -> tuple[str, ...]:
+        """Notices of the finished run, such as of results that could not be made."""
+        with self._view() as view:
+            return tuple(text_of(view.file, "notices", [])) if view.journal is None else ()
+
+    def labels(self) -> Labels:
+        """Words, unit and meaning of the results that brought labels with them, by name."""
+        with self._view() as view:
+            return text_of(view.file, "labels", {})
+
+    def series(self) -> dict[str, np.ndarray]:
+        """Series by name, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
+        with self._view() as view:
+            return view.series()
+
+    def variables(self) -> dict[str, Variable]:
+        """Meaning of each series (units, long name), by name."""
+        with self._view() as view:
+            return view.variables()
+
+    def coordinates(self) -> Coordinates:
+        """Positions of gauges and sensors, in the form that `create` takes."""
+        found = {}
+        with open_file(self.path) as file:
+            for name, data in file["series"].items():
+                if not data.is_scale and dimension(data, 0) != "time":
+                    units, long_name = data.attrs["units"], data.attrs["long_name"]
+                    found[name] = (dimension(data, 0), read(data), units, long_name)
+        return found
+
+    def has_checkpoint(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        with self._view() as view:
+            return view.journal is not None or len(view.file["checkpoint"]) > 0
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Arrays of the last checkpoint by name, bit for bit; empty before the first."""
+        with self._view() as view:
+            if view.journal is not None:
+                return view.journal.checkpoint()
+            return {name: read(data) for name, data in view.file["checkpoint"].items()}
+
+    @property
+    def snapshot_count(self) -> int:
+        """Number of snapshots."""
+        with self._view() as view:
+            return len(view.file["snapshots"]) + len(self._snapshots(view))
+
+    def snapshot(self, i: int) -> dict[str, Any]:
+        """Arrays and scalars of snapshot i, in order of writing; negative i counts from the end.
+
+        **Raises** IndexError where there is none.
+        """
+        count = self.snapshot_count
+        if not -count <= i < count:
+            raise IndexError(f"snapshot {i}: {self.path} holds {count}")
+        i %= count
+        with self._view() as view:
+            folded, more = len(view.file["snapshots"]), self._snapshots(view)
+            if i >= folded:
+                found = part_of(view.journal, more[i - folded], "snapshot")
+                return {name: a if a.ndim else a.item() for name, a in found.items()}
+            group = view.file["snapshots"][snapshot_name(i)]
+            return attributes(group) | {name: read(data) for name, data in group.items()}
+
+    def snapshot_times(self) -> np.ndarray:
+        """Times of the snapshots, s."""
+        with self._view() as view:
+            times = [attributes(group)["time"] for group in view.file["snapshots"].values()]
+            more = self._snapshots(view)
+            times += [part_of(view.journal, head, "snapshot", "time")["time"] for head in more]
+            return np.asarray(times, np.float64)
+
+    def _snapshots(self, view: View) -> list[Head]:
+        """Chunks of the journal that hold a snapshot."""
+        if view.journal is None:
+            return []
+        key = (view.owner, view.journal.about["end"])
+        if self._index[0] != key:
+            heads = view.journal.heads()
+            self._index = key, [h for h in heads if any(n.startswith("snapshot/") for n in h.arrays)]
+        return self._index[1]

@@ -1,0 +1,155 @@
+"""Problem: what is run, whoever made it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxsph.errors import CaseError
+from jaxsph.model.interfaces import Model
+from jaxsph.model.meaning import Label
+from jaxsph.model.probe import AbstractProbe
+from jaxsph.model.solution import Solution
+from jaxsph.model.state import State
+from jaxsph.probes.default import default_probes
+from jaxsph.probes.joined import described
+from jaxsph.problem.record import (
+    AbstractAveraging,
+    MeanOfRecord,
+    PowerMean,
+    Record,
+    Result,
+    WholeRecord,
+    harvested,
+)
+from jaxsph.problem.results import energy_result, noise_result
+
+
+class Problem:
+    """What is run: a model and its initial state, what is read of it and when, and what is made of that.
+
+    `Case.problem()` makes one, and so may any function of yours: `jaxsph run FILE:FUNCTION` runs it, with
+    a file, `resume`, `sweep` and a page, as it does a case.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        state: State,
+        sample_dt: float,
+        t1: float,
+        *,
+        probes: Sequence[AbstractProbe] | None = None,
+        results: Sequence[Result] = (),
+        **more: Any,
+    ) -> None:
+        """**Arguments**: `model`, `state` as `assemble` gives them for samples `sample_dt` (s) apart; `t1`:
+        end of the run, s; `probes`: by default those of the model's parts; `results`: what is made of the
+        record beside its energy balance and noise. By name, too: `snapshot_dt`, time between two snapshots,
+        s, by default five samples; `name`, after which files are called; `description`; `averaging`, which
+        part of the record means are taken over; `mean_of_power`, results that slopes may be taken of.
+        **Raises** CaseError for times that do not fit, and for two probes with a reading of one name.
+        """
+        self.model, self.state = model, state
+        self.sample_dt, self.t1 = float(sample_dt), float(t1)
+        self.probes = tuple(default_probes(model, state, sample_dt) if probes is None else probes)
+        self.results = (energy_result(model), noise_result, *results)
+        self.snapshot_dt = float(more.pop("snapshot_dt", 5 * self.sample_dt))
+        self.name: str = more.pop("name", "assembled")
+        self.description: str = more.pop("description", "")
+        self.averaging: AbstractAveraging = more.pop("averaging", WholeRecord())
+        self.mean_of_power: Callable[[str], MeanOfRecord] = more.pop("mean_of_power", self._energy_of)
+        if more:
+            raise TypeError(f"Problem has no argument {', '.join(more)}")
+        self._check()
+
+    def _check(self) -> None:
+        for name in ("sample_dt", "t1", "snapshot_dt"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise CaseError(f"{name} = {value!r} s: must be a positive time")
+        steps = self.sample_dt / float(self.model.dt)
+        if abs(steps - round(steps)) > 1e-3 * steps:
+            raise CaseError(
+                f"sample_dt = {self.sample_dt:g} s: is {steps:.4g} time steps of the model, and must be a "
+                "whole number of them: give assemble and Problem the same sample_dt"
+            )
+        try:
+            self.units = described(self.probes)
+        except ValueError as error:
+            raise CaseError(str(error)) from None
+
+    @property
+    def sample_every(self) -> int:
+        """Number of time steps between two samples; the time step divides the sampling interval."""
+        return round(self.sample_dt / float(self.model.dt))
+
+    @property
+    def per_chunk(self) -> int:
+        """Number of time steps between two snapshots, a whole number of samples."""
+        return max(1, round(self.snapshot_dt / self.sample_dt)) * self.sample_every
+
+    @property
+    def labels(self) -> dict[str, Label]:
+        """Labels that the results bring with them, by name."""
+        return {name: label for one in self.results for name, label in one.labels.items()}
+
+    def summary(
+        self, solution: Solution, seconds: float, steps: int, since: float = 0.0
+    ) -> tuple[dict[str, float], tuple[str, ...]]:
+        """Scalars of a run that has ended, and notices: see `summary_of`."""
+        return summary_of(solution, self.results, self.averaging, seconds, steps, since)
+
+    def _energy_of(self, of: str) -> MeanOfRecord:
+        """Energy that the power take-offs take from the start to t1, J (J/m in 2-D)."""
+        known = [*self.labels, "energy_pto"]
+        if of != "energy_pto":
+            raise CaseError(f"of = {of!r}: must be one of {', '.join(known)}")
+        if not harvested(self.model):
+            raise CaseError(f"of = {of!r}: the model has no power take-off")
+        return energy_of_power(self.sample_dt)
+
+
+def energy_of_power(sample_dt: float) -> MeanOfRecord:
+    """Energy (J, J/m in 2-D) of a whole record of power with samples `sample_dt` (s) apart."""
+    # a reading is the mean since the one before it: none for the first
+    total = PowerMean(lambda power: float(np.sum(power)) * sample_dt)
+    return lambda *_: total
+
+
+def summary_of(
+    solution: Solution,
+    made: Sequence[Result],
+    averaging: AbstractAveraging,
+    seconds: float,
+    steps: int,
+    since: float = 0.0,
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Scalars of a run that has ended, and notices: what they mean, and why some could not be made.
+
+    **Arguments**: wall time (s) and the steps that it took; `since`: see `Record`. A result that cannot be
+    made is absent: nothing here may cost a run its end.
+    """
+    series = solution.series
+    results = {
+        "t_end": float(solution.model.time(solution.state)),
+        "steps": float(int(solution.state.step)),
+        "wall_seconds": seconds,
+        "particle_steps_per_second": steps * solution.state.particles.x.shape[0] / seconds,
+    }
+    names = [name for name in harvested(solution.model) if name in series]
+    names = names or [name for name in ("kinetic",) if name in series]
+    window = averaging.window(solution.t, [series[name] for name in names], since)
+    record, notices = Record(solution, window, since, results), []
+    for one in made:
+        try:
+            new = {name: float(value) for name, value in one.make(record).items()}
+        except Exception as error:  # whatever it is: the series are worth more than any scalar
+            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+            notices.append(f"no result for the {one.what}: {kind}{error}")
+        else:
+            results |= new
+    return results, (*averaging.notices(record, results), *notices)

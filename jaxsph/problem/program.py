@@ -1,0 +1,219 @@
+"""Program: a function of a user's file that makes a problem, with values for its arguments."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from jaxsph.errors import CaseError
+from jaxsph.problem.problem import Problem
+from jaxsph.problem.toml import toml_text
+
+_loaded: dict[str, ModuleType] = {}
+"""Files that were imported already, by their path."""
+
+VALUES = bool | int | float | str
+"""Types that an argument may have, or a list of them: those that a file can keep."""
+
+
+class Program:
+    """Function that returns a `Problem`, and values for its arguments: `jaxsph run FILE:FUNCTION`."""
+
+    def __init__(self, function: Callable[..., Problem], arguments: Mapping[str, Any] | None = None) -> None:
+        """**Arguments**: values by name for those of the function's arguments that are not to have their
+        defaults. **Raises** CaseError for an argument that there is not, has no value, or cannot be kept in
+        a file (numbers, texts, and lists of them can).
+        """
+        self.name = function.__name__
+        self._function, self._place = function, _place_of(function)
+        self.arguments = _arguments(self, function, arguments or {})
+
+    @classmethod
+    def load(cls, place: str, arguments: Mapping[str, Any] | None = None) -> Program:
+        """Program of "FILE.py:FUNCTION". **Raises** CaseError where there is none, or importing it fails."""
+        return cls(_function_at(place), arguments)
+
+    def __repr__(self) -> str:
+        """The call that makes the problem."""
+        return f"{self.place}({', '.join(f'{k}={v!r}' for k, v in self.arguments.items())})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A worker elsewhere imports the file anew."""
+        if self._place:
+            return Program.load, (self._place, self.arguments)
+        return Program, (self._function, self.arguments)
+
+    @property
+    def place(self) -> str:
+        """Where the function is, "FILE.py:FUNCTION"; its name alone for one that no file can be asked for."""
+        return self._place or self.name
+
+    @property
+    def importable(self) -> bool:
+        """Whether another process can import the function."""
+        return bool(self._place)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file that the function is in, or of its own text; empty where there is none."""
+        try:
+            text = (
+                Path(self._place.rpartition(":")[0]).read_bytes() if self._place else _text_of(self._function)
+            )
+        except OSError:
+            return ""
+        return hashlib.sha256(text).hexdigest()
+
+    def problem(self) -> Problem:
+        """Calls the function. **Raises** CaseError where it raises, or returns no `Problem`."""
+        try:
+            made = self._function(**self.arguments)
+        except CaseError as error:
+            raise CaseError(f"{self}: {error}") from None
+        except Exception as error:
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(frame.filename).name}, line {frame.lineno}"
+            raise CaseError(f"{self}: raised {type(error).__name__}: {error} ({where})") from error
+        if not isinstance(made, Problem):
+            raise CaseError(
+                f"{self}: returned {_kind(made)}: must be a js.Problem, such as js.Problem(model, state, "
+                "sample_dt, t1)"
+            )
+        if made.name == "assembled":
+            made.name = self.name
+        return made
+
+    def replace(self, changes: Mapping[str, Any]) -> Program:
+        """A copy with arguments changed, by name; None gives one its default back. **Raises** CaseError."""
+        wanted = {k: v for k, v in {**self.arguments, **changes}.items() if v is not None}
+        return Program(self._function, wanted)
+
+    def value(self, name: str) -> Any:
+        """Value of an argument. **Raises** CaseError where the function has none of this name."""
+        if name not in self.arguments:
+            raise CaseError(_unknown(self, name, self.arguments))
+        return self.arguments[name]
+
+    def to_toml(self) -> str:
+        """Name of the file and the function, digest and arguments of the program, as TOML text."""
+        place = self.place.replace("\\", "/").rpartition("/")[2]
+        about = {"name": self.name, "program": place, "digest": self.digest}
+        return toml_text(about | {"arguments": self.arguments})
+
+    def roughness(self, name: str) -> str:
+        """See `Source`: whether an argument moves the lattice is seen when it is tried."""
+        del name
+        return ""
+
+
+def _arguments(
+    program: Program, function: Callable[..., Problem], given: Mapping[str, Any]
+) -> dict[str, bool | int | float | str | list[Any]]:
+    """Values of all arguments of a function by name. **Raises** CaseError, see `Program`."""
+    known = inspect.signature(function).parameters
+    kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    if unnamed := [name for name, one in known.items() if one.kind not in kinds]:
+        raise CaseError(f"{program.place}: {', '.join(unnamed)}: every argument must have a name of its own")
+    for name in given:
+        if name not in known:
+            raise CaseError(_unknown(program, name, known))
+    found = {}
+    for name, one in known.items():
+        value = given.get(name, one.default)
+        if value is inspect.Parameter.empty:
+            raise CaseError(f"{program.place}: {name}: is missing; give it as {name}=VALUE, or a default")
+        found[name] = _plain(program, name, value, one.default)
+    return found
+
+
+def _plain(program: Program, name: str, value: Any, default: Any) -> Any:
+    """A value as a file keeps it; a whole number for an argument whose default is no whole one is a float."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(program, name, part, None) for part in value]
+    if not isinstance(value, VALUES):
+        raise CaseError(
+            f"{program.place}: {name} = {value!r}: must be a number, a text, true or false, or a list of them"
+        )
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return float(value) if whole and isinstance(default, float) else value
+
+
+def _unknown(program: Program, name: str, known: Mapping[str, Any]) -> str:
+    """Words for an argument that a function does not have."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    meant = f"; did you mean {near[0]!r}?" if near else ""
+    return f"{program.place}: has no argument {name!r}{meant} (it has {', '.join(known) or 'none'})"
+
+
+def _kind(value: Any) -> str:
+    return "nothing" if value is None else f"a {type(value).__name__}"
+
+
+def _text_of(function: Callable[..., Problem]) -> bytes:
+    """Text of a function, empty where Python does not know it."""
+    try:
+        return inspect.getsource(function).encode()
+    except (OSError, TypeError):
+        return b""
+
+
+def _place_of(function: Callable[..., Problem]) -> str:
+    """Where another process finds a function, "FILE.py:FUNCTION"; empty where it cannot."""
+    file = inspect.getsourcefile(function) if inspect.isfunction(function) else None
+    if file is None or not Path(file).is_file() or function.__qualname__ != function.__name__:
+        return ""
+    return f"{Path(file).resolve()}:{function.__name__}"
+
+
+def _function_at(place: str) -> Callable[..., Problem]:
+    """Function of "FILE.py:FUNCTION", its file imported once. **Raises** CaseError."""
+    text, _, name = place.rpartition(":")
+    file = Path(text).resolve()
+    if not text.endswith(".py") or not name.isidentifier():
+        raise CaseError(f"{place!r}: must be FILE.py:FUNCTION, such as buoy.py:buoy")
+    if not file.is_file():
+        raise CaseError(f"{text}: there is no such file")
+    try:
+        module = _loaded.get(str(file)) or _import(file)
+    except Exception as error:
+        raise CaseError(f"{text}: importing it raised {type(error).__name__}: {error}") from error
+    function = getattr(module, name, None)
+    if not inspect.isfunction(function):
+        here = [
+            n
+            for n, one in vars(module).items()
+            if inspect.isfunction(one) and one.__module__ == module.__name__
+        ]
+        near = difflib.get_close_matches(name, here, n=1)
+        meant = f"; did you mean {near[0]}?" if near else ""
+        raise CaseError(f"{text}: has no function {name!r}{meant} (it has {', '.join(here) or 'none'})")
+    return function
+
+
+def _import(file: Path) -> ModuleType:
+    """Module of a file; it finds the files beside it, as a script does."""
+    if str(file.parent) not in sys.path:
+        sys.path.insert(0, str(file.parent))
+    # a name of its own: `buoy.py` may not hide a module called buoy that is installed
+    name = f"jaxsph_program_{hashlib.sha256(str(file).encode()).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None, "a .py file has a loader"
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    _loaded[str(file)] = module
+    return module

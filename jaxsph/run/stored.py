@@ -1,0 +1,78 @@
+"""Source of a run's or a sweep's file: what was run, read from the text that the file keeps."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from jaxsph.case.case import Case
+from jaxsph.errors import CaseError, FileError
+from jaxsph.output.run_file import RunFile
+from jaxsph.problem.program import Program
+from jaxsph.problem.source import Source, identity
+from jaxsph.problem.sources import Assembled, source_of
+
+
+def stored_source(file: RunFile, given: Any = None) -> Source:
+    """What was run, from a run's file.
+
+    **Arguments**: `given`: the program or the problem that was run, where it was no case. **Raises**
+    FileError where it is another one, where its source has changed since, or where there is none.
+    """
+    keys = file.case_keys()
+    if "program" in keys:
+        return _program(file.path, keys, given)
+    stored = Case.from_dict(keys)
+    if given is not None and given != stored:
+        raise FileError(
+            f"{file.path}: was made by another case than the one given ({stored.name!r} against "
+            f"{getattr(given, 'name', given)!r}, or other values): resume without a case, or run the new one "
+            "to a new file"
+        )
+    return stored
+
+
+def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
+    """Source of a file that no case has made. **Raises** FileError, see `stored_source`."""
+    place = keys["program"]
+    if given is None:
+        again = f"jaxsph resume {path} --program {place}" if place else "js.resume(path, given=problem)"
+        raise FileError(
+            f"{path}: was made by {place or 'a problem that a program assembled'}, and a file makes nobody "
+            f"import a program: name it again, {again}"
+        )
+    source = source_of(given)
+    if isinstance(source, Program) and source.arguments != keys.get("arguments"):
+        source = _with_arguments(path, source, keys.get("arguments", {}))
+    if isinstance(source, Case) or isinstance(source, Assembled) == bool(place):
+        raise FileError(f"{path}: was made by {place or 'an assembled problem'}, and not by {source.name!r}")
+    if isinstance(source, Program):
+        if Path(source.place).name != Path(place).name:
+            raise FileError(f"{path}: was made by {place}, and not by {source.place}")
+        if source.digest != keys["digest"]:
+            raise FileError(
+                f"{path}: {place} has changed since it was begun, and might make another problem: take the "
+                "program as it was, or run the new one to a new file"
+            )
+    return source
+
+
+def _with_arguments(path: Path, program: Program, arguments: dict[str, Any]) -> Program:
+    try:
+        return program.replace(arguments)
+    except CaseError as error:
+        raise FileError(f"{path}: was made with other arguments ({error})") from None
+
+
+def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
+    """Values of what was run by dotted name, by a file's text. **Raises** FileError where this version does
+    not read it."""
+    try:
+        keys = tomllib.loads(text)
+        return identity(text if "program" in keys else Case.from_dict(keys).to_toml())
+    except (CaseError, tomllib.TOMLDecodeError) as error:
+        raise FileError(
+            f"{path}: this version does not read its case ({error}); take the version that wrote it, "
+            f"{version}"
+        ) from None
