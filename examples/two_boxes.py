@@ -15,7 +15,7 @@ walls = js.Ghosts.build(
     shapes=boxes,
 )
 bodies = [
-    js.RigidBody.of(shape, rows, ("surge", "heave", "pitch"), density=density, name=f"body_{k}")
+    js.RigidBody.of(shape, rows, ("surge", "heave", "pitch"), density=density, name=f"{k}")
     for k, (shape, rows, density) in enumerate(zip(boxes, walls.dummies, densities, strict=True))
 ]
 x, volume = js.still_water(walls, depth, dx, boxes)

@@ -8,7 +8,7 @@ dx, depth, length, tip, sample = 0.04, 0.44, 2.0, 0.28, 0.02
 plates = (js.WallPlate(1.52, 1.56, tip), js.WallPlate(1.76, 1.80, tip))
 chambers = [
     js.Chamber.of(js.PneumaticPTO(jnp.float32(K)), between=sides, tip=tip, level=depth, dx=dx, name=name)
-    for name, sides, K in (("chamber_sea", (1.56, 1.76), 300.0), ("chamber_land", (1.80, 2.0), 600.0))
+    for name, sides, K in (("sea", (1.56, 1.76), 300.0), ("land", (1.80, 2.0), 600.0))
 ]
 scheme = js.DeltaSPH.of(dx, c0=22.0, viscosity=js.ArtificialViscosity(0.02))
 box = js.Box((0.0, 0.0), (length, 0.8), paddle=True, stroke=0.1)
@@ -29,6 +29,6 @@ model, state = js.assemble(
     **still,
 )
 solution = js.march(model, state, 2.4, sample, js.default_probes(model, state, sample))
-for name in ("_sea", "_land"):
-    energy, most = solution["power_pto" + name].sum() * sample, solution["P_a" + name].max()
-    print(f"chamber{name}: largest pressure {most:.1f} Pa, energy {energy:.3f} J/m")
+for name in ("sea", "land"):
+    energy, most = solution[f"power_pto_{name}"].sum() * sample, solution[f"P_a_{name}"].max()
+    print(f"chamber {name}: largest pressure {most:.1f} Pa, energy {energy:.3f} J/m")

@@ -14,7 +14,7 @@ from jaxsph import analysis
 from jaxsph.case.probes import make_probes
 from jaxsph.model import laws
 from jaxsph.model.state import Failure
-from jaxsph.probes.devices import BodyProbe
+from jaxsph.probes.parts import PartProbe
 from jaxsph.report.labels import LABELS
 from jaxsph.schemes.poisson import BiCGStab, Explicit
 from jaxsph.schemes.projection import RELAXATION
@@ -90,7 +90,7 @@ def test_a_box_floats_in_weakly_compressible_water_too(advanced):
     case = {k: v for k, v in FLOATING.items() if k != "scheme"}
     model, state = js.build(js.Case.from_dict(case))
     sample = 0.02
-    found = js.march(model, state, 0.2, sample, (BodyProbe(jnp.float32(sample)),))
+    found = js.march(model, state, 0.2, sample, (PartProbe.of(model.bodies[0], jnp.float32(sample), 2),))
     mean = found["body_force_mean"][1:, 1].mean()
     np.testing.assert_allclose(mean, 500.0 * 0.3 * 0.3 * 9.81, rtol=0.03)
     assert np.abs(found["heave"]).max() < 0.02 * 0.15

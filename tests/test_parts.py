@@ -14,10 +14,9 @@ from jaxsph import analysis
 from jaxsph.model.meaning import Exchange
 from jaxsph.model.state import Tally
 from jaxsph.parts.rotational import RotationalPTO
-from jaxsph.probes.default import _harvest
-from jaxsph.probes.devices import BodyProbe, ChamberProbe
 from jaxsph.probes.gauges import WaveGauge
 from jaxsph.probes.joined import described, measured
+from jaxsph.probes.parts import PartProbe
 from jaxsph.schemes.integrators import PredictorCorrector
 from jaxsph.schemes.step import at_rest, move_walls
 
@@ -162,12 +161,8 @@ def test_a_chamber_and_a_body_have_readings_of_their_own():
     block = js.Block((0.4, 0.28), (0.64, 0.52))
     bodies = [js.RigidBody.of(block, (0, 1), ("heave",), density=500.0)]
     hinge = RotationalPTO.of(damping=1.0)
-    bodies.append(js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="body_2"))
-    probes = [ChamberProbe(jnp.float32(0.01), 0, "", (), _harvest(chamber))]
-    probes += [
-        BodyProbe(jnp.float32(0.01), k, body.name.removeprefix("body"), 2, _harvest(body))
-        for k, body in enumerate(bodies)
-    ]
+    bodies.append(js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="2"))
+    probes = [PartProbe.of(part, jnp.float32(0.01), 2) for part in (chamber, *bodies)]
     powers = [name for name in described(probes) if name.startswith("power_")]
     assert powers == ["power_pto", "power_pto_2"]
 
@@ -177,9 +172,13 @@ def test_a_chamber_and_a_body_have_readings_of_their_own():
 )
 def test_amounts_of_two_dimensions_are_per_metre_of_width(dim, force, flow):
     """No amount of a device has the unit of the other number of dimensions."""
-    every = jnp.float32(0.01)
-    found = described((BodyProbe(every, dim=dim, harvest=("pto_b",)), ChamberProbe(every, dim=dim)))
-    assert found["body_force"].units == found["body_force_mean"].units == force
+    hinge = RotationalPTO.of(damping=1.0)
+    block = js.Block((0.4, 0.28), (0.64, 0.52))
+    body = js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="b")
+    pto = js.PneumaticPTO(jnp.float32(100.0))
+    chamber = js.Chamber.of(pto, between=(1.0, 1.2), tip=0.2, level=0.4, dx=0.04)
+    found = described([PartProbe.of(part, jnp.float32(0.01), dim) for part in (body, chamber)])
+    assert found["body_force_b"].units == found["body_force_mean_b"].units == force
     assert found["flow"].units == found["flow_mean"].units == flow
     assert found["chamber_volume"].units == ("m2" if dim == 2 else "m3")
     assert found["power_pto"].units == found["power_pto_b"].units == ("W m-1" if dim == 2 else "W")

@@ -1,13 +1,16 @@
 """Pictures: there when their data are, not blank, and drawn to scale."""
 
+import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
 import pytest
+from conftest import coarse
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 
 import jaxsph as js
 from jaxsph import analysis
+from jaxsph.case.geometry import Geometry
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.particles import animate, particles
@@ -16,23 +19,25 @@ from jaxsph.output.plot.series import chamber, energy, energy_terms, gauges
 from jaxsph.output.plot.spectrum import draw_sea
 from jaxsph.output.plot.style import ORANGE
 from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
-from jaxsph.output.plot.tank import Tank
+from jaxsph.output.plot.tank import Outline, Tank
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import Meanings, SweepFile
+from jaxsph.run.scene import scene_of
 from jaxsph.waves.linear_owc import linear_response
 from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
-CASE = """
-name = "little owc"
-dx = 0.05
-[tank]
-length = 3.0
-depth = 0.3
-[device]
-chamber_length = 0.2
-wall_thickness = 0.05
-draught = 0.1
-"""
+CASE = 'name = "little owc"\ndx = 0.05\n'
+
+
+def _scene(length=3.0):
+    """A tank with a paddle, and a plate before its end."""
+    paddle = {"name": "paddle", "corners": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "pivot": [0, 0]}
+    x0, x1 = length - 0.25, length - 0.2
+    plate = {"name": "", "corners": [[x0, 0.2], [x1, 0.2], [x1, 9], [x0, 9]], "pivot": [0, 0]}
+    box = {"dx": 0.05, "low": [0, 0], "high": [length, 0.6], "walls": [False, True, True], "level": 0.3}
+    return box | {"solids": [paddle, plate]}
+
+
 SCALARS = {
     "chamber_level": "m",
     "flow": "m2 s-1",
@@ -70,11 +75,12 @@ def _series(k):
     return {"time": t} | series
 
 
-def _make(path, case=CASE, snapshots=3, dim=2, drop=()):
+def _make(path, case=CASE, snapshots=3, dim=2, drop=(), scene=None):
     """A run with every series but those dropped, and snapshots of a hydrostatic lattice."""
     gauge = {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "x")}
     sensor = {f"sensor_{c}": ("sensor", np.array([0.1]), "m", c) for c in "xz"}
-    run = RunFile.create(path, case, {}, gauge | sensor)
+    scene = _scene() if scene is None else scene
+    run = RunFile.create(path, case, {}, gauge | sensor, scene=scene)
     variables = {name: Variable(units, name) for name, units in SCALARS.items()}
     for name in ("kinetic", "power_paddle", "power_sponge"):
         variables[name] = Variable(SCALARS[name], name, group="energy")
@@ -84,7 +90,7 @@ def _make(path, case=CASE, snapshots=3, dim=2, drop=()):
         series = {name: v for name, v in _series(k).items() if name not in drop}
         snapshot = {
             "time": 0.1 * (k + 1),
-            "paddle": 0.02 * k,
+            "paddle": np.array([0.02 * k, 0.0, 0.0]),
             "x": x,
             "u": x,
             "p": 9810.0 * (0.3 - x[:, -1]),
@@ -133,10 +139,10 @@ def test_foreign_file(tmp_path):
         plot_run(tmp_path / "none.h5")
 
 
-@pytest.mark.parametrize("case", [CASE, "dx = 0.05", "", "[tank]\nlength = 3.0"])
+@pytest.mark.parametrize("scene", [_scene(), {}])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_particles_are_drawn_to_scale_whatever_the_case_says(tmp_path, case, dim):
-    run = _make(tmp_path / "run.h5", case, snapshots=1, dim=dim)
+def test_particles_are_drawn_to_scale_with_a_scene_and_without(tmp_path, scene, dim):
+    run = _make(tmp_path / "run.h5", snapshots=1, dim=dim, scene=scene)
     figure = particles(run)
     pixels = _pixels(figure)
     collections = [c for ax in figure.axes for c in ax.collections]
@@ -156,25 +162,53 @@ def test_particles_are_drawn_to_scale_whatever_the_case_says(tmp_path, case, dim
 def test_long_tank_has_strips_and_the_device_enlarged(tmp_path):
     run = _make(tmp_path / "run.h5", snapshots=1)
     titles = [ax.get_title(loc="left") for ax in particles(run).axes]
-    assert "the OWC, enlarged" in titles
-    long = _make(tmp_path / "long.h5", CASE.replace("3.0", "12.0"), snapshots=1)
+    assert "the device, enlarged" in titles
+    long = _make(tmp_path / "long.h5", snapshots=1, scene=_scene(12.0))
     assert len(particles(long).axes) > len(titles)
 
 
-def test_plate_is_where_the_case_is_built(tmp_path):
-    text = CASE.replace("0.2\n", "0.19\n")
-    tank = Tank.of(_make(tmp_path / "run.h5", text, snapshots=1))
-    # the faces are where the case puts them; the draught is whole spacings
-    assert tank.plate == pytest.approx((2.76, 2.81, 0.2))
-    assert tank.platform is None
+def test_solids_are_drawn_where_the_model_has_them(tmp_path):
+    """The plate and the raised bed of a device, and a paddle that has moved; none beyond the walls."""
+    raised = {"device.platform_length": 0.52, "device.platform_height": 0.12}
+    case = coarse("owc", raised)
+    geometry, scene = Geometry.of(case), scene_of(case.problem())
+    tank = Tank.of(_make(tmp_path / "run.h5", snapshots=1, scene=scene))
+    shown = {one.name or k: one.corners for k, one in enumerate(tank.solids)}
+    assert list(shown) == [0, 1, "paddle"] and tank.walls == (False, True, True)
+    assert tank.depth == pytest.approx(geometry.depth) and tank.x1 == pytest.approx(geometry.length)
+    plate, bed = shown[0], shown[1]
+    assert sorted(set(plate[:, 0])) == pytest.approx([geometry.plate.x0, geometry.plate.x1])
+    assert plate[:, 1].min() == pytest.approx(geometry.plate.tip) and plate[:, 1].max() > 1.0
+    assert sorted(set(bed[:, 0])) == pytest.approx([geometry.platform.start, geometry.length])
+    assert sorted(set(bed[:, 1])) == pytest.approx([0.0, geometry.platform.height])
+    moved = tank.solids[2].at({"paddle": np.array([0.05, 0.0, 0.0])})
+    assert moved[:, 0].max() == pytest.approx(0.05)
 
 
-def test_platform_is_drawn_where_the_case_is_built(tmp_path):
-    text = CASE.replace("[device]\n", "[device]\nplatform_length = 0.52\nplatform_height = 0.12\n")
-    run = _make(tmp_path / "run.h5", text, snapshots=1)
-    assert Tank.of(run).platform == pytest.approx((2.5, 0.1))
-    boxes = [patch.get_bbox() for patch in particles(run).axes[0].patches]
-    assert any(box.x0 == pytest.approx(2.5) and box.y1 == pytest.approx(0.1) for box in boxes)
+def test_a_body_is_drawn_in_its_pose():
+    """Turned by a quarter about its pivot, landward, a block lies on its side."""
+    body = Outline("flap", np.array([[1.0, 0.0], [1.2, 0.0], [1.2, 0.6], [1.0, 0.6]]), np.array([1.1, 0.0]))
+    lying = body.at({"flap": np.array([0.1, 0.05, 0.5 * np.pi])})
+    assert lying.min(axis=0) == pytest.approx([1.2, -0.05]) and lying.max(axis=0) == pytest.approx(
+        [1.8, 0.15]
+    )
+
+
+def test_a_shape_of_your_own_has_the_outline_of_its_distance():
+    class Ellipse(js.Disc):
+        def distance(self, x):
+            return jnp.sqrt(jnp.sum((x - jnp.array([1.0, 0.5])) ** 2 / jnp.array([0.04, 0.01]), axis=1)) - 1.0
+
+        def moments(self):
+            area = np.pi * 0.2 * 0.1
+            return area, (1.0, 0.5), 0.25 * area * (0.2**2 + 0.1**2)
+
+    found = Ellipse((1.0, 0.5), 0.2).outline()
+    away = np.hypot((found[:, 0] - 1.0) / 0.2, (found[:, 1] - 0.5) / 0.1)
+    # a grid of 160 intervals over six radii of gyration, between whose points the line is straight
+    assert len(found) > 50 and np.abs(away - 1.0).max() < 0.01
+    disc = js.Disc((1.0, 0.5), 0.2).outline()
+    assert np.abs(np.hypot(*(disc - [1.0, 0.5]).T) - 0.2).max() < 1e-3
 
 
 def test_overlay_is_drawn_at_each_gauge(tmp_path):

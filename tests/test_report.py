@@ -49,14 +49,26 @@ DRAW = """() => {
     return 40000 / (performance.now() - began);
 }"""
 
+SCENE = {
+    "dx": 0.04,
+    "low": [0.0, 0.0],
+    "high": [7.84, 0.8],
+    "walls": [False, True, True],
+    "level": 0.44,
+    "solids": [
+        {"name": "paddle", "corners": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "pivot": [0, 0]},
+        {"name": "", "corners": [[7.67, 0.28], [7.71, 0.28], [7.71, 9], [7.67, 9]], "pivot": [0, 0]},
+    ],
+}
+"""What is drawn around the particles of a run that is not made: a paddle, and a plate before the end."""
+
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
 def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200, two=True):
     """File of a run whose water turns about the tank's middle as a rigid body; no run is made."""
-    run = RunFile.create(
-        path, case.to_toml(), {}, {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "gauges")}
-    )
+    gauges = {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "gauges")}
+    run = RunFile.create(path, case.to_toml(), {}, gauges, scene=SCENE)
     rng, side = np.random.default_rng(0), int(np.sqrt(particles))
     x = np.stack(np.meshgrid(np.linspace(0.1, 7.7, side), np.linspace(0.02, 0.4, side)), -1).reshape(-1, 2)
     x += 1e-3 * rng.normal(size=x.shape)
@@ -64,7 +76,8 @@ def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200,
         x = np.stack([x[:, 0], np.where(np.arange(len(x)) % 2, 0.5, 0.05), x[:, 1]], axis=1)
     middle = x.mean(axis=0)
     variables = {name: Variable("m", name) for name in ("eta", "chamber_level", "flow", "P_a")}
-    variables |= {name: Variable("J m-1", name) for name in ("kinetic", "potential", "compression")}
+    energies = ("kinetic", "potential", "compression")
+    variables |= {name: Variable("J m-1", name, group="energy") for name in energies}
     variables["power_pto"] = Variable("W m-1", "power_pto")
     variables["power_paddle"] = Variable("W m-1", "power_paddle", group="energy")
     for k in range(frames):
@@ -80,7 +93,7 @@ def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200,
         at[:, [0, -1]] = (x[:, [0, -1]] - middle[[0, -1]]) @ np.array([[c, -s], [s, c]]) + middle[[0, -1]]
         u = np.zeros_like(x)
         u[:, 0], u[:, -1] = 0.1 * (at[:, -1] - middle[-1]), -0.1 * (at[:, 0] - middle[0])
-        snapshot = {"time": t[-1], "step": k, "paddle": 0.01 * k, "id": np.arange(len(x))}
+        snapshot = {"time": t[-1], "step": k, "paddle": np.array([0.01 * k, 0, 0]), "id": np.arange(len(x))}
         snapshot |= {"x": at, "u": u, "p": 9810 * (0.42 - at[:, -1])}
         run.append(series, variables, snapshot, {"a": np.zeros(1)}, {"wall_seconds": 1.0})
     if results:
@@ -158,6 +171,7 @@ def test_what_leaves_the_tank_is_not_seen(tmp_path):
     frames = Frames(run)
     frames.run = type("One", (), {
         "path": path, "case_keys": lambda self: run.case_keys(), "snapshot_count": 1,
+        "scene": lambda self: run.scene(),
         "snapshot": lambda self, i: snapshot,
     })()  # fmt: skip
     pack = Pack()

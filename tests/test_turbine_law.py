@@ -115,8 +115,8 @@ def test_slopes_of_a_single_valve_are_numbers_forward_and_in_reverse(swinging, v
 class _Meter(js.PneumaticPTO):
     """A quadratic turbine with a name of its own in the ledger."""
 
-    def entries(self, suffix):
-        return {"rotor": Entry(f"rotor of the chamber{suffix}", Exchange.HARVESTED)}
+    def entries(self, whose):
+        return {"rotor": Entry(f"rotor of the {whose}", Exchange.HARVESTED)}
 
 
 def test_a_power_take_off_has_a_ledger_name_of_its_own(swinging):

@@ -92,12 +92,12 @@ class AbstractPTO(eqx.Module):
         (name,) = self.entries("")  # a power take-off with several entries says what flows through each
         return {name: q}
 
-    def entries(self, suffix: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, for a chamber's `suffix`, by the names before the suffix.
+    def entries(self, whose: str) -> Mapping[str, Entry]:
+        """Energies that the power take-off books, by what they are; `whose`: the chamber's name.
 
         The energy that is used is `Exchange.HARVESTED`.
         """
-        return {"pto": Entry(f"power take-off of the chamber{suffix}", Exchange.HARVESTED)}
+        return {"pto": Entry(f"power take-off of the {whose}", Exchange.HARVESTED)}
 
 
 class Pressed(NamedTuple):

@@ -23,7 +23,8 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Chosen, Sources
 from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
-from jaxsph.model.meaning import Entry, Reading
+from jaxsph.model.meaning import Entry
+from jaxsph.model.part import AbstractPart
 from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Tables
 
@@ -161,11 +162,8 @@ class ExactTangents(AbstractTangents):
         return state
 
 
-class AbstractDamper(eqx.Module):
+class AbstractDamper(AbstractPart):
     """A zone that draws the velocities of the water in it towards given ones, such as none."""
-
-    name: eqx.AbstractVar[str]
-    """Name in the ledger of the energy that the damper takes, or gives."""
 
     @abc.abstractmethod
     def damp(
@@ -173,24 +171,13 @@ class AbstractDamper(eqx.Module):
     ) -> Float[Array, "N D"]:
         """Velocities of water at x (m) after a step of dt (s) to the time t (s), from their u (m/s), m/s."""
 
-    @abc.abstractmethod
-    def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energy that the damper books, under its name: taken, or given to the water."""
 
-
-class AbstractOutlet(eqx.Module):
+class AbstractOutlet(AbstractPart):
     """A place where water leaves the model for good."""
-
-    name: eqx.AbstractVar[str]
-    """Key of its state in `State.own`, and of its energy in the ledger."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
         """State at t = 0, to become `State.own[name]`."""
-
-    @abc.abstractmethod
-    def entries(self) -> Mapping[str, Entry]:
-        """Energies that the outlet books."""
 
     @abc.abstractmethod
     def drain(self, model: Model, state: State) -> State:
@@ -225,29 +212,15 @@ class AbstractGrip(eqx.Module):
         """
 
 
-class AbstractChamber(eqx.Module):
+class AbstractChamber(AbstractPart):
     """A chamber of trapped air over a part of the water's surface."""
 
-    name: eqx.AbstractVar[str]
-    """Key of the chamber's air in `State.own`."""
     pto: eqx.AbstractVar[AbstractPTO]
     """Power take-off of the chamber."""
 
     @abc.abstractmethod
-    def readings(self, dim: int) -> Mapping[str, Reading]:
-        """Meaning of the readings of `read`, in so many dimensions."""
-
-    @abc.abstractmethod
-    def read(self, own: Air) -> Mapping[str, Scalar]:
-        """Readings of the chamber's air besides pressure and flow."""
-
-    @abc.abstractmethod
     def start(self, dtype: Any) -> Air:
         """Air of the chamber at t = 0."""
-
-    @abc.abstractmethod
-    def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energies that the chamber books, by their names in the ledger."""
 
     @abc.abstractmethod
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
@@ -406,18 +379,15 @@ class Model(eqx.Module):
             p = p + chamber.water_pressure(own, self.scheme.grip, state.particles.x)
         return p
 
+    @property
+    def parts(self) -> tuple[AbstractPart, ...]:
+        """Parts that exchange energy with the water or are read."""
+        return (*self.moving, *self.bodies, *self.chambers, *self.dampers, *self.outlets)
+
     def entries(self) -> dict[str, Entry]:
         """Meaning of every energy of the ledger, by name."""
         found: dict[str, Entry] = {}
-        parts = (
-            *self.moving,
-            *self.bodies,
-            *self.chambers,
-            *self.dampers,
-            *self.outlets,
-            self.scheme,
-        )
-        for part in parts:
+        for part in (*self.parts, self.scheme):
             found |= part.entries()
         return found
 

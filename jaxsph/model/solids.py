@@ -11,9 +11,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.meaning import Entry
+from jaxsph.model.part import AbstractPart
 from jaxsph.model.state import Particles
 
 __all__ = [
@@ -42,8 +44,16 @@ class AbstractSolid(eqx.Module):
     def contains(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
         """True for particles at x (m) that are inside the solid, by more than a rounding error."""
 
+    def outline(self, far: float) -> np.ndarray:
+        """Corners `[K, 2]` (x, z) (m) of the solid in pictures, at rest; none by default.
 
-class AbstractMovingSolid(AbstractSolid):
+        What has no end, or ends where no picture shows it, reaches to the distance `far` (m).
+        """
+        del far
+        return np.zeros((0, 2))
+
+
+class AbstractMovingSolid(AbstractSolid, AbstractPart):
     """A solid that moves and has ghosts of its own."""
 
     rows: eqx.AbstractVar[tuple[int, int]]
@@ -52,10 +62,6 @@ class AbstractMovingSolid(AbstractSolid):
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
         """Motion of the solid at t = 0, to become `State.own[name]`."""
-
-    @abc.abstractmethod
-    def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energies that the solid books, by their names in the ledger."""
 
     @abc.abstractmethod
     def place(self, own: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
@@ -68,6 +74,11 @@ class AbstractMovingSolid(AbstractSolid):
     @abc.abstractmethod
     def touches(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
         """True for particles at x (m) near enough to be stopped by the solid."""
+
+    def pose(self, own: Any) -> tuple[Array, Array]:
+        """Pose of the outline, surge, heave (m) and pitch (rad), and the pivot `[2]` (m) of its turning."""
+        del own
+        return jnp.zeros(3), jnp.zeros(2)
 
     @abc.abstractmethod
     def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
@@ -157,10 +168,6 @@ class AbstractBody(AbstractMovingSolid):
     @abc.abstractmethod
     def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
         """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D)."""
-
-    @abc.abstractmethod
-    def harvest(self) -> tuple[str, ...]:
-        """Names in the ledger of the energies that the body's power take-off takes."""
 
     @abc.abstractmethod
     def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:

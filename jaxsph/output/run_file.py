@@ -6,6 +6,7 @@ Layout (`SCHEMA`):
                            read; since (s), of a run whose case was changed
     settings               attributes: what fixed the arrays' shapes
     numbers                JSON: numbers that decide the run, such as the time step made of the case
+    scene                  JSON: outlines of the solids, drawn around the particles
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
                            variable with `units` and `long_name`; positions of gauges, sensors
     snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
@@ -22,6 +23,7 @@ file and journal as one (`output.run_view`).
 from __future__ import annotations
 
 import contextlib
+import json
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -45,6 +47,7 @@ from jaxsph.output.journal import Owner
 from jaxsph.output.run_groups import (
     Labels,
     describe,
+    put_text,
     replace_arrays,
     replace_results,
     take_series,
@@ -73,12 +76,13 @@ class RunFile(RunReader):
         overwrite: bool = False,
         numbers: Mapping[str, list[float]] | None = None,
         machine: str = "",
+        scene: Mapping[str, Any] | None = None,
     ) -> RunFile:
         """New file of a run without samples; folders are made as needed.
 
         **Arguments**: `coordinates`: name -> (dimension, values `[k]`, units, long name), such as
         "gauge_x": ("gauge", [...], "m", "..."); `numbers`: what decides the run, by name; `machine`: what it
-        begins on, in words.
+        begins on, in words; `scene`: what pictures draw around the particles (`run.scene`).
         **Raises** FileError where the file exists (and not `overwrite`) or cannot be written.
         """
         run = cls(path)
@@ -96,6 +100,7 @@ class RunFile(RunReader):
             file.attrs.update(schema=SCHEMA, jaxsph_version=version(), run=run._own.run, stage=0, read=0)
             file.attrs["machine"] = machine
             describe(file, case_toml, settings, numbers or {})
+            put_text(file, "scene", json.dumps(dict(scene or {})))
             write_coordinates(file.create_group("series"), coordinates)
             for name in ("snapshots", "checkpoint", "progress", "results"):
                 file.create_group(name)

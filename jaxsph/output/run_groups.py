@@ -24,7 +24,7 @@ def describe(
     """Writes the case, in the place of any other, with its settings and its numbers."""
     file.attrs["case"] = case_toml
     file.require_group("settings").attrs.update(settings)
-    _put_text(file, "numbers", json.dumps(dict(numbers)))
+    put_text(file, "numbers", json.dumps(dict(numbers)))
 
 
 def replace_results(
@@ -35,8 +35,8 @@ def replace_results(
     for name in list(attributes):
         del attributes[name]
     attributes.update({name: float(value) for name, value in results.items()})
-    _put_text(file, "notices", json.dumps(list(notices)))
-    _put_text(file, "labels", json.dumps(dict(labels)))
+    put_text(file, "notices", json.dumps(list(notices)))
+    put_text(file, "labels", json.dumps(dict(labels)))
 
 
 def text_of(file: h5py.File, name: str, default: Any) -> Any:
@@ -44,7 +44,8 @@ def text_of(file: h5py.File, name: str, default: Any) -> Any:
     return json.loads(read(file[name])) if name in file else default
 
 
-def _put_text(file: h5py.File, name: str, text: str) -> None:
+def put_text(file: h5py.File, name: str, text: str) -> None:
+    """Writes a text as a dataset, in the place of any other of the name."""
     if name in file:
         del file[name]
     file.create_dataset(name, data=text, dtype=h5py.string_dtype())

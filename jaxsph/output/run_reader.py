@@ -112,6 +112,11 @@ class RunReader:
         with open_file(self.path) as file:
             return text_of(file, "numbers", {})
 
+    def scene(self) -> dict[str, Any]:
+        """What pictures draw around the particles, see `run.scene`; empty in files of older versions."""
+        with open_file(self.path) as file:
+            return text_of(file, "scene", {})
+
     @property
     def since(self) -> float:
         """Time of the last change of the case in the course of its run, from which results count, s."""

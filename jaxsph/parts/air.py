@@ -29,8 +29,8 @@ class AbstractAirLaw(eqx.Module):
         """State of the air at t = 0, to become `Air.confined`."""
 
     @abc.abstractmethod
-    def entries(self, suffix: str) -> Mapping[str, Entry]:
-        """Energies that the air books besides the power take-off's, for a chamber's `suffix`."""
+    def entries(self, whose: str) -> Mapping[str, Entry]:
+        """Energies that the air itself books, by what they are; `whose`: the chamber's name."""
 
     @abc.abstractmethod
     def readings(self, dim: int) -> Mapping[str, Reading]:
@@ -73,9 +73,9 @@ class IncompressibleAir(AbstractAirLaw):
         del dtype
         return ()
 
-    def entries(self, suffix):
+    def entries(self, whose):
         """See `AbstractAirLaw`."""
-        del suffix
+        del whose
         return {}
 
     def readings(self, dim):
@@ -137,9 +137,9 @@ class IsentropicAir(AbstractAirLaw):
         """See `AbstractAirLaw`: air at ambient pressure."""
         return Confined(Tally.zero(dtype), jnp.zeros((), dtype))
 
-    def entries(self, suffix):
+    def entries(self, whose):
         """See `AbstractAirLaw`."""
-        return {"air": Entry(f"compression of the air in the chamber{suffix}")}
+        return {"air": Entry(f"compression of the air in the {whose}")}
 
     def readings(self, dim):
         """See `AbstractAirLaw`."""

@@ -8,7 +8,7 @@ N m (per metre in 2-D).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange, Reading
 from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Tally
 from jaxsph.parts.pose import PosedSolid, turn
@@ -79,6 +79,7 @@ class RigidBody(PosedSolid, AbstractBody):
     initial_pitch: float = eqx.field(static=True, default=0.0)
     """Pitch at t = 0, rad."""
     name: str = eqx.field(static=True, default="body", kw_only=True)
+    usual_name: ClassVar[str] = "body"
 
     def __check_init__(self) -> None:
         """Refuses a pivot for which the equations of motion do not hold (ValueError)."""
@@ -130,15 +131,38 @@ class RigidBody(PosedSolid, AbstractBody):
         return BodyMotion.at_rest(dtype, self.initial_velocity, (0.0, 0.0, self.initial_pitch))
 
     def entries(self):
-        """See `AbstractMovingSolid`."""
-        own = self.pto.entries(self.name)
-        if all(self.free):
-            return own
-        return {**own, f"{self.name}_drive": Entry(f"work of what moves the {self.name}", Exchange.GIVEN)}
+        """See `AbstractPart`."""
+        found = dict(self.pto.entries(self.name))
+        if not all(self.free):
+            found["body_drive"] = Entry(f"work of what moves the {self.name}", Exchange.GIVEN)
+        return {self.called(name): entry for name, entry in found.items()}
 
-    def harvest(self):
-        """See `AbstractBody`."""
-        return tuple(self.pto.entries(self.name))
+    def readings(self, dim):
+        """See `AbstractPart`."""
+        units = "N m-1, N m-1, N" if dim == 2 else "N, N, N m"
+        force = "the water's force on the body, and its moment about the pivot"
+        velocity = Reading("m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion")
+        found = {
+            "surge": Reading("m", "displacement of the body along the tank"),
+            "heave": Reading("m", "displacement of the body upwards"),
+            "pitch": Reading("rad", "angle of the body, positive landward"),
+            "body_velocity": velocity,
+            "body_force": Reading(units, force, "motion"),
+            "body_force_mean": Reading(units, f"{force}, mean since the last sample", "motion"),
+        }
+        return {self.called(name): reading for name, reading in found.items()}
+
+    def read(self, own, sampled):
+        """See `AbstractPart`."""
+        found = {
+            "surge": own.pose[0],
+            "heave": own.pose[1],
+            "pitch": own.pose[2],
+            "body_velocity": own.velocity,
+            "body_force": own.force + own.contact,
+            "body_force_mean": own.impulse.recent / sampled.interval,
+        }
+        return {self.called(name): value for name, value in found.items()}
 
     def exchanges(self, taken, driven):
         """See `AbstractBody`."""

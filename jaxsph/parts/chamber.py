@@ -6,7 +6,7 @@ air out of the chamber, positive when the water column rises; the PTO takes P_a 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -16,6 +16,7 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model import laws
 from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
 from jaxsph.model.interfaces import AbstractChamber, AbstractGrip
+from jaxsph.model.meaning import Reading
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
 
@@ -84,6 +85,7 @@ class Chamber(AbstractChamber):
     air: AbstractAirLaw = IncompressibleAir()
     """Air between the water and the power take-off."""
     name: str = eqx.field(static=True, default="chamber", kw_only=True)
+    usual_name: ClassVar[str] = "chamber"
 
     @classmethod
     def of(
@@ -115,22 +117,35 @@ class Chamber(AbstractChamber):
         zero = jnp.zeros((), dtype)
         return Air(zero, zero, Tally.zero(dtype), self.air.start(dtype))
 
-    @property
-    def _suffix(self) -> str:
-        return self.name.removeprefix("chamber")
-
     def entries(self):
-        """See `AbstractChamber`."""
-        found = {**self.pto.entries(self._suffix), **self.air.entries(self._suffix)}
-        return {name + self._suffix: entry for name, entry in found.items()}
+        """See `AbstractPart`."""
+        found = {**self.pto.entries(self.name), **self.air.entries(self.name)}
+        return {self.called(name): entry for name, entry in found.items()}
 
     def readings(self, dim):
-        """See `AbstractChamber`."""
-        return self.air.readings(dim)
+        """See `AbstractPart`."""
+        area, flow, width = ("m2", "m2 s-1", " per unit width") if dim == 2 else ("m3", "m3 s-1", "")
+        found = {
+            "chamber_level": Reading("m", "mean elevation of the chamber's surface over the still level"),
+            "chamber_volume": Reading(area, "water in the chamber above the level where flow is measured"),
+            "P_a": Reading("Pa", "gauge pressure of the chamber's air, positive when compressed"),
+            "flow": Reading(flow, f"flow of air out of the chamber{width}"),
+            "flow_mean": Reading(flow, "flow out of the chamber, mean since the last sample"),
+            **self.air.readings(dim),
+        }
+        return {self.called(name): reading for name, reading in found.items()}
 
-    def read(self, own):
-        """See `AbstractChamber`."""
-        return self.air.read(own)
+    def read(self, own, sampled):
+        """See `AbstractPart`."""
+        found = {
+            "chamber_level": self.level(sampled.x, sampled.V, sampled.dx),
+            "chamber_volume": self.volume(sampled.x, sampled.V, sampled.dx),
+            "P_a": own.P_a,
+            "flow": own.q,
+            "flow_mean": own.driven.recent / sampled.interval,
+            **self.air.read(own),
+        }
+        return {self.called(name): value for name, value in found.items()}
 
     @property
     def length(self) -> Scalar:
@@ -182,7 +197,7 @@ class Chamber(AbstractChamber):
         amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
         amounts |= {name: dt * (pressed.P_a * mean - head * passed) for name in self.air.entries("")}
         air = Air(pressed.P_a, after, own.driven.add(dt * after), self.air.finish(own, passed, mean, dt))
-        return air, {name + self._suffix: amount for name, amount in amounts.items()}
+        return air, {self.called(name): amount for name, amount in amounts.items()}
 
     def water_pressure(self, own, grip, x):
         """See `AbstractChamber`."""

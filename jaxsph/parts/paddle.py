@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
-from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.meaning import Entry, Exchange, Reading
 from jaxsph.model.solids import AbstractWall
 from jaxsph.solids.contact import TOUCH, spring
+from jaxsph.solids.shapes import box_corners
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.base import AbstractWaves
 
@@ -127,6 +128,22 @@ class Paddle(AbstractWall):
     def entries(self):
         """See `AbstractMovingSolid`."""
         return {self.name: Entry(f"work of the {self.name} on the water", Exchange.GIVEN)}
+
+    def outline(self, far):
+        """See `AbstractSolid`."""
+        return box_corners((-far, -far), (0.0, far))
+
+    def pose(self, own):
+        """See `AbstractMovingSolid`."""
+        return jnp.stack([own.X, 0.0 * own.X, 0.0 * own.X]), jnp.zeros(2)
+
+    def readings(self, dim):
+        """See `AbstractPart`."""
+        return {self.name: Reading("m", f"displacement of the {self.name}")}
+
+    def read(self, own, sampled):
+        """See `AbstractPart`."""
+        return {self.name: own.X}
 
     def move(self, own, water, depth_volume, t, dt):
         """See `AbstractWall`."""

@@ -57,6 +57,15 @@ class PosedSolid(AbstractMovingSolid):
         """See `AbstractSolid`."""
         return self.distance(own, x) < -0.5 * dx
 
+    def outline(self, far):
+        """See `AbstractSolid`."""
+        del far
+        return self.shape.outline()
+
+    def pose(self, own):
+        """See `AbstractMovingSolid`."""
+        return own.pose, self.pivot
+
     def touches(self, own, x, dx):
         """See `AbstractMovingSolid`."""
         return self.distance(own, x) < TOUCH * dx

@@ -169,9 +169,9 @@ class ControlledPTO(AbstractPTO):
         """Builds the power take-off of `control(*parameters, own, t)`; `parameters` are trees of arrays."""
         return cls(jax.tree_util.Partial(control, *parameters))
 
-    def entries(self, suffix):
+    def entries(self, whose):
         """See `AbstractPTO`: those of the power take-off that the function returns for air at rest."""
-        return self._at_rest(0.0).entries(suffix)
+        return self._at_rest(0.0).entries(whose)
 
     def at(self, own, t):
         """See `AbstractPTO`."""
@@ -201,9 +201,9 @@ class ReliefValve(AbstractPTO):
     under: Scalar
     """Suction that the air does not go beyond, Pa, as a positive number; inf for none."""
 
-    def entries(self, suffix):
+    def entries(self, whose):
         """See `AbstractPTO`."""
-        return {**self.turbine.entries(suffix), "relief": Entry(f"relief valve of the chamber{suffix}")}
+        return {**self.turbine.entries(whose), "relief": Entry(f"relief valve of the {whose}")}
 
     def at(self, own, t):
         """See `AbstractPTO`."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar
 from jaxsph.model.interfaces import AbstractOutlet, Model
-from jaxsph.model.meaning import Entry
+from jaxsph.model.meaning import Entry, Reading
 from jaxsph.model.state import State, Tally
 
 __all__ = ["Rim", "Spill"]
@@ -32,6 +32,7 @@ class Rim(AbstractOutlet):
     corner: tuple[float, ...] = eqx.field(static=True)
     """Place over the tank where particles without mass rest, m; its height is the rim's."""
     name: str = eqx.field(static=True, default="rim", kw_only=True)
+    usual_name: ClassVar[str] = "rim"
 
     def start(self, dtype: Any) -> Spill:
         """See `AbstractOutlet`: nothing has left."""
@@ -40,6 +41,16 @@ class Rim(AbstractOutlet):
     def entries(self):
         """See `AbstractOutlet`."""
         return {self.name: Entry(f"energy of the water that leaves over the {self.name}")}
+
+    def readings(self, dim):
+        """See `AbstractPart`."""
+        units = "m2" if dim == 2 else "m3"
+        what = "volume of water that has left over the rim since the start"
+        return {self.called("spilt"): Reading(units, what)}
+
+    def read(self, own, sampled):
+        """See `AbstractPart`."""
+        return {self.called("spilt"): own.mass.total / sampled.rho0}
 
     def drain(self, model: Model, state: State) -> State:
         """See `AbstractOutlet`."""

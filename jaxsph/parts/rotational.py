@@ -20,8 +20,8 @@ class AbstractRotationalPTO(eqx.Module):
     """Power take-off of a body's pitch: the moments about its pivot of dampers, springs and stops."""
 
     @abc.abstractmethod
-    def entries(self, name: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, for a body of this name."""
+    def entries(self, whose: str) -> Mapping[str, Entry]:
+        """Energies that the power take-off books, by what they are; `whose`: the body's name."""
 
     @abc.abstractmethod
     def moment(self, angle: Scalar, omega: Scalar) -> Scalar:
@@ -46,9 +46,9 @@ class AbstractRotationalPTO(eqx.Module):
 class FreeHinge(AbstractRotationalPTO):
     """Hinge without any moment: no power take-off, spring or stops."""
 
-    def entries(self, name):
+    def entries(self, whose):
         """See `AbstractRotationalPTO`."""
-        del name
+        del whose
         return {}
 
     def moment(self, angle, omega):
@@ -94,9 +94,9 @@ class RotationalPTO(AbstractRotationalPTO):
         """Builds a power take-off from plain numbers, in the units of the fields."""
         return cls(*(jnp.asarray(a, dtype) for a in (damping, coulomb, spring, stop, stop_stiffness)))
 
-    def entries(self, name):
+    def entries(self, whose):
         """See `AbstractRotationalPTO`."""
-        return {"pto" + name.removeprefix("body"): Entry(f"power take-off of the {name}", Exchange.HARVESTED)}
+        return {"pto": Entry(f"power take-off of the {whose}", Exchange.HARVESTED)}
 
     def friction(self, omega: Scalar) -> Scalar:
         """Moment of the Coulomb damping at the pitch's velocity omega (rad/s), N m."""

@@ -105,7 +105,8 @@ class Program:
     def to_toml(self) -> str:
         """Name of the file and the function, digest and arguments of the program, as TOML text."""
         place = self.place.replace("\\", "/").rpartition("/")[2]
-        about = {"name": self.name, "program": place, "digest": self.digest}
+        words = (inspect.getdoc(self._function) or "").partition("\n")[0]
+        about = {"name": self.name, "description": words, "program": place, "digest": self.digest}
         return toml_text(about | {"arguments": self.arguments})
 
     def roughness(self, name: str) -> str:

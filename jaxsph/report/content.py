@@ -48,6 +48,8 @@ PANELS = {
     "noise": "Noise of the particles, and their RMS speed",
 }
 """Titles of the panels over time, by the series that each shows, in the order of the page."""
+UNSHOWN = ("chamber_volume", "flow_mean", "body_velocity", "body_force_mean", "rms_speed", "limited")
+"""Series without a panel: what another one shows as well, and counts of the scheme's limiters."""
 FIRST = (
     *("periods", "periods_left_out", "P_inc", "E_inc", "P_owc", "P_pto", "capture_width"),
     *("xi", "xi_scatter", "xi_error", "xi_measured"),
@@ -91,7 +93,7 @@ def _case_of(keys: dict[str, Any]) -> Case | None:
 
 def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) -> list[tuple[str, str]]:
     numbers = run.numbers()
-    rows = [("spacing of the particles", f"{keys['dx']:g} m")] if "dx" in keys else []
+    rows = [("spacing of the particles", f"{numbers['dx'][0]:g} m")] if "dx" in numbers else []
     if "particles" in numbers:
         rows.append(("particles of water", f"{numbers['particles'][0]:.0f}"))
     if "dt" in numbers:
@@ -101,7 +103,8 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
         rows.append(("scheme", str(scheme).replace("_", " ")))
     rows.append(("precision", str(keys.get("precision", "float32"))))
     if len(series.get("time", ())):
-        rows.append(("time reached", f"{series['time'][-1]:.4g} s of {keys.get('t1', float('nan')):g} s"))
+        end = f" of {keys['t1']:g} s" if "t1" in keys else ""
+        rows.append(("time reached", f"{series['time'][-1]:.4g} s{end}"))
     seconds = run.results().get("wall_seconds", run.progress().get("wall_seconds"))
     if seconds is not None:
         rows.append(("wall time", _duration(seconds)))
@@ -130,8 +133,7 @@ def _warnings(
         ),
         (
             not results,
-            f"The run has not ended: it has reached t = {reached:.4g} s of {keys.get('t1', 0.0):g} s, and "
-            "there are no results yet.",
+            f"The run has not ended: it has reached t = {reached:.4g} s, and there are no results yet.",
         ),
         (
             noise > NOISY,
@@ -200,8 +202,8 @@ def panels(
     if len(series.get("time", ())) < 2:
         return []
     t, made = series["time"], []
-    for name, title in PANELS.items():
-        if name in series and np.ptp(np.nan_to_num(series[name])) > 0.0:
+    for name, title in _titles(series, variables).items():
+        if np.ptp(np.nan_to_num(series[name])) > 0.0:
             lines = [_line(label, t, values, pack) for label, values in _columns(name, series, coordinates)]
             for level in (expected or {}).get(name, ()):
                 ends = t[[0, -1]]
@@ -217,11 +219,33 @@ def panels(
     return made
 
 
+def _titles(series: Iterable[str], variables: Mapping[str, Variable]) -> dict[str, str]:
+    """Titles of the panels by series: those that the page knows, those of parts with names of their own, and
+    what else is read."""
+    found = {name: title for name, title in PANELS.items() if name in series}
+    for name in series:
+        if name in found or name == "time" or variables[name].group != "series" or _is_of(name, UNSHOWN):
+            continue
+        known = [base for base in PANELS if name.startswith(f"{base}_")]
+        if known:
+            base = max(known, key=len)
+            found[name] = f"{PANELS[base]}: {name.removeprefix(base + '_')}"
+        else:
+            words = variables[name].long_name
+            found[name] = words[:1].upper() + words[1:]
+    return found
+
+
+def _is_of(name: str, names: Iterable[str]) -> bool:
+    """Whether a series is one of those named, or that of a part with a name of its own."""
+    return any(name == one or name.startswith(f"{one}_") for one in names)
+
+
 def _panel(name: str, title: str, units: str, lines: list[dict[str, Any]]) -> dict[str, Any]:
     shown = {"1": "", "rad": "rad"}.get(
         units, units.replace("-1", "⁻¹").replace("-2", "⁻²").replace("2", "²")
     )
-    return {"name": name, "title": title, "unit": shown, "lines": lines, "running": name in RUNNING}
+    return {"name": name, "title": title, "unit": shown, "lines": lines, "running": _is_of(name, RUNNING)}
 
 
 def _columns(
@@ -232,7 +256,7 @@ def _columns(
     if name == "noise" and "rms_speed" in series:
         yield from (("noise", values), ("RMS speed", series["rms_speed"]))
     elif values.ndim == 1:
-        yield PANELS[name], values
+        yield PANELS.get(name, name), values
     elif name == "eta" and "gauge_x" in coordinates:
         yield from (
             (f"x = {x:.4g} m", row) for x, row in zip(coordinates["gauge_x"][1], values.T, strict=True)

@@ -116,9 +116,7 @@ class Frames:
             "high": high.tolist(),
             "dx": tank.dx * thinning**0.5,
             "fields": {name: _field(field, frames, rows, len(ids), pack) for name, field in FIELDS.items()},
-            "paddle": pack.array(np.array([f["paddle"] for f in frames])),
-            "pose": pack.array(np.concatenate([f["pose"] for f in frames])),
-            "tank": _solids(tank),
+            "tank": _scene(tank, frames, pack),
             "slice": first["x"].shape[1] == 3,
             "thinning": thinning,
         }
@@ -137,8 +135,11 @@ class Frames:
                 "time": float(snapshot["time"]),
                 "id": snapshot["id"][seen],
                 "at": cut.at[seen],
-                "paddle": float(snapshot.get("paddle", 0.0)),
-                "pose": np.asarray(snapshot.get("body", np.zeros(3)), float)[:3],
+                "poses": {
+                    one.name: np.asarray(snapshot.get(one.name, np.zeros(3)), float)
+                    for one in tank.solids
+                    if one.name
+                },
                 **{name: field.values(kept).astype(np.float32) for name, field in FIELDS.items()},
             }
         return self._known[index]
@@ -175,16 +176,25 @@ def _field(
     }
 
 
-def _solids(tank: Tank) -> dict[str, Any]:
+def _scene(tank: Tank, frames: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
     """What stands around the water, and the first view: the device, where it is small in the whole tank."""
     zoom = tank.zoom()
+    solids = []
+    for one in tank.solids:
+        poses = [frame["poses"][one.name] for frame in frames] if one.name else []
+        solids.append(
+            {
+                "corners": one.corners.tolist(),
+                "pivot": one.pivot.tolist(),
+                "poses": pack.array(np.concatenate(poses)) if poses else None,
+            }
+        )
     return {
         "x0": tank.x0,
         "x1": tank.x1,
         "top": tank.top,
         "depth": tank.depth,
-        "plate": list(map(float, tank.plate)) if tank.plate is not None else None,
-        "platform": list(map(float, tank.platform)) if tank.platform is not None else None,
-        "body": [tank.body[0].tolist(), tank.body[1].tolist()] if tank.body is not None else None,
+        "walls": list(tank.walls),
+        "solids": solids,
         "zoom": list(map(float, zoom)) if zoom is not None else None,
     }

@@ -22,6 +22,7 @@ from jaxsph.problem.problem import Problem
 from jaxsph.problem.source import Source
 from jaxsph.run.chunks import sample_times, search_settings
 from jaxsph.run.devices import describe_machine
+from jaxsph.run.scene import poses_of, scene_of
 
 
 class Start:
@@ -85,13 +86,12 @@ class Recorder:
         snapshot = {
             "time": int(state.step) / self.sample_every * self.problem.sample_dt,
             "step": int(state.step),
-            "paddle": float(state.own["paddle"].X) if "paddle" in state.own else 0.0,
             "x": np.asarray(p.x)[order],
             "u": np.asarray(p.u)[order],
             "p": np.asarray(model.pressure(state))[order],
             "id": np.asarray(p.id)[order],
         }
-        return snapshot | {body.name: np.asarray(state.own[body.name].pose) for body in model.bodies}
+        return snapshot | poses_of(model, state)
 
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:
@@ -116,6 +116,7 @@ def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
         coordinates,
         overwrite=overwrite,
         numbers=deciding_numbers(start.model, start.problem.state),
+        scene=scene_of(start.problem),
         machine=describe_machine(),
     )
 

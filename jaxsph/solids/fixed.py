@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import SIDES, Platform, WallPlate
 from jaxsph.solids.contact import corner_push, spring
+from jaxsph.solids.shapes import box_corners
 
 __all__ = ["PlatformBed", "TankWalls", "ThinPlate"]
 
@@ -78,6 +79,10 @@ class ThinPlate(AbstractSolid):
         depth = jnp.minimum(x[:, 0] - plate.x0, plate.x1 - x[:, 0])
         return (depth > 0.4 * plate.thickness) & (x[:, -1] > plate.tip + 0.5 * dx)
 
+    def outline(self, far):
+        """See `AbstractSolid`."""
+        return box_corners((self.plate.x0, self.plate.tip), (self.plate.x1, far))
+
 
 class PlatformBed(AbstractSolid):
     """Raised bed at rest at the tank's far end."""
@@ -99,3 +104,7 @@ class PlatformBed(AbstractSolid):
         del own
         inside = jnp.minimum(x[:, 0] - self.platform.start, self.platform.height - x[:, -1])
         return inside > 0.5 * dx
+
+    def outline(self, far):
+        """See `AbstractSolid`."""
+        return box_corners((self.platform.start, -far), (far, self.platform.height))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import itertools
 
+import contourpy
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +33,17 @@ class AbstractShape(eqx.Module):
     @abc.abstractmethod
     def dummies(self, dx: float, layers: int) -> np.ndarray:
         """Positions `[B, D]` (m) of dummy particles behind the surface, in layers a spacing dx (m) apart."""
+
+    def outline(self) -> np.ndarray:
+        """Corners `[K, 2]` (x, z) (m) of the shape in pictures, by default along its distance of zero."""
+        volume, (x, z), second = self.moments()
+        # twice the radius of gyration about the centre reaches around any convex shape
+        reach = 3.0 * np.sqrt(second / volume)
+        ends = [np.linspace(at - reach, at + reach, 161) for at in (x, z)]
+        points = np.stack(np.meshgrid(*ends, indexing="ij"), -1)
+        away = np.asarray(self.distance(jnp.asarray(points.reshape(-1, 2)))).reshape(points.shape[:2])
+        lines = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
+        return np.asarray(max(lines, key=len, default=np.zeros((0, 2))))
 
 
 class Block(AbstractShape):
@@ -66,6 +78,10 @@ class Block(AbstractShape):
         x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
         depth = np.min(np.minimum(x - self.low, np.asarray(self.high) - x), axis=1)
         return x[depth < layers * dx]
+
+    def outline(self):
+        """See `AbstractShape`."""
+        return box_corners((self.low[0], self.low[-1]), (self.high[0], self.high[-1]))
 
 
 class Polygon(AbstractShape):
@@ -115,6 +131,10 @@ class Polygon(AbstractShape):
             keep[later] &= not keep[earlier]
         return x[keep]
 
+    def outline(self):
+        """See `AbstractShape`."""
+        return np.asarray(self.vertices, float)
+
 
 class Disc(AbstractShape):
     """Disc in the x-z plane: the section of a circular cylinder across it."""
@@ -143,6 +163,12 @@ class Disc(AbstractShape):
                 angle = np.linspace(0.0, 2 * np.pi, max(1, round(2 * np.pi * r / dx)), endpoint=False)
                 found.append(np.asarray(self.centre) + r * np.stack([np.cos(angle), np.sin(angle)], -1))
         return np.concatenate(found)
+
+
+def box_corners(low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
+    """Corners `[4, 2]` (m) of a box in the x-z plane."""
+    (x0, z0), (x1, z1) = low, high
+    return np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
 
 
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from jaxsph.output.plot.style import WALL, WIDTH, in_style
-from jaxsph.output.plot.tank import Tank, cut_in_plane, move, pick_snapshots
+from jaxsph.output.plot.tank import Outline, Tank, cut_in_plane, pick_snapshots
 from jaxsph.output.run_file import RunFile
 
 MOST_FRAMES = 200
@@ -44,7 +44,7 @@ SPEED = Field("speed (m/s)", "plasma", lambda s: np.linalg.norm(s["u"], axis=1))
 
 @in_style
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
-    """Figure of the particles of one snapshot, coloured by a field; a long tank in strips, the OWC enlarged.
+    """Figure of the particles of one snapshot, coloured by a field; a long tank in strips, a device enlarged.
 
     A three-dimensional run is cut along the middle of its width.
     """
@@ -78,12 +78,13 @@ class _Picture:
         self.title = self.figure.suptitle(tank.name, x=0.02, ha="left", fontsize=13)
         grid = self.figure.add_gridspec(len(ranges), 1, height_ratios=heights)
         self.axes = [self.figure.add_subplot(grid[i]) for i in range(len(ranges))]
-        self.dots, self.paddles, self.bodies = [], [], []
+        self.dots: list[PathCollection] = []
+        self.moving: list[tuple[Outline, Polygon]] = []
         for ax, (a, b) in zip(self.axes, ranges, strict=True):
             self._prepare(ax, (a, b), (bottom, tank.top))
             self.dots.append(self._scatter(ax, limits))
         if zoom is not None:
-            self.axes[-1].set_title("the OWC, enlarged")
+            self.axes[-1].set_title("the device, enlarged")
         self.axes[-1].set_xlabel("x (m)")
         bar = self.figure.colorbar(
             self.dots[0],
@@ -106,19 +107,18 @@ class _Picture:
     def _draw_walls(self, ax: Axes, z: tuple[float, float]) -> None:
         tank, solid = self.tank, {"facecolor": WALL, "edgecolor": "none", "zorder": 3}
         thick = -z[0]
-        ax.add_patch(Rectangle((tank.x0 - 1.0, z[0]), tank.x1 - tank.x0 + 2.0, thick, **solid))
-        ax.add_patch(Rectangle((tank.x1, z[0]), tank.x1, z[1] - z[0], **solid))
-        paddle = Rectangle((-1e3, z[0]), 1e3, z[1] - z[0], **solid)
-        ax.add_patch(paddle)
-        self.paddles.append(paddle)
-        if tank.body is not None:
-            self.bodies.append(ax.add_patch(Polygon(tank.body[0], **solid)))
-        if tank.plate is not None:
-            x0, x1, tip = tank.plate
-            ax.add_patch(Rectangle((x0, tip), x1 - x0, z[1] - tip, **solid))
-        if tank.platform is not None:
-            start, height = tank.platform
-            ax.add_patch(Rectangle((start, z[0]), tank.x1 - start, height - z[0], **solid))
+        left, right, below = tank.walls
+        long = tank.x1 - tank.x0
+        if below:
+            ax.add_patch(Rectangle((tank.x0 - 1.0, z[0]), long + 2.0, thick, **solid))
+        if left:
+            ax.add_patch(Rectangle((tank.x0 - long, z[0]), long, z[1] - z[0], **solid))
+        if right:
+            ax.add_patch(Rectangle((tank.x1, z[0]), long, z[1] - z[0], **solid))
+        for outline in tank.solids:
+            patch = Polygon(outline.corners, **solid)
+            ax.add_patch(patch)
+            self.moving += [(outline, patch)] if outline.name else []
         if tank.depth is not None:
             ax.axhline(tank.depth, color="0.5", lw=0.8, ls=(0, (6, 4)), zorder=1)
 
@@ -139,16 +139,13 @@ class _Picture:
     def show(self, snapshot: dict[str, Any]) -> list[PathCollection]:
         """Puts a snapshot into the figure."""
         x, values = cut_in_plane(snapshot["x"], self.tank.dx), self.field.values(snapshot)
-        for ax, dots, paddle in zip(self.axes, self.dots, self.paddles, strict=True):
+        for ax, dots in zip(self.axes, self.dots, strict=True):
             a, b = ax.get_xlim()
             near = x.seen & (x.at[:, 0] > a - self.tank.dx) & (x.at[:, 0] < b + self.tank.dx)
             dots.set_offsets(x.at[near])
             dots.set_array(values[near])
-            paddle.set_x(float(snapshot.get("paddle", 0.0)) - 1e3)
-        for body in self.bodies:
-            assert self.tank.body is not None  # whose outline it is
-            outline, pivot = self.tank.body
-            body.set_xy(move(outline, pivot, np.asarray(snapshot.get("body", np.zeros(3)), float)))
+        for outline, patch in self.moving:
+            patch.set_xy(outline.at(snapshot))
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
 

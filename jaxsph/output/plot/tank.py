@@ -7,52 +7,65 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import shapely
 
-from jaxsph.output.run_file import RunFile
+from jaxsph.output.run_reader import RunReader
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Solid of a picture, at rest."""
+
+    name: str
+    """Name of its pose in the snapshots; empty for one that stands still."""
+    corners: np.ndarray
+    """Corners `[K, 2]`, m."""
+    pivot: np.ndarray
+    """Point that it turns about `[2]`, m."""
+
+    def at(self, snapshot: dict[str, Any]) -> np.ndarray:
+        """Corners `[K, 2]` (m) in the pose of a snapshot."""
+        return move(self.corners, self.pivot, np.asarray(snapshot.get(self.name, np.zeros(3)), float))
 
 
 @dataclass(frozen=True)
 class Tank:
-    """Solids that are drawn around the particles; lengths in m, None where the case does not say."""
+    """What is drawn around the particles; lengths in m."""
 
     name: str
     dx: float
     x0: float
     x1: float
     depth: float | None
+    """Level of still water; None where there is none."""
     top: float
     """Upper edge of the view."""
-    plate: tuple[float, float, float] | None
-    """Front wall of an OWC: its two faces and the height of its tip."""
-    platform: tuple[float, float] | None
-    """Raised bed under it: its start and its height."""
-    body: tuple[np.ndarray, np.ndarray] | None = None
-    """Outline `[K, 2]` and pivot of a rigid body at rest."""
+    walls: tuple[bool, bool, bool]
+    """Whether there is a wall to the left, to the right, and below."""
+    solids: tuple[Outline, ...]
 
     @classmethod
-    def of(cls, run: RunFile) -> Tank:
-        """From the case's text and the snapshots, whatever of the case is there."""
-        case = run.case_keys()
+    def of(cls, run: RunReader) -> Tank:
+        """From the scene of a run and its snapshots; of an older file without a scene the particles alone."""
+        scene = run.scene()
         ends = [run.snapshot(i)["x"] for i in pick_snapshots(run, 12)]
         low, high = (f([f(x, axis=0) for x in ends], axis=0) for f in (np.nanmin, np.nanmax))
         spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
-        dx = float(case.get("dx", spacing))
-        tank = case.get("tank", {})
-        length, depth = (None if tank.get(k) is None else _snap(tank[k], dx) for k in ("length", "depth"))
+        dx, depth = float(scene.get("dx", spacing)), scene.get("level")
         top = float(max(high[-1], depth or high[-1]))
         top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
-        x1 = length if length is not None else float(high[0]) + 0.5 * dx
         return cls(
-            name=str(case.get("name", run.path.stem)),
+            name=str(run.case_keys().get("name", run.path.stem)),
             dx=dx,
-            x0=min(0.0, float(low[0]) - 0.5 * dx),
-            x1=x1,
+            x0=min(scene["low"][0] if scene else np.inf, float(low[0]) - 0.5 * dx),
+            x1=scene["high"][0] if scene else float(high[0]) + 0.5 * dx,
             depth=depth,
             top=top,
-            plate=_plate(case.get("device", {}), x1, depth, dx),
-            platform=_platform(case.get("device", {}), x1, dx),
-            body=_outline(case.get("body")),
+            walls=tuple(scene.get("walls", (False, False, False))),
+            solids=tuple(
+                Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float))
+                for one in scene.get("solids", ())
+                if one["corners"]
+            ),
         )
 
     def strips(self) -> list[tuple[float, float]]:
@@ -63,50 +76,16 @@ class Tank:
         return list(itertools.pairwise(edges))
 
     def zoom(self) -> tuple[float, float] | None:
-        """x range of the device, where it would be small in the whole picture."""
-        if self.plate is None or self.x1 - self.x0 < 4.0 * self.top:
+        """x range of the solids in the water, where they would be small in the whole picture."""
+        within = [one.corners[:, 0] for one in self.solids if one.corners[:, 0].min() > self.x0 + self.dx]
+        if not within or self.x1 - self.x0 < 4.0 * self.top:
             return None
-        right = self.x1 + 0.05 * self.top
-        return right - 2.6 * self.top, right
-
-
-def _snap(value: float, dx: float) -> float:
-    """A length on the lattice, as the case is built."""
-    return float(np.floor(value / dx + 0.5 + 1e-9)) * dx
-
-
-def _plate(
-    device: dict[str, Any], end: float, depth: float | None, dx: float
-) -> tuple[float, float, float] | None:
-    names = ("chamber_length", "wall_thickness", "draught")
-    if depth is None or not all(name in device for name in names):
-        return None
-    length, thickness, draught = (device[name] for name in names)
-    return end - length - thickness, end - length, depth - _snap(draught, dx)
-
-
-def _platform(device: dict[str, Any], end: float, dx: float) -> tuple[float, float] | None:
-    if not device.get("platform_height"):
-        return None
-    return end - _snap(device["platform_length"], dx), _snap(device["platform_height"], dx)
-
-
-def _outline(body: dict[str, Any] | None) -> tuple[np.ndarray, np.ndarray] | None:
-    if body is None:
-        return None
-    if "polygon" in body:
-        corners = np.asarray(body["polygon"], float)
-    elif "disc" in body:
-        angle = np.linspace(0.0, 2.0 * np.pi, 60)
-        around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        corners = np.asarray(body["disc"]["centre"]) + body["disc"]["radius"] * around
-    else:
-        low, high = body["block"]["low"], body["block"]["high"]
-        (x0, z0), (x1, z1) = (low[0], low[-1]), (high[0], high[-1])
-        corners = np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
-    centre = shapely.Polygon(corners).centroid
-    pivot = body.get("pivot", body.get("centre", (centre.x, centre.y)))
-    return corners, np.asarray(pivot, float)
+        left, right = min(x.min() for x in within), max(x.max() for x in within)
+        half = max(1.3 * self.top, 0.5 * (right - left) + 0.3 * self.top)
+        if 2.0 * half > 0.5 * (self.x1 - self.x0):
+            return None
+        end = min(0.5 * (left + right) + half, self.x1 + 0.05 * self.top)
+        return end - 2.0 * half, end
 
 
 def move(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -132,7 +111,7 @@ def cut_in_plane(x: np.ndarray, dx: float) -> Cut:
     return Cut(x[:, [0, -1]], seen)
 
 
-def pick_snapshots(run: RunFile, most: int) -> list[int]:
+def pick_snapshots(run: RunReader, most: int) -> list[int]:
     """Indices of at most `most` snapshots, evenly over the run."""
     count = run.snapshot_count
     return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))

@@ -114,21 +114,18 @@ class Water {
   }
 
   solids(f, share, style) {
-    const { tank, paddle, pose } = this.player, context = this.context, view = this.view, height = this.canvas.height;
+    const { tank, t } = this.player, context = this.context, view = this.view, height = this.canvas.height;
     const X = (x) => (x - view.x) * view.scale, Z = (z) => height - (z - view.z) * view.scale;
-    const next = Math.min(f + 1, paddle.length - 1);
+    const next = Math.min(f + 1, t.length - 1);
     const between = (values, k) => values[k(f)] * (1 - share) + values[k(next)] * share;
     const box = (x0, z0, x1, z1) => context.fillRect(X(x0), Z(z1), X(x1) - X(x0), Z(z0) - Z(z1));
     context.fillStyle = style.wall;
-    const thick = 0.03 * tank.top + 0.01, roof = tank.top;
-    box(tank.x0 - 0.5, -thick, tank.x1 + 0.5, 0);
-    box(tank.x1, -thick, tank.x1 + thick, roof);
-    const at = between(paddle, (k) => k);
-    box(at - thick, -thick, at, roof);
-    if (tank.plate) box(tank.plate[0], tank.plate[2], tank.plate[1], roof);
-    if (tank.platform) box(tank.platform[0], 0, tank.x1, tank.platform[1]);
-    if (tank.body) {
-      const [corners, pivot] = tank.body, [dx, dz, angle] = [0, 1, 2].map((j) => between(pose, (k) => 3 * k + j));
+    const thick = 0.03 * tank.top + 0.01, roof = tank.top, [left, right, below] = tank.walls;
+    if (below) box(tank.x0 - 0.5, -thick, tank.x1 + 0.5, 0);
+    if (left) box(tank.x0 - thick, -thick, tank.x0, roof);
+    if (right) box(tank.x1, -thick, tank.x1 + thick, roof);
+    for (const { corners, pivot, poses } of tank.solids) {
+      const [dx, dz, angle] = poses ? [0, 1, 2].map((j) => between(poses, (k) => 3 * k + j)) : [0, 0, 0];
       const c = Math.cos(angle), sn = Math.sin(angle);
       context.beginPath();
       for (const [x, z] of corners) {

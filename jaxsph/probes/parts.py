@@ -1,0 +1,48 @@
+"""Probe of any part of a model: what the part reads of itself, and the power of its power take-off."""
+
+from __future__ import annotations
+
+import equinox as eqx
+
+from jaxsph.core.arrays import Scalar, columns
+from jaxsph.model.meaning import Reading
+from jaxsph.model.part import AbstractPart, Sampled
+from jaxsph.model.probe import AbstractProbe
+from jaxsph.probes.energy import per_metre
+
+__all__ = ["PartProbe"]
+
+
+class PartProbe(AbstractProbe):
+    """Probe of a part, such as a chamber or a body: its readings, and the power that is taken from it."""
+
+    sample_dt: Scalar
+    """Time between samples, s."""
+    part: str = eqx.field(static=True)
+    """Name of the part in the model."""
+    meanings: tuple[tuple[str, Reading], ...] = eqx.field(static=True)
+    """Readings of the part: names and meanings."""
+    harvest: tuple[str, ...] = eqx.field(static=True)
+    """Names in the ledger of the energies that its power take-off takes."""
+    dim: int = eqx.field(static=True)
+    """Number of dimensions."""
+
+    @classmethod
+    def of(cls, part: AbstractPart, sample_dt: Scalar, dim: int) -> PartProbe:
+        """Builds the probe of a part, for samples `sample_dt` (s) apart in so many dimensions."""
+        return cls(sample_dt, part.name, tuple(part.readings(dim).items()), part.harvest(), dim)
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe`."""
+        del tables
+        part = next(part for part in model.parts if part.name == self.part)
+        p, scheme = state.particles, model.scheme
+        sampled = Sampled(columns(p.x), scheme.volume(p), scheme.rho0, model.dx, self.sample_dt)
+        powers = {f"power_{name}": state.ledger[name].recent / self.sample_dt for name in self.harvest}
+        return {**part.read(state.own.get(part.name), sampled), **powers}
+
+    def describe(self):
+        """See `AbstractProbe`."""
+        what = "power taken by the PTO, mean since the last sample"
+        power = Reading(per_metre("W", self.dim), what)
+        return {**dict(self.meanings), **{f"power_{name}": power for name in self.harvest}}

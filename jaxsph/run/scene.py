@@ -1,0 +1,64 @@
+"""Scene of a run: what pictures draw around the particles, as its file keeps it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from jaxsph.model.interfaces import Model
+from jaxsph.model.state import State
+from jaxsph.problem.problem import Problem
+from jaxsph.solids.box import SIDES
+from jaxsph.solids.shapes import box_corners
+
+FAR = 10.0
+"""Distance to which a solid without an end is drawn, over the larger side of the box."""
+
+
+def scene_of(problem: Problem) -> dict[str, Any]:
+    """Box of the water, its walls, and the outlines of all solids at rest in the x-z plane; lengths in m.
+
+    Keys: `dx`; `low`, `high`: corners (x, z) of the box; `walls`: whether there is one to the left, to the
+    right and below; `level`: still water's, None where the model has none; `solids`: `name` (that of its pose
+    in the snapshots, empty for one at rest), `corners`, `pivot`.
+    """
+    model = problem.model
+    walls = model.walls
+    low, high = ((float(ends[0]), float(ends[-1])) for ends in (walls.low, walls.high))
+    far = FAR * max(high[0] - low[0], high[1] - low[1])
+    beside, below = SIDES[walls.sides[0]], SIDES[walls.sides[-1]]
+    depth = float(model.depth)
+    inside = shapely.Polygon(box_corners(low, (high[0], far)))
+    solids = []
+    for solid in model.solids:
+        corners = solid.outline(far)
+        if len(corners):
+            # what is at rest is not drawn beyond the walls
+            cut = shapely.Polygon(corners).intersection(inside)
+            if isinstance(cut, shapely.Polygon) and not cut.is_empty:
+                solids.append(_outline("", np.asarray(cut.exterior.coords)[:-1], np.zeros(2)))
+    for solid in (*model.moving, *model.bodies):
+        _, pivot = solid.pose(problem.state.own[solid.name])
+        solids.append(_outline(solid.name, solid.outline(far), np.asarray(pivot)))
+    return {
+        "dx": float(model.dx),
+        "low": low,
+        "high": high,
+        "walls": [bool(beside[0] and not walls.paddle), bool(beside[1]), bool(below[0])],
+        "level": depth if depth < 0.999 * (high[1] - low[1]) else None,
+        "solids": solids,
+    }
+
+
+def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any]:
+    """Outline of a solid, to a micrometre."""
+    rounded = {"corners": corners, "pivot": pivot}
+    return {"name": name} | {key: np.round(a.astype(float), 6).tolist() for key, a in rounded.items()}
+
+
+def poses_of(model: Model, state: State) -> dict[str, np.ndarray]:
+    """Pose of every solid that moves, surge, heave (m) and pitch (rad), by its name."""
+    moving = (*model.moving, *model.bodies)
+    return {solid.name: np.asarray(solid.pose(state.own[solid.name])[0]) for solid in moving}
