@@ -1,4 +1,4 @@
-"""A problem of your own: a box that is let go above its place and bobs. Its arguments are keys as a case's are.
+"""A problem of your own: a box that is let go above its place and bobs. Its arguments are its keys.
 
 jaxsph run examples/bobbing_box.py:box --set density=400
 jaxsph sweep examples/bobbing_box.py:box --grid density=300,400,500

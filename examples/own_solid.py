@@ -16,13 +16,8 @@ class Ellipse(js.AbstractShape):
         f, slope = (jnp.sqrt(jnp.sum(a**2, axis=1) + 1e-12) for a in (s, s / jnp.asarray(self.axes, x.dtype)))
         return (f - 1.0) * f / slope
 
-    def moments(self):  # area, centre, second moment
-        area = np.pi * np.prod(self.axes)
-        return area, self.centre, 0.25 * area * np.sum(np.square(self.axes))
-
-    def dummies(self, dx, layers):
-        x = np.stack(np.meshgrid(*(np.arange(-a + dx / 2, a, dx) for a in self.axes)), -1).reshape(-1, 2)
-        return x[np.sum((x / self.axes) ** 2, axis=1) < 1.0] + self.centre
+    def bounds(self):  # its area, its particles and its picture follow from its distance between these
+        return np.subtract(self.centre, self.axes), np.add(self.centre, self.axes)
 
 
 class Heave(js.AbstractPath):

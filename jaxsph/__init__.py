@@ -65,6 +65,7 @@ _ROOMS = {
     "schemes.incompressible": ("ISPH",),
     "schemes.weakly_compressible": ("DeltaSPH",),
     "solids.box": ("Box", "FreeSlip", "NoSlip", "Platform", "WallPlate"),
+    "solids.composed": ("Difference", "Placed", "Union"),
     "solids.filling": ("DummyParticles", "MirrorImages", "MirrorNodes"),
     "solids.shapes": ("AbstractShape", "Block", "Disc", "Polygon"),
     "solids.walls": ("Ghosts",),

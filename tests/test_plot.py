@@ -1,6 +1,5 @@
 """Pictures: there when their data are, not blank, and drawn to scale."""
 
-import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
 import pytest
@@ -192,23 +191,6 @@ def test_a_body_is_drawn_in_its_pose():
     assert lying.min(axis=0) == pytest.approx([1.2, -0.05]) and lying.max(axis=0) == pytest.approx(
         [1.8, 0.15]
     )
-
-
-def test_a_shape_of_your_own_has_the_outline_of_its_distance():
-    class Ellipse(js.Disc):
-        def distance(self, x):
-            return jnp.sqrt(jnp.sum((x - jnp.array([1.0, 0.5])) ** 2 / jnp.array([0.04, 0.01]), axis=1)) - 1.0
-
-        def moments(self):
-            area = np.pi * 0.2 * 0.1
-            return area, (1.0, 0.5), 0.25 * area * (0.2**2 + 0.1**2)
-
-    found = Ellipse((1.0, 0.5), 0.2).outline()
-    away = np.hypot((found[:, 0] - 1.0) / 0.2, (found[:, 1] - 0.5) / 0.1)
-    # a grid of 160 intervals over six radii of gyration, between whose points the line is straight
-    assert len(found) > 50 and np.abs(away - 1.0).max() < 0.01
-    disc = js.Disc((1.0, 0.5), 0.2).outline()
-    assert np.abs(np.hypot(*(disc - [1.0, 0.5]).T) - 0.2).max() < 1e-3
 
 
 def test_overlay_is_drawn_at_each_gauge(tmp_path):

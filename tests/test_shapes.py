@@ -16,10 +16,15 @@ from jaxsph.output.plot.tank import move
 from jaxsph.parts.body import BodyMotion, RigidBody
 from jaxsph.parts.rotational import FreeHinge, RotationalPTO
 from jaxsph.solids import placement
-from jaxsph.solids.shapes import Block, Disc, Polygon, _along
+from jaxsph.solids.composed import Difference, Placed, Union
+from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon, _along
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
 FREE = FreeHinge()
+L_SHAPE = Union((Block((0.1, 0.1), (0.5, 0.25)), Block((0.1, 0.1), (0.25, 0.5))))
+RING = Difference(Disc((0.3, 0.3), 0.2), Disc((0.3, 0.3), 0.1))
+TILTED = Placed(Polygon(SQUARE), by=(0.02, -0.01), angle=0.4, about=(0.3, 0.3))
+COMPOSED = [L_SHAPE, RING, TILTED]
 BLOCK = Block((0.1, 0.2), (0.5, 0.4))
 
 
@@ -45,7 +50,7 @@ def test_dummies_stand_in_layers_behind_the_surface(shape):
 
 
 @pytest.mark.parametrize(
-    "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2)], ids=lambda s: type(s).__name__
+    "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2), *COMPOSED], ids=lambda s: type(s).__name__
 )
 def test_moments_are_those_of_points_inside(shape):
     """A lattice of 400 x 400 points counts the area to the share of points on its edge, half a per cent."""
@@ -56,6 +61,88 @@ def test_moments_are_those_of_points_inside(shape):
     np.testing.assert_allclose(len(x) * (0.6 / 400) ** 2, area, rtol=5e-3)
     np.testing.assert_allclose(x.mean(axis=0), centre, rtol=5e-3)
     np.testing.assert_allclose(np.sum((x - centre) ** 2) * (0.6 / 400) ** 2, second, rtol=2e-2)
+
+
+class Ellipse(AbstractShape):
+    """A shape of a user, by its distance and where it is."""
+
+    def distance(self, x):
+        return 0.1 * (jnp.sqrt(jnp.sum(((x - 0.3) / jnp.array([0.2, 0.1])) ** 2, axis=1)) - 1.0)
+
+    def bounds(self):
+        return np.array([0.1, 0.2]), np.array([0.5, 0.4])
+
+
+def test_a_shape_is_known_by_its_distance():
+    """Area, centre and second moment of an ellipse; the grid has 240 intervals, so a share of 1e-4."""
+    area, centre, second = Ellipse().moments()
+    np.testing.assert_allclose(area, np.pi * 0.2 * 0.1, rtol=2e-4)
+    np.testing.assert_allclose(centre, 0.3, rtol=1e-5)
+    np.testing.assert_allclose(second, 0.25 * np.pi * 0.2 * 0.1 * (0.2**2 + 0.1**2), rtol=4e-4)
+    around = np.hypot(*((Ellipse().outline() - 0.3) / [0.2, 0.1]).T)
+    assert len(around) > 100 and np.abs(around - 1.0).max() < 1e-3
+    x = Ellipse().dummies(0.02, 2)
+    inside = np.asarray(Ellipse().distance(jnp.asarray(x, jnp.float32)))
+    assert len(x) > 40 and inside.max() < 0.0
+
+
+@pytest.mark.parametrize("shape", COMPOSED, ids=lambda s: type(s).__name__)
+def test_distance_of_a_composed_shape_is_that_of_its_region(shape):
+    """Negative inside and nowhere too large; exact outside a union, and wherever a face is nearest."""
+    x = np.random.default_rng(2).uniform(0.0, 0.6, (400, 2))
+    found = np.asarray(shape.distance(jnp.asarray(x, jnp.float32)))
+    region = shape.region()
+    exact = np.array([region.boundary.distance(shapely.Point(*at)) for at in x])
+    inside = np.array([region.contains(shapely.Point(*at)) for at in x])
+    clear = exact > 1e-5
+    assert np.all((found < 0)[clear] == inside[clear])
+    # a circle of a thousand corners is 1e-6 m off
+    assert np.all(np.abs(found) <= exact + 5e-6)
+    alike = {"Union": ~inside, "Difference": inside}.get(type(shape).__name__, np.ones(len(x), bool))
+    np.testing.assert_allclose(np.abs(found)[alike], exact[alike], atol=5e-6)
+
+
+@pytest.mark.parametrize("shape", COMPOSED, ids=lambda s: type(s).__name__)
+def test_dummies_of_a_composed_shape_are_inside(shape):
+    """The first layer half a spacing behind the surface, around a hole too; no two nearer than six tenths."""
+    dx = 0.02
+    x = shape.dummies(dx, 2)
+    region = shape.region()
+    depth = np.array([region.boundary.distance(shapely.Point(*at)) for at in x]) / dx
+    assert all(region.contains(shapely.Point(*at)) for at in x)
+    # in front of a corner that points inwards a layer is as far from it as its own corner
+    layers = np.array([0.5, 1.5])
+    assert np.all(
+        np.any((depth[:, None] > layers - 0.05) & (depth[:, None] < np.sqrt(2) * layers + 0.05), axis=1)
+    )
+    gaps = np.linalg.norm(x[:, None] - x[None], axis=-1) + np.eye(len(x))
+    assert gaps.min() > 0.6 * dx
+
+
+def test_numbers_of_a_shape_are_leaves():
+    """A slope over a radius, a face and an angle without another program for each value."""
+    x = jnp.array([[0.7, 0.3], [0.3, 0.9]])
+
+    def away(shape):
+        return jnp.sum(shape.distance(x))
+
+    compiled = jax.jit(jax.grad(away, allow_int=False))
+    for radius in (0.1, 0.2):
+        disc = jax.tree.map(jnp.float32, Disc((0.3, 0.3), radius))
+        assert float(compiled(disc).radius) == pytest.approx(-2.0)
+    assert compiled._cache_size() == 1
+    block = jax.tree.map(jnp.float32, Block((0.1, 0.2), (0.5, 0.4)))
+    assert float(compiled(block).high[0]) == pytest.approx(-1.0)
+    tilted = jax.tree.map(jnp.float32, Placed(Block((0.1, 0.2), (0.5, 0.4)), about=(0.3, 0.3)))
+    # raised by 1e-3 rad its right end sinks: the point to the right, level with the middle, feels none
+    ahead = jax.tree.map(jnp.float32, Placed(Block((0.1, 0.2), (0.5, 0.4)), angle=1e-3, about=(0.3, 0.3)))
+    slope = float(compiled(tilted).angle)
+    assert float(away(ahead) - away(tilted)) / 1e-3 == pytest.approx(slope, abs=2e-3)
+
+
+def test_a_polygon_that_crosses_itself_is_refused():
+    with pytest.raises(ValueError, match="the sides must not cross or touch each other"):
+        Polygon(((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)))
 
 
 def _body(free=(True, True, True), pto=FREE, pivot=(0.3, 0.3)):

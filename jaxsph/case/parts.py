@@ -59,7 +59,7 @@ def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) ->
     try:
         body = RigidBody(
             free=tuple(name in section.free for name in ("surge", "heave", "pitch")),
-            shape=solid,
+            shape=jax.tree.map(leaf, solid),
             mass=leaf(mass or 1.0),  # a body without free motions needs none
             inertia=leaf(inertia or 1.0),
             pivot=leaf(pivot),

@@ -114,7 +114,7 @@ class RigidBody(PosedSolid, AbstractBody):
             return jnp.asarray(value, dtype)
 
         return cls(
-            shape=shape,
+            shape=jax.tree.map(leaf, shape),
             rows=rows,
             mass=leaf(density * area),
             inertia=leaf(density * (second + area * arm2)),

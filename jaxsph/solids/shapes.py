@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import itertools
+from typing import Any
 
 import contourpy
 import equinox as eqx
@@ -11,47 +12,95 @@ import jax.numpy as jnp
 import numpy as np
 import shapely
 from scipy.spatial import KDTree
+from shapely.validation import explain_validity
 
 from jaxsph.core.arrays import Array, Float
 
+SHARP = 0.3
+"""Turn of an outline (rad) from which a corner has a particle of its own: a circle of 21 sides turns so."""
+
+
+def plain_numbers(given: Any) -> Any:
+    """Numbers as an array, in double precision until a model takes them; arrays of JAX as they are."""
+    return np.asarray(given, float) if isinstance(given, (float, int, tuple, list)) else given
+
+
+FINE = 240
+"""Intervals of the grid along either axis on which the outline of a shape is found."""
+
 
 class AbstractShape(eqx.Module):
-    """Shape of a solid in its place at rest."""
+    """Shape of a solid in its place at rest.
+
+    A shape of your own in the x-z plane needs `distance` and `bounds`: the rest follows from its outline, the
+    line of no distance. Numbers of a shape are leaves of the model.
+    """
 
     @abc.abstractmethod
     def distance(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Distance of points x (m) from the surface, m; negative inside."""
 
     @abc.abstractmethod
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (m) of a box that holds the shape."""
+
+    def region(self) -> Any:
+        """The shape in the x-z plane as an area of `shapely`, lengths in m."""
+        low, high = self.bounds()
+        margin = 0.02 * np.max(high - low)
+        ends = [np.linspace(a - margin, b + margin, FINE + 1) for a, b in zip(low, high, strict=True)]
+        points = np.stack(np.meshgrid(*ends, indexing="ij"), -1)
+        away = np.asarray(self.distance(jnp.asarray(points.reshape(-1, 2)))).reshape(points.shape[:2])
+        found: Any = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
+        whole = shapely.Polygon()
+        for line in sorted((shapely.Polygon(one) for one in found), key=lambda one: -one.area):
+            whole = whole.symmetric_difference(line)  # a line within another goes around a hole
+        return whole
+
     def moments(self) -> tuple[float, tuple[float, float], float]:
         """Volume, centre and second moment of the shape, for motion in the x-z plane.
 
         **Returns** the volume (m3; area, m2, in 2-D), the centre's (x, z) (m), and the second moment about
         the centre for turning in the x-z plane (m5; m4 in 2-D).
         """
+        whole = self.region()
+        centre = np.array([whole.centroid.x, whole.centroid.y])
+        second = 0.0
+        for part in _parts(whole):
+            second += _second_moment(part.exterior, centre)
+            second -= sum(_second_moment(hole, centre) for hole in part.interiors)
+        return whole.area, (float(centre[0]), float(centre[1])), second
 
-    @abc.abstractmethod
     def dummies(self, dx: float, layers: int) -> np.ndarray:
         """Positions `[B, D]` (m) of dummy particles behind the surface, in layers a spacing dx (m) apart."""
+        whole, found = self.region(), []
+        for layer in range(layers):
+            inset = whole.buffer(-(layer + 0.5) * dx, join_style="mitre", mitre_limit=20.0)
+            for part in _parts(inset):
+                found += [_along(ring, dx) for ring in (part.exterior, *part.interiors)]
+        if not found:
+            return np.zeros((0, 2))
+        x = np.concatenate(found)
+        # where insets come close to each other the points of the later ones are left out
+        keep = np.ones(len(x), bool)
+        close = KDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
+        for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
+            keep[later] &= not keep[earlier]
+        return x[keep]
 
     def outline(self) -> np.ndarray:
-        """Corners `[K, 2]` (x, z) (m) of the shape in pictures, by default along its distance of zero."""
-        volume, (x, z), second = self.moments()
-        # twice the radius of gyration about the centre reaches around any convex shape
-        reach = 3.0 * np.sqrt(second / volume)
-        ends = [np.linspace(at - reach, at + reach, 161) for at in (x, z)]
-        points = np.stack(np.meshgrid(*ends, indexing="ij"), -1)
-        away = np.asarray(self.distance(jnp.asarray(points.reshape(-1, 2)))).reshape(points.shape[:2])
-        lines = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
-        return np.asarray(max(lines, key=len, default=np.zeros((0, 2))))
+        """Corners `[K, 2]` (x, z) (m) of the shape in pictures."""
+        parts = _parts(self.region())
+        largest = max(parts, key=lambda part: part.area, default=None)
+        return np.zeros((0, 2)) if largest is None else np.asarray(largest.exterior.coords)[:-1]
 
 
 class Block(AbstractShape):
     """Box with faces across the axes, in two or three dimensions."""
 
-    low: tuple[float, ...] = eqx.field(static=True)
+    low: Float[Array, " D"] = eqx.field(converter=plain_numbers)
     """Low ends along the axes, m."""
-    high: tuple[float, ...] = eqx.field(static=True)
+    high: Float[Array, " D"] = eqx.field(converter=plain_numbers)
     """High ends along the axes, m."""
 
     def distance(self, x):
@@ -62,33 +111,51 @@ class Block(AbstractShape):
         outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
         return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
 
+    def bounds(self):
+        """See `AbstractShape`."""
+        return np.asarray(self.low), np.asarray(self.high)
+
+    def region(self):
+        """See `AbstractShape`: its section across the width of a tank."""
+        return shapely.Polygon(self.outline())
+
     def moments(self):
         """See `AbstractShape`."""
-        low, high = np.asarray(self.low), np.asarray(self.high)
+        low, high = self.bounds()
         volume, middle = float(np.prod(high - low)), 0.5 * (low + high)
         square = (high - low)[0] ** 2 + (high - low)[-1] ** 2
         return volume, (float(middle[0]), float(middle[-1])), volume * float(square) / 12
 
     def dummies(self, dx, layers):
         """See `AbstractShape`."""
-        axes = []
-        for a, b in zip(self.low, self.high, strict=True):
+        axes, (low, high) = [], self.bounds()
+        for a, b in zip(low, high, strict=True):
             count = max(1, round((b - a) / dx))
             axes.append(a + (np.arange(count) + 0.5) * (b - a) / count)
         x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
-        depth = np.min(np.minimum(x - self.low, np.asarray(self.high) - x), axis=1)
+        depth = np.min(np.minimum(x - low, high - x), axis=1)
         return x[depth < layers * dx]
 
     def outline(self):
         """See `AbstractShape`."""
-        return box_corners((self.low[0], self.low[-1]), (self.high[0], self.high[-1]))
+        low, high = self.bounds()
+        return box_corners((low[0], low[-1]), (high[0], high[-1]))
 
 
 class Polygon(AbstractShape):
     """Polygon in the x-z plane."""
 
-    vertices: tuple[tuple[float, float], ...] = eqx.field(static=True)
+    vertices: Float[Array, "K 2"] = eqx.field(converter=plain_numbers)
     """Corners (x, z) in their order around it, m."""
+
+    def __check_init__(self) -> None:
+        """Refuses corners that do not go around one area once (ValueError)."""
+        if isinstance(self.vertices, np.ndarray):
+            whole = shapely.Polygon(self.vertices)
+            if not whole.is_valid:
+                raise ValueError(
+                    f"vertices: the sides must not cross or touch each other ({explain_validity(whole)})"
+                )
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -104,64 +171,52 @@ class Polygon(AbstractShape):
         inside = jnp.sum(across & (x[:, None, 0] < crossing), axis=1) % 2 == 1
         return jnp.where(inside, -1.0, 1.0) * jnp.sqrt(nearest + 1e-20)
 
-    def moments(self):
-        """See `AbstractShape`: sums over the triangles from the centre to every side."""
-        whole = shapely.Polygon(self.vertices)
-        centre = np.array([whole.centroid.x, whole.centroid.y])
-        a = np.asarray(self.vertices) - centre
-        b = np.roll(a, -1, axis=0)
-        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        second = np.sum(cross * np.sum(a * a + a * b + b * b, axis=1)) / 12
-        return whole.area, (float(centre[0]), float(centre[1])), abs(float(second))
-
-    def dummies(self, dx, layers):
+    def bounds(self):
         """See `AbstractShape`."""
-        whole = shapely.Polygon(self.vertices)
-        found = []
-        for layer in range(layers):
-            inset = whole.buffer(-(layer + 0.5) * dx, join_style="mitre", mitre_limit=20.0)
-            for part in getattr(inset, "geoms", [inset]):
-                if not part.is_empty:
-                    found.append(_along(part.exterior, dx))
-        x = np.concatenate(found)
-        # where insets come close to each other the points of the later ones are left out
-        keep = np.ones(len(x), bool)
-        close = KDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
-        for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
-            keep[later] &= not keep[earlier]
-        return x[keep]
+        vertices = np.asarray(self.vertices)
+        return vertices.min(axis=0), vertices.max(axis=0)
 
-    def outline(self):
+    def region(self):
         """See `AbstractShape`."""
-        return np.asarray(self.vertices, float)
+        return shapely.Polygon(np.asarray(self.vertices))
 
 
 class Disc(AbstractShape):
     """Disc in the x-z plane: the section of a circular cylinder across it."""
 
-    centre: tuple[float, float] = eqx.field(static=True)
+    centre: Float[Array, "2"] = eqx.field(converter=plain_numbers)
     """Centre (x, z), m."""
-    radius: float = eqx.field(static=True)
+    radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
     """Radius, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
         away = x - jnp.asarray(self.centre, x.dtype)
-        return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - self.radius
+        return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - jnp.asarray(self.radius, x.dtype)
+
+    def bounds(self):
+        """See `AbstractShape`."""
+        return np.asarray(self.centre) - float(self.radius), np.asarray(self.centre) + float(self.radius)
+
+    def region(self):
+        """See `AbstractShape`: with a thousand corners, for unions and differences."""
+        angle = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
+        return shapely.Polygon(np.asarray(self.centre) + float(self.radius) * _circle(angle))
 
     def moments(self):
         """See `AbstractShape`."""
-        area = float(np.pi * self.radius**2)
-        return area, self.centre, 0.5 * area * self.radius**2
+        area = float(np.pi * float(self.radius) ** 2)
+        x, z = np.asarray(self.centre)
+        return area, (float(x), float(z)), 0.5 * area * float(self.radius) ** 2
 
     def dummies(self, dx, layers):
         """See `AbstractShape`."""
         found = []
         for layer in range(layers):
-            r = self.radius - (layer + 0.5) * dx
+            r = float(self.radius) - (layer + 0.5) * dx
             if r > 0:
                 angle = np.linspace(0.0, 2 * np.pi, max(1, round(2 * np.pi * r / dx)), endpoint=False)
-                found.append(np.asarray(self.centre) + r * np.stack([np.cos(angle), np.sin(angle)], -1))
+                found.append(np.asarray(self.centre) + r * _circle(angle))
         return np.concatenate(found)
 
 
@@ -171,11 +226,40 @@ def box_corners(low: tuple[float, float], high: tuple[float, float]) -> np.ndarr
     return np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
 
 
+def _circle(angle: np.ndarray) -> np.ndarray:
+    """Points `[K, 2]` of the unit circle."""
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def _parts(region: Any) -> list[shapely.Polygon]:
+    """Areas that a region of `shapely` is made of."""
+    parts = getattr(region, "geoms", [region])
+    return [part for part in parts if isinstance(part, shapely.Polygon) and not part.is_empty]
+
+
+def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
+    """Second moment (m4) of the area within a ring about a point (m): over the triangles to every side."""
+    a = np.asarray(ring.coords)[:-1] - about
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return abs(float(np.sum(cross * np.sum(a * a + a * b + b * b, axis=1)) / 12))
+
+
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:
-    """Points (m) about dx (m) apart along every side of a closed line, its corners included."""
-    corners = np.asarray(line.coords)
+    """Points (m) about dx (m) apart along every stretch of a closed line, its sharp corners included."""
+    corners = np.asarray(line.coords)[:-1]
+    side = np.roll(corners, -1, axis=0) - corners
+    before = np.roll(side, 1, axis=0)
+    turn = np.arctan2(before[:, 0] * side[:, 1] - before[:, 1] * side[:, 0], np.sum(before * side, axis=1))
+    sharp = np.flatnonzero(np.abs(turn) > SHARP)
+    first = int(sharp[0]) if len(sharp) else 0
+    ring = np.concatenate([np.roll(corners, -first, axis=0), corners[first : first + 1]])
+    ends = [*(sharp - first), len(corners)] if len(sharp) else [0, len(corners)]
     found = []
-    for a, b in itertools.pairwise(corners):
-        count = max(1, round(float(np.hypot(*(b - a))) / dx))
-        found.append(a + (np.arange(count) / count)[:, None] * (b - a))
+    for start, end in itertools.pairwise(ends):
+        stretch = ring[start : end + 1]
+        length = np.append(0.0, np.cumsum(np.hypot(*np.diff(stretch, axis=0).T)))
+        count = max(1, round(length[-1] / dx))
+        at = np.arange(count) / count * length[-1]
+        found.append(np.stack([np.interp(at, length, axis) for axis in stretch.T], axis=1))
     return np.concatenate(found)
