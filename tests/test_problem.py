@@ -131,9 +131,20 @@ def test_a_sweep_of_a_function_runs_its_members_in_processes(own, whole, tmp_pat
     # members are compiled with another flag, which rounds sums otherwise
     assert found["highest"][0] == pytest.approx(alone, rel=1e-3) and not found.failures
     assert _command("plot", out).strip().endswith("highest.png")
+    assert "whose linear theory is not known" in _command("plot", whole[0], "--linear", code=2)
     assert "It differs in arguments.t1 (0.1 there, 0.2 here)" in _command(
         "sweep", own, "--grid", "amplitude=0.03,0.05", "--out", out, code=2
     ).replace("\n", " ")
+
+
+def test_a_program_that_sweeps_when_it_is_imported_fails_as_a_member_only(tmp_path):
+    """Its members import it too, and would sweep again, without end."""
+    file = tmp_path / "eager.py"
+    call = f'js.sweep(swell, {{"amplitude": [0.03]}}, {str(tmp_path / "s.h5")!r}, workers=1, progress=False)'
+    file.write_text(f"{OWN}\nfound = {call}\n", encoding="utf-8")
+    found = js.Program.load(f"{file}:swell")
+    assert "a member of a sweep has begun a sweep" in js.read_sweep(tmp_path / "s.h5").failures[0,]
+    assert found.arguments == {"amplitude": 0.05, "t1": 0.2}
 
 
 def test_a_function_inside_another_is_swept_in_this_process(tmp_path):

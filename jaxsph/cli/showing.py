@@ -10,6 +10,7 @@ import typer
 
 from jaxsph.cli.arguments import RunName
 from jaxsph.cli.terminal import messages
+from jaxsph.errors import CaseError
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.output.vtk import export_vtkhdf
@@ -44,6 +45,8 @@ def plot(
                 typer.echo(path)
             return
         opened = RunFile.open(file)
+        if linear and "program" in opened.case_keys():
+            raise CaseError(f"--linear: {file} is of a program, whose linear theory is not known")
         expected = js.linear_owc(js.Case.from_dict(opened.case_keys())) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
             typer.echo(path)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
+import os
 import shutil
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +25,7 @@ from jaxsph.output.sweep_file import Meanings, SweepFile, over_members
 from jaxsph.problem.program import Program
 from jaxsph.problem.source import Source, identity
 from jaxsph.problem.sources import source_of
+from jaxsph.run.interrupt import ATTACHED
 from jaxsph.run.stored import stored_identity
 from jaxsph.study.members import Ended, check_members, one_per_core, run_each, run_in_batches
 from jaxsph.study.ownership import only_study, refuse_other
@@ -89,6 +91,11 @@ def sweep(
     runs one with this output.
     """
     source = source_of(given)
+    if os.environ.get(ATTACHED):
+        raise CaseError(
+            f"{source.name}: a member of a sweep has begun a sweep when its program was imported: put what "
+            'the program does beside defining functions under if __name__ == "__main__":'
+        )
     batch = _checked_batch(workers, batch, executor)
     if isinstance(source, Program) and not source.importable:
         batch = batch or 1  # in this process, which alone has the function
