@@ -1,9 +1,11 @@
 """Coarse cases and compiled functions shared by the tests: compiling takes longer than running them."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
+from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # One cache for all workers, commands and notebooks of this run: what one has compiled the next need not.
@@ -80,6 +82,19 @@ def with_velocity(state, u):
     """The state with other velocities, broadcast to its own."""
     old = state.particles.u
     return eqx.tree_at(lambda s: s.particles.u, state, jnp.broadcast_to(jnp.asarray(u, old.dtype), old.shape))
+
+
+MAPS, MOST_MAPS = Path("/proc/self/maps"), 30_000
+"""What a process has mapped into memory, and half of what Linux allows by default (vm.max_map_count)."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def forget_programs():
+    """Every compiled program maps some pages, and a process that may map no more is aborted while it compiles."""
+    yield
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 def _built(name):
