@@ -90,7 +90,7 @@ MAPS, MOST_MAPS = Path("/proc/self/maps"), 30_000
 
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
-    """Every compiled program maps some pages, and a process that may map no more is aborted while it compiles."""
+    """Each compiled program maps some pages, and a process that may map no more is aborted as it compiles."""
     yield
     if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()
