@@ -462,7 +462,7 @@ def test_results_of_before_a_change_do_not_outlive_it(whole, tmp_path):
         file.amend(*change)
         assert file.since == pytest.approx(since)
         assert not RunFile.open(path).results() and not RunFile.open(path).notices()
-        assert start.case == host.load_start(path).case
+        assert start.source == host.load_start(path).source
 
 
 def _one_pto():

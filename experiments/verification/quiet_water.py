@@ -26,16 +26,24 @@ DIFFUSIONS = (0.1, 0.2, 0.4)
 
 
 def main(
-    dx: float = 0.04, amplitude: float = 0.08, t1: float = 3.0, weakly_compressible: bool = False
+    dx: float = 0.04,
+    amplitude: float = 0.08,
+    t1: float = 3.0,
+    weakly_compressible: bool = False,
+    flat: bool = False,
 ) -> None:
-    """Runs the wave (m) to t1 (s) with the default kernel and with the one before it, in 2-D and 3-D."""
+    """Runs the wave (m) to t1 (s) with the default kernel and with the one before it, in 2-D and 3-D.
+
+    `flat`: in 2-D alone.
+    """
     if weakly_compressible:
         by_diffusion(dx, amplitude, t1)
         return
     title = f"Standing wave of {amplitude:g} m by kernel, incompressible"
+    dims = (2,) if flat else (2, 3)
     with Report(f"quiet_water_{dx:g}", title, dx) as report:
-        figure = Figure(figsize=(9, 3.6), layout="constrained")
-        for dim, axis in zip((2, 3), figure.subplots(1, 2), strict=True):
+        figure = Figure(figsize=(4.5 * len(dims), 3.6), layout="constrained")
+        for dim, axis in zip(dims, figure.subplots(1, len(dims), squeeze=False)[0], strict=True):
             for kernel in ("semicircle", BEFORE[dim]):
                 run = solved(dx, amplitude, t1, dim, {"scheme.kernel": kernel})
                 measured = (decay(run), run.results["noise"], run.results["energy_hyperviscosity"])

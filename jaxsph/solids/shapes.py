@@ -90,9 +90,8 @@ class AbstractShape(eqx.Module):
 
     def outline(self) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of the shape in pictures."""
-        parts = _parts(self.region())
-        largest = max(parts, key=lambda part: part.area, default=None)
-        return np.zeros((0, 2)) if largest is None else np.asarray(largest.exterior.coords)[:-1]
+        largest = max(_parts(self.region()), key=lambda part: part.area, default=shapely.Polygon())
+        return np.asarray(largest.exterior.coords).reshape(-1, 2)[:-1]
 
 
 class Block(AbstractShape):
