@@ -64,7 +64,7 @@ def results_until(case: js.Case, series: dict[str, np.ndarray]) -> tuple[dict[st
     """Results of a record that may be the first part of a run's, and their notices."""
     model = _Ledger(Geometry.of(case).depth, float(series["time"][-1]))
     state = SimpleNamespace(step=1, particles=SimpleNamespace(x=np.zeros((1, 2))))
-    made = (energy_result(model), noise_result, *case_results(case))
+    made = (energy_result(model, averaged=True), noise_result, *case_results(case))
     return summary_of(js.Solution(series, {}, model, state, case), made, SettledPeriods(case), 1.0, 1)
 
 

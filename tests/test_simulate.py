@@ -47,7 +47,8 @@ quiet = functools.partial(js.run, progress=False)
 
 def run_results(case, solution, seconds, steps, since=0.0):
     """Scalars of a case's run and notices, without building the case."""
-    labelled = energy_result(types.SimpleNamespace(entries=dict, g=(0.0, 0.0)))
+    model = types.SimpleNamespace(entries=dict, g=(0.0, 0.0))
+    labelled = energy_result(model, case.waves is not None)
     made = (labelled, noise_result, *case_results(case))
     return summary_of(solution, made, SettledPeriods(case), seconds, steps, since)
 

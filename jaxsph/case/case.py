@@ -20,6 +20,7 @@ from jaxsph.case.section import Section, kind_of
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.errors import CaseError
 from jaxsph.problem.problem import Problem
+from jaxsph.problem.record import WholeRecord
 from jaxsph.problem.toml import toml_text, toml_value
 
 SMOOTH = (
@@ -109,7 +110,7 @@ class Case(Sections):
             snapshot_dt=self.output.snapshot_dt,
             name=self.name,
             description=self.description,
-            averaging=SettledPeriods(self),
+            averaging=WholeRecord() if self.waves is None else SettledPeriods(self),
             mean_of_power=functools.partial(mean_of_power, self),
         )
 

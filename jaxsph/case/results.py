@@ -36,7 +36,7 @@ WHOLE = 0.95
 
 
 class SettledPeriods(AbstractAveraging):
-    """Means over whole settled periods of a case's waves; over the whole record where it has no waves."""
+    """Means over whole settled periods of a case's waves; over the whole record of a focused group."""
 
     case: Sections = eqx.field(static=True)
     """The case."""

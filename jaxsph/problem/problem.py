@@ -56,11 +56,12 @@ class Problem:
         self.model, self.state = model, state
         self.sample_dt, self.t1 = float(sample_dt), float(t1)
         self.probes = tuple(default_probes(model, state, sample_dt) if probes is None else probes)
-        self.results = (energy_result(model), noise_result, *results)
         self.snapshot_dt = float(more.pop("snapshot_dt", 5 * self.sample_dt))
         self.name: str = more.pop("name", "assembled")
         self.description: str = more.pop("description", "")
         self.averaging: AbstractAveraging = more.pop("averaging", WholeRecord())
+        averaged = not isinstance(self.averaging, WholeRecord)
+        self.results = (energy_result(model, averaged), noise_result, *results)
         self.mean_of_power: Callable[[str], MeanOfRecord] = more.pop("mean_of_power", self._energy_of)
         if more:
             raise TypeError(f"Problem has no argument {', '.join(more)}")

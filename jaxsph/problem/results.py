@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from jaxsph import analysis
@@ -10,19 +12,19 @@ from jaxsph.model.meaning import Label
 from jaxsph.problem.record import Record, Result, Scalars, harvested
 
 
-def energy_result(model: Model) -> Result:
-    """Energy balance of a model, over the window and, where that is a part of it, over the whole record."""
+def energy_result(model: Model, averaged: bool) -> Result:
+    """Energy balance of a model over the window, and of the whole record where means are `averaged`."""
     unit = "J/m" if len(model.g) == 2 else "J"
     labels = {f"energy_{n}": Label(f"  {entry.long_name}", unit) for n, entry in model.entries().items()}
-    return Result(_energy, labels, "energy balance")
+    return Result(functools.partial(_energy, averaged), labels, "energy balance")
 
 
-def _energy(record: Record) -> Scalars:
+def _energy(averaged: bool, record: Record) -> Scalars:
     """Energy balance: a paddle gives and takes back far more than its waves keep, hence whole periods."""
     names, series = harvested(record.solution.model), record.solution.series
     over = {name: values[record.window.over] for name, values in series.items()}
     results = {f"energy_{name}": value for name, value in analysis.energy_budget(over, names).items()}
-    if np.all(record.window.over):
+    if not averaged:
         return results
     whole = analysis.energy_budget(series, names)
     return results | {f"whole_energy_{name}": value for name, value in whole.items()}
