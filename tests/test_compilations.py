@@ -37,6 +37,8 @@ def _built(name, changes):
 @pytest.fixture(scope="module")
 def compiled():
     """The coarse OWC, whose step is compiled."""
+    # as in a process of its own: JAX's caches are of a fixed size, and full ones drop programs at any time
+    jax.clear_caches()
     with compilations() as found:
         case, model, state = _built("owc", {})
         advance(case, model, state, 1)
