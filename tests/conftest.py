@@ -4,7 +4,9 @@ import atexit
 import gc
 import os
 import shutil
+import signal
 import tempfile
+import time
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
@@ -19,6 +21,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxsph as js
+from jaxsph.output.run_file import RunFile
 from jaxsph.run.simulate import simulate as simulate_
 
 COARSE = {
@@ -70,6 +73,20 @@ def advance(case, model, state, samples):
         probes=js.make_probes(case, model, state),
         sample_every=every,
     )
+
+
+def kill_with_two_checkpoints(process, path):
+    """Kills a run (SIGKILL) once its file has two checkpoints: the second write replaces the first."""
+    try:
+        deadline = time.monotonic() + 240.0
+        while time.monotonic() < deadline and process.poll() is None:
+            if path.exists() and RunFile.open(path).progress() and RunFile.open(path).snapshot_count >= 2:
+                break
+            time.sleep(0.02)
+        os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+    finally:
+        process.kill()
+        process.wait()
 
 
 def shaken(state, dx, rng, share):

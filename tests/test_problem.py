@@ -4,15 +4,13 @@ import os
 import pickle
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import coarse
+from conftest import coarse, kill_with_two_checkpoints
 from typer.testing import CliRunner
 
 import jaxsph as js
@@ -101,16 +99,7 @@ def test_a_killed_program_resumes_to_the_bit_when_it_is_named_again(own, whole, 
         path,
     ]
     process = subprocess.Popen([*command, "--quiet", "--no-report", "--no-plot"], env=AS_HERE)
-    try:
-        deadline = time.monotonic() + 240.0
-        while time.monotonic() < deadline and process.poll() is None:
-            if path.exists() and RunFile.open(path).snapshot_count >= 2:
-                break
-            time.sleep(0.02)
-        os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-    finally:
-        process.kill()
-        process.wait()
+    kill_with_two_checkpoints(process, path)
     assert "name it again" in _command("resume", path, code=2)
     done = RunFile.open(path).snapshot_count * 0.05
     t1 = max(0.2, round(done + 0.05, 2))

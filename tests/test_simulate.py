@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import advance, coarse, enable_x64, with_velocity
+from conftest import advance, coarse, enable_x64, kill_with_two_checkpoints, with_velocity
 
 import jaxsph as js
 from jaxsph.case.geometry import Geometry
@@ -772,17 +772,7 @@ def test_killed_run_resumes_as_if_nothing_had_happened(tmp_path):
     (tmp_path / "owc.toml").write_text(OWC.to_toml())
     path = tmp_path / "killed.h5"
     process = subprocess.Popen([sys.executable, "-c", ENDLESS, tmp_path / "owc.toml", path])
-    try:
-        deadline = time.monotonic() + 240.0
-        while time.monotonic() < deadline and process.poll() is None:
-            # two checkpoints at least: the second write replaces the first
-            if path.exists() and RunFile.open(path).progress() and RunFile.open(path).snapshot_count >= 2:
-                break
-            time.sleep(0.02)
-        os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-    finally:
-        process.kill()
-        process.wait()
+    kill_with_two_checkpoints(process, path)
     done = RunFile.open(path).snapshot_count
     assert 2 <= done < 60.0 / CHUNK
     t1 = (done + 1) * CHUNK

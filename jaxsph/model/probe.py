@@ -1,4 +1,4 @@
-"""Interface of a probe: what is read of a state inside the time loop."""
+"""Interface of a probe, which takes readings of the state inside the time loop."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from jaxsph.problem.results import energy_result, noise_result
 
 
 class Problem:
-    """What is run: a model and its initial state, what is read of it and when, and what is made of that.
+    """Problem to run: a model, its initial state, its probes, when they sample, and the results to compute.
 
     `Case.problem()` makes one, and so may any function of yours: `jaxsph run FILE:FUNCTION` runs it, with
     a file, `resume`, `sweep` and a page, as it does a case.
@@ -47,10 +47,11 @@ class Problem:
         **more: Any,
     ) -> None:
         """**Arguments**: `model`, `state` as `assemble` gives them for samples `sample_dt` (s) apart; `t1`:
-        end of the run, s; `probes`: by default those of the model's parts; `results`: what is made of the
-        record beside its energy balance and noise. By name, too: `snapshot_dt`, time between two snapshots,
-        s, by default five samples; `name`, after which files are called; `description`; `averaging`, which
-        part of the record means are taken over; `mean_of_power`, results that slopes may be taken of.
+        end of the run, s; `probes`: by default those of the model's parts; `results`: those to compute from
+        the record beside its energy balance and noise. By name, too: `snapshot_dt`, time between two
+        snapshots, s, by default five samples; `name`, after which files are called; `description`;
+        `averaging`, which part of the record means are taken over; `mean_of_power`, results that slopes may
+        be taken of.
         **Raises** CaseError for times that do not fit, and for two probes with a reading of one name.
         """
         self.model, self.state = model, state

@@ -36,7 +36,7 @@ class Tank:
     x0: float
     x1: float
     depth: float | None
-    """Level of still water; None where there is none."""
+    """Level of still water, m; None for a tank without one."""
     top: float
     """Upper edge of the view."""
     walls: tuple[bool, bool, bool]
