@@ -72,7 +72,10 @@ INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
         # what excludes each other
         ({"start.amplitude": 0.01}, "start and waves exclude each other"),
         ({"tank.width": 0.5}, "tank.width: a device needs a two-dimensional tank"),
-        ({"scheme.kernel": "cubic"}, r"scheme.kernel = 'cubic': .*'gaussian', 'wendland' or 'semicircle'"),
+        (
+            {"scheme.kernel": "cubic"},
+            r"scheme.kernel = 'cubic': .*'gaussian', 'wendland', 'semicircle' or 'polynomial'",
+        ),
     ],
     ids=lambda value: None if isinstance(value, str) else "+".join(value),
 )
@@ -401,7 +404,7 @@ def test_keys_of_the_other_kind_are_refused_with_what_to_write(case, changes, me
 
 
 def test_lattice_checks_use_the_kernel_s_own_reach():
-    """The Gaussian reaches 4.2 spacings: four layers, and three where the semicircle reaches 3.05."""
+    """The Gaussian reaches 4.2 spacings: four layers, and three where the polynomial reaches 3.05."""
     wide = OWC.replace({"scheme.kernel": "gaussian"})
     assert wide.layers == OWC.replace({"scheme.kind": "weakly_compressible"}).layers == 4
     assert OWC.layers == 3 and OWC.pto.K_dm == 534.66

@@ -40,7 +40,7 @@ def compiled():
     # as in a process of its own: JAX's caches are of a fixed size, and full ones drop programs at any time
     jax.clear_caches()
     with compilations() as found:
-        # a period of no other test: a wavenumber already known here would compile nothing, and the next one would
+        # a period of no other test: a wavenumber already known would compile nothing, and the next one would
         case, model, state = _built("owc", {"waves.T": 1.37})
         advance(case, model, state, 1)
     assert found  # the listener hears

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from conftest import enable_x64
 
-from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2, support
-from jaxsph.core.lattice import lattice_points, lattice_stress
-from jaxsph.schemes.kernels import KERNEL, usual_length
+from jaxsph.core.design import least_stress
+from jaxsph.core.kernels import Gaussian, Polynomial, Semicircle, WendlandC2, support
+from jaxsph.core.lattice import lattice_points, lattice_stress, shear_stiffness
+from jaxsph.schemes.kernels import POLYNOMIAL, SEMICIRCLE, SUPPORT, usual_length
 
 H = 0.03
 KERNELS = {
@@ -21,6 +22,7 @@ KERNELS = {
         ("wendland", WendlandC2()),
         ("semicircle", Semicircle.of(dim)),
         ("semicircle 12", Semicircle.of(dim, 12.0)),
+        ("polynomial", POLYNOMIAL[dim]),
     )
 }
 # What the cut at 3.5h takes from the Gaussian: erfc-type tails of exp(-q^2).
@@ -67,9 +69,9 @@ def test_slope_is_never_positive_and_finite_from_the_centre_to_the_edge(which):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_semicircle_is_as_wide_as_the_gaussian_of_its_smoothing_length(dim):
+def test_smoothing_lengths_are_those_of_the_gaussian_as_wide(dim):
     with enable_x64():
-        for kernel in (Gaussian(), Semicircle.of(dim)):
+        for kernel in (Gaussian(), Semicircle.of(dim), POLYNOMIAL[dim]):
             r = jnp.linspace(0.0, kernel.reach * H, 20001)
             second = jnp.trapezoid(kernel.value(r**2, H, dim) * r ** (dim + 1), r)
             moment = float(second / jnp.trapezoid(kernel.value(r**2, H, dim) * r ** (dim - 1), r))
@@ -127,15 +129,69 @@ def test_stress_of_a_strained_lattice(kernel, h, dim, neighbours, stress):
     assert found.strained == pytest.approx(stress, rel=0.035)  # of two digits
 
 
+BEFORE = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
+"""Kernels whose stress and neighbours the others are compared with."""
+
+
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_semicircle_resists_least(dim):
-    """With half the neighbours of the Gaussian in two dimensions, and as many as Wendland's in three."""
-    of_old = lattice_stress(*{2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}[dim], dim)
-    kernel = KERNEL[dim]
+@pytest.mark.parametrize("kernels", [SEMICIRCLE, POLYNOMIAL], ids=["semicircle", "polynomial"])
+def test_a_lattice_resists_semicircle_and_polynomial_least(kernels, dim):
+    """With half the Gaussian's neighbours in two dimensions, and Wendland's, to 3 % by volume, in three."""
+    of_old = lattice_stress(*BEFORE[dim], dim)
+    kernel = kernels[dim]
     found = lattice_stress(kernel, usual_length(kernel, dim), dim)
-    assert found.neighbours <= {2: 28, 3: 92}[dim]
+    assert SUPPORT[type(kernel)][dim] ** dim < {2: 0.55 * 4.2**2, 3: 1.03 * 3.0**3}[dim]
     assert max(found.strained / of_old.strained, found.distorted / of_old.distorted) < {2: 0.3, 3: 0.1}[dim]
     assert found.transform > -1e-4  # particles do not pair
+
+
+# --- stability of a lattice under pressure
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_polynomial_is_the_least_stress_of_all_stable_ones_to_three_decimals(dim):
+    support = SUPPORT[Polynomial][dim]
+    with enable_x64():
+        kernel = least_stress(dim, support, lowest=3, terms=7)
+        stored, best = (lattice_stress(k, support / k.reach, dim) for k in (POLYNOMIAL[dim], kernel))
+    np.testing.assert_allclose(POLYNOMIAL[dim].shares, kernel.shares, atol=6e-4)
+    assert POLYNOMIAL[dim].reach == pytest.approx(kernel.reach, rel=1e-4)
+    assert stored.distorted == pytest.approx(best.distorted, rel=0.01)
+
+
+def test_only_the_polynomial_leaves_a_lattice_stable():
+    """Stiffness s makes transverse waves grow at the rate sqrt(-2 s g d)/dx; 1e-6 of it passes for zero."""
+    for dim in (2, 3):
+        for kernels, stable in ((POLYNOMIAL, True), (SEMICIRCLE, False)):
+            kernel = kernels[dim]
+            stiffness = lattice_stress(kernel, usual_length(kernel, dim), dim).stiffness
+            assert (stiffness > -1e-6) if stable else (stiffness < -5e-4)
+
+
+def test_stiffness_is_the_force_on_a_wave_of_displacements():
+    """Sums over a periodic lattice give the same force, moved a thousandth of a spacing across the wave."""
+    n, p = 12, POLYNOMIAL[2]
+    h = usual_length(p, 2)
+    k = 2.0 * np.pi / n * np.array([2.0, 3.0])
+    across = np.array([3.0, -2.0]) / np.sqrt(13.0)
+    with enable_x64():
+        x = np.stack(np.meshgrid(*[np.arange(float(n))] * 2, indexing="ij"), -1).reshape(-1, 2)
+        moved = x + 1e-3 * np.cos(x @ k)[:, None] * across
+        r = moved[:, None] - moved[None]
+        r -= n * np.round(r / n)
+        r2 = np.sum(r**2, axis=-1)
+        F = np.where(r2 < SUPPORT[Polynomial][2] ** 2, np.asarray(p.slope(jnp.asarray(r2), h, 2)), 0.0)
+        force = np.einsum("ij,ija->ia", F, r)  # sum_j V grad W: twice the pressure over the density short
+        of_wave = 2.0 * np.mean(force * np.cos(x @ k)[:, None], axis=0) @ across / 1e-3
+        points = lattice_points("cubic", 2, SUPPORT[Polynomial][2])
+        found = shear_stiffness(p, h, points, k[None])[0]
+        # displacements of a thousandth: the next term of the force is some 1e-5 of the first
+        assert across @ found @ across == pytest.approx(of_wave, rel=1e-3)
+
+
+def test_a_support_too_small_for_a_stable_lattice_is_refused():
+    with pytest.raises(ValueError, match=r"allow more powers or another support"):
+        least_stress(2, 2.2, lowest=4, terms=2)
 
 
 def test_width_is_the_gaussians():

@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 import jaxsph as js
 from experiments.common import Report
 from jaxsph import analysis
-from jaxsph.schemes.kernels import KERNEL, usual_length
+from jaxsph.schemes.kernels import KERNEL, NAMED, KernelName, usual_length
 
 BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
 """Decay (1/s), noise over speed (-) and energy lost by hyperviscosity (J/m, J), by number of dimensions."""
-BEFORE = {2: "gaussian", 3: "wendland"}
-"""Default kernels before the semicircle, by number of dimensions."""
+BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}
+"""Default kernels before semicircle and polynomial, by number of dimensions."""
 DIFFUSIONS = (0.1, 0.2, 0.4)
 """Coefficients delta of the weakly compressible diffusion that are compared; the first is the default."""
 
@@ -32,7 +32,7 @@ def main(
     weakly_compressible: bool = False,
     flat: bool = False,
 ) -> None:
-    """Runs the wave (m) to t1 (s) with the default kernel and with the one before it, in 2-D and 3-D.
+    """Runs the wave (m) to t1 (s) with polynomial, semicircle and the default before them, in 2-D and 3-D.
 
     `flat`: in 2-D alone.
     """
@@ -44,13 +44,13 @@ def main(
     with Report(f"quiet_water_{dx:g}", title, dx) as report:
         figure = Figure(figsize=(4.5 * len(dims), 3.6), layout="constrained")
         for dim, axis in zip(dims, figure.subplots(1, len(dims), squeeze=False)[0], strict=True):
-            for kernel in ("semicircle", BEFORE[dim]):
+            for kernel in ("polynomial", "semicircle", BEFORE[dim]):
                 run = solved(dx, amplitude, t1, dim, {"scheme.kernel": kernel})
                 measured = (decay(run), run.results["noise"], run.results["energy_hyperviscosity"])
                 units = ("1/s", "of the speed", "J/m" if dim == 2 else "J")
                 words = ("decay of the amplitude", "noise at the end", "taken by hyperviscosity")
                 for what, value, unit, bar in zip(words, measured, units, BARS[dim], strict=True):
-                    chosen = kernel == "semicircle"
+                    chosen = NAMED[dim][kernel] == KERNEL[dim]
                     report.row(
                         f"{dim}-D, {kernel}: {what}",
                         value,
@@ -70,15 +70,15 @@ def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
     """The same in weakly compressible water, with two kernels and several coefficients of the diffusion."""
     title = f"Standing wave of {amplitude:g} m by kernel and diffusion, weakly compressible"
     with Report(f"quiet_water_{dx:g}_weakly_compressible", title, dx) as report:
-        for kernel in (BEFORE[2], "semicircle"):
+        for kernel in (BEFORE[2], "semicircle", "polynomial"):
             for delta in DIFFUSIONS:
                 changes = {
                     "scheme.kind": "weakly_compressible",
                     "scheme.kernel": kernel,
                     "scheme.delta": delta,
                 }
-                if kernel == "semicircle":
-                    changes["scheme.h_over_dx"] = usual_length(KERNEL[2], 2)
+                if kernel != BEFORE[2]:
+                    changes["scheme.h_over_dx"] = usual_length(NAMED[2][kernel], 2)
                 run = solved(dx, amplitude, t1, 2, changes)
                 label = f"{kernel}, delta = {delta:g}"
                 report.row(f"{label}: decay of the amplitude", decay(run), "1/s", theory=0.0)

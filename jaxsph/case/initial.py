@@ -9,13 +9,14 @@ import numpy as np
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
-from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
+from jaxsph.core.kernels import AbstractKernel, Gaussian, Polynomial, Semicircle, WendlandC2
 from jaxsph.solids.packing import packed
 from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
 from jaxsph.solids.walls import Ghosts
 
 SURFACE_ROWS: dict[tuple[type[AbstractKernel], int], tuple[float, ...]] = {
+    (Polynomial, 2): (0.0128, 0.0085, -0.0005, 0.0007),
     (Semicircle, 2): (0.011, 0.0055, 0.0, 0.0005),
     (Semicircle, 3): (0.0272, 0.0108, 0.0022, 0.0016, 0.0007, 0.0006),
     (Gaussian, 2): (-0.0235, 0.0105, -0.004, 0.001),

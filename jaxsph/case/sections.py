@@ -27,9 +27,9 @@ from jaxsph.case.section import (
     kind_of,
 )
 from jaxsph.case.wave_sections import WAVES, WavesSection
-from jaxsph.core.kernels import AbstractKernel, Gaussian, WendlandC2
+from jaxsph.core.kernels import AbstractKernel, Gaussian
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
-from jaxsph.schemes.kernels import KERNEL, usual_length
+from jaxsph.schemes.kernels import KERNEL, NAMED, KernelName, usual_length
 from jaxsph.schemes.projection import RELAXATION
 
 
@@ -49,8 +49,9 @@ class WeaklyCompressible(Section):
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
     """Kind of the scheme; another kind has other keys."""
-    kernel: Literal["gaussian", "wendland", "semicircle"] = "gaussian"
-    """Smoothing kernel: the Gaussian, cut off, Wendland's C2, or the exponential of a semicircle."""
+    kernel: KernelName = "gaussian"
+    """Smoothing kernel: the Gaussian, cut off, Wendland's C2, the exponential of a semicircle, or the
+    polynomial that a lattice resists least."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
     """Smoothing length of the Gaussian over dx; Wendland's is 1.5 times as long."""
     cut: float = Field(3.5, ge=2.5, le=4)
@@ -83,8 +84,7 @@ class WeaklyCompressible(Section):
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        named = {"gaussian": Gaussian(self.cut), "wendland": WendlandC2(), "semicircle": KERNEL[dim]}
-        return named[self.kernel]
+        return Gaussian(self.cut) if self.kernel == "gaussian" else NAMED[dim][self.kernel]
 
 
 class Incompressible(Section):
@@ -92,13 +92,13 @@ class Incompressible(Section):
 
     kind: Literal["incompressible"] = "incompressible"
     """Kind of the scheme; another kind has other keys."""
-    kernel: Literal["gaussian", "wendland", "semicircle"] | None = None
-    """Smoothing kernel: the exponential of a semicircle (by default), the Gaussian, cut off, or Wendland's
-    C2."""
+    kernel: KernelName | None = None
+    """Smoothing kernel: by default the polynomial that a lattice resists least in two, the exponential of a
+    semicircle in three dimensions; or the Gaussian, cut off, or Wendland's C2."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
-    """Smoothing length of the kernel over dx; by default such that the semicircle reaches 3.05 dx in two and
-    3 dx in three dimensions, 1.2 of the Gaussian, which reaches 3.5 h, and 2 in two and 1.5 in three
-    dimensions of Wendland's, which reaches 2 h."""
+    """Smoothing length of the kernel over dx; by default such that polynomial and semicircle reach 3.05 dx in
+    two and 3 dx in three dimensions (the polynomial 3.025 dx), 1.2 of the Gaussian, which reaches 3.5 h, and
+    2 in two and 1.5 in three dimensions of Wendland's, which reaches 2 h."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
     """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
     separation: float = Field(SEPARATION, ge=0, le=10)
@@ -132,8 +132,7 @@ class Incompressible(Section):
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
         """Smoothing kernel."""
-        named = {"gaussian": Gaussian(), "wendland": WendlandC2(), "semicircle": KERNEL[dim]}
-        return KERNEL[dim] if self.kernel is None else named[self.kernel]
+        return KERNEL[dim] if self.kernel is None else NAMED[dim][self.kernel]
 
 
 SCHEMES = {"weakly_compressible": WeaklyCompressible, "incompressible": Incompressible}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,12 @@ class LatticeStress(NamedTuple):
     """Smoothing length of the Gaussian with the same second moment, over the spacing (-)."""
     transform: float
     """Least value of the kernel's Fourier transform over that at zero (-); well below zero particles pair."""
+    stiffness: float
+    """Least stiffness of the undeformed lattice against transverse waves of displacements (-).
+
+    Times 2 p/(rho dx^2) it is the square of their frequency. Where it is negative, pressure makes them grow
+    and the lattice buckles, the faster the deeper the water is in spacings.
+    """
 
 
 def lattice_stress(
@@ -51,20 +58,22 @@ def lattice_stress(
     """
     reach = kernel.reach * h_over_dx
     points = lattice_points(lattice, dim, reach)
-    pure = np.linspace(0.0, STRAIN, 26)[:, None, None] * np.diag([1.0, -1.0, 0.0][:dim])
-    random = np.random.default_rng(0).normal(scale=DISTORTION, size=(SAMPLES, dim, dim))
-    random -= np.trace(random, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
     of_strains, of_distortions = (
-        _false_stress(kernel, h_over_dx, points @ linalg.expm(each).swapaxes(1, 2)) for each in (pure, random)
+        np.abs(np.linalg.eigvalsh(false_stress(kernel, h_over_dx, each))).max(axis=1)
+        for each in deformed(points, SAMPLES)
     )
     r = np.sqrt(np.sum(points**2, axis=1))
     width, least = _transform(kernel, h_over_dx, dim)
+    # along a wave the projection left a zero, which is no mode: the least of the others
+    along = transverse(shear_waves(dim))
+    stiff = shear_stiffness(kernel, h_over_dx, points, shear_waves(dim)) + 1e9 * (np.eye(dim) - along)
     return LatticeStress(
         float(of_strains.max()),
         float(np.sqrt(np.mean(of_distortions**2))),
         int(np.sum(r < reach - 1e-9)),
         width,
         least,
+        float(np.linalg.eigvalsh(stiff).min()),
     )
 
 
@@ -90,13 +99,64 @@ def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.floa
     return points[(r2 > 1e-12) & (r2 < far**2)]
 
 
-def _false_stress(kernel: AbstractKernel, h: float, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """False stress of each of several deformed lattices, `points` `[S, M, D]`, over the pressure (-)."""
+def deformed(points: NDArray[np.float64], samples: int) -> tuple[NDArray[np.float64], ...]:
+    """Lattices of the points under pure strain up to `STRAIN`, and under random deformations, `[S, M, D]`."""
+    dim = points.shape[1]
+    pure = np.linspace(0.0, STRAIN, 26)[:, None, None] * np.diag([1.0, -1.0, 0.0][:dim])
+    random = np.random.default_rng(0).normal(scale=DISTORTION, size=(samples, dim, dim))
+    random -= np.trace(random, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
+    return tuple(points @ linalg.expm(each).swapaxes(1, 2) for each in (pure, random))
+
+
+def false_stress(
+    kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Deviator of the stress of each of several deformed lattices over the pressure, `[S, D, D]` (-).
+
+    **Arguments**: the kernel and its smoothing length over the spacing; the neighbours' places, `[S, M, D]`.
+    """
     dim, r2 = points.shape[-1], np.sum(points**2, axis=-1)
-    slope = np.where(r2 < (kernel.reach * h) ** 2, kernel.slope(jnp.asarray(r2), h, dim), 0.0)
+    inside = r2 < (kernel.reach * h_over_dx) ** 2
+    slope = np.where(inside, kernel.slope(jnp.asarray(r2), h_over_dx, dim), 0.0)
     stress = -np.einsum("sn,sna,snb->sab", np.float64(slope), points, points, optimize=True)
-    stress -= np.trace(stress, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
-    return np.abs(np.linalg.eigvalsh(stress)).max(axis=1)
+    return stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
+
+
+def shear_waves(dim: int) -> NDArray[np.float64]:
+    """Wavenumbers of displacements of a square or cubic lattice, `[K, D]`, in radians a spacing.
+
+    Those of one of the parts into which the lattice's symmetry divides them, zero left out.
+    """
+    axis = np.linspace(0.0, np.pi, {2: 25, 3: 11}[dim])
+    k = np.stack(np.meshgrid(*(axis,) * dim, indexing="ij"), -1).reshape(-1, dim)
+    return k[np.all(np.diff(k, axis=1) >= 0.0, axis=1) & (k[:, -1] > 0.0)]
+
+
+def transverse(waves: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Projections on what is perpendicular to each wave, `[K, D, D]`."""
+    along = waves / np.linalg.norm(waves, axis=1, keepdims=True)
+    return np.eye(waves.shape[1]) - along[:, :, None] * along[:, None, :]
+
+
+def shear_stiffness(
+    kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64], waves: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Stiffness of a lattice under pressure against transverse waves of displacements, `[K, D, D]` (-).
+
+    sum_j V (1 - cos k r_j) grad grad W(r_j), in spacings, between vectors perpendicular to the wave; what is
+    left beside it compresses the lattice, which the pressure itself forbids.
+    """
+    dim, r2 = points.shape[1], np.sum(points**2, axis=1)
+    near, r2 = points[r2 < (kernel.reach * h_over_dx) ** 2], r2[r2 < (kernel.reach * h_over_dx) ** 2]
+
+    def slope(r2):
+        return kernel.slope(r2, h_over_dx, dim)
+
+    F, dF = jax.vmap(jax.value_and_grad(slope))(jnp.asarray(r2))  # grad grad W = F 1 + 2 F' r r
+    curvature = np.einsum("n,ab->nab", F, np.eye(dim)) + 2.0 * np.einsum("n,na,nb->nab", dF, near, near)
+    stiffness = np.einsum("kn,nab->kab", 1.0 - np.cos(waves @ near.T), curvature)
+    across = transverse(waves)
+    return across @ stiffness @ across
 
 
 def _transform(kernel: AbstractKernel, h: float, dim: int) -> tuple[float, float]:

@@ -2,23 +2,48 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.kernels import AbstractKernel, Semicircle, WendlandC2
+from jaxsph.core.kernels import AbstractKernel, Gaussian, Polynomial, Semicircle, WendlandC2
 from jaxsph.core.pairs import Pair
 from jaxsph.model import laws
 
-KERNEL = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
-"""Kernel by number of dimensions, of least stress on a square or cubic lattice for its `SUPPORT`.
+SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
+"""Semicircle by number of dimensions, of least stress on a square or cubic lattice for its support."""
 
-The stress with which a lattice resists its deformation is set by the kernel's Fourier transform at the
-wavelength of the spacing. With half the neighbours of a Gaussian of 1.2 dx, and as many as the paper's kernel
-in three dimensions, Wendland's of 1.5 dx (section 2), waves lose less than with either (`quiet_water`).
+POLYNOMIAL = {
+    2: Polynomial.of(2, (0.105, -0.263, 1.275, -1.800, 2.533, -1.482, 0.632), 3),
+    3: Polynomial.of(3, (0.351, -1.609, 5.447, -8.853, 9.339, -4.994, 1.319), 3),
+}
+"""Polynomial by number of dimensions: `least_stress(dim, support, lowest=3, terms=7)`, to three decimals."""
+
+KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
+"""Default kernel by number of dimensions, with half the neighbours of a Gaussian of 1.2 dx, and as many as
+the paper's kernel in three dimensions, Wendland's of 1.5 dx (section 2); waves lose less than with either.
+
+On the lattice of a semicircle deep water buckles (`lattice_stress`), on the polynomial's it does not. At rest
+in three dimensions the rows at the surface buckle with the polynomial, with the semicircle they do not.
 """
 
-SUPPORT = {2: 3.05, 3: 3.0}
-"""Radius of the semicircle's support over the spacing, by number of dimensions."""
+KernelName = Literal["gaussian", "wendland", "semicircle", "polynomial"]
+"""Name of a kernel in a case."""
+
+NAMED: dict[int, dict[KernelName, AbstractKernel]] = {
+    dim: {
+        "gaussian": Gaussian(),
+        "wendland": WendlandC2(),
+        "semicircle": SEMICIRCLE[dim],
+        "polynomial": POLYNOMIAL[dim],
+    }
+    for dim in (2, 3)
+}
+"""Kernels by number of dimensions and name."""
+
+SUPPORT = {Semicircle: {2: 3.05, 3: 3.0}, Polynomial: {2: 3.05, 3: 3.025}}
+"""Radius of the kernels' supports over the spacing, by number of dimensions."""
 
 STEP_LENGTH = {2: 1.2, 3: 1.5}
 """Length over the spacing of which a step may cross the share `cfl` (-), whatever the kernel's own."""
@@ -31,8 +56,8 @@ def usual_length(kernel: AbstractKernel, dim: int) -> float:
     """
     if isinstance(kernel, WendlandC2):
         return {2: 2.0, 3: 1.5}[dim]
-    if isinstance(kernel, Semicircle):
-        return SUPPORT[dim] / kernel.reach
+    if isinstance(kernel, (Semicircle, Polynomial)):
+        return SUPPORT[type(kernel)][dim] / kernel.reach
     return 1.2 * kernel.width
 
 
