@@ -44,7 +44,8 @@ def least_stress(dim: int, support: float, lowest: int = 4, terms: int = 6) -> P
     cuts = np.empty((0, terms))
     for _ in range(MOST_CUTS):
         shares = _least_squares(gram, cuts)
-        if shares is None:
+        # by its own word the search also fails where it is at the best shares to the last digits
+        if abs(shares.sum() - 1.0) > ROUNDING or np.any(cuts @ shares < -ROUNDING):
             break
         values, modes = np.linalg.eigh(np.einsum("p,pkab->kab", shares, stiffness))
         wave, mode = np.nonzero(values < -ROUNDING)
@@ -68,8 +69,8 @@ def _decreases(shares: NDArray[np.float64], lowest: int, dim: int) -> bool:
     return bool(np.all(slope > 0.0))
 
 
-def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Shares of least stress that sum to one and whose product with no cut is negative; None without any."""
+def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shares of least stress that sum to one and whose product with no cut is negative."""
     n, scale = len(gram), 1.0 / np.trace(gram)
     found = optimize.minimize(
         lambda shares: scale * shares @ gram @ shares,
@@ -82,6 +83,4 @@ def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDAr
         method="SLSQP",
         options={"maxiter": 1000, "ftol": 1e-18},
     )
-    # by its own word the search also fails where it is at the best share to the last digits
-    feasible = abs(found.x.sum() - 1.0) < ROUNDING and np.all(cuts @ found.x > -ROUNDING)
-    return found.x if feasible else None
+    return found.x
