@@ -19,7 +19,7 @@ MOST_CUTS = 20
 """Rounds in which modes that would buckle become constraints: two or three are the rule."""
 
 
-def least_stress(dim: int, support: float, lowest: int = 4, terms: int = 6) -> Polynomial:
+def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
     """Polynomial kernel on whose lattice deformations meet the least false stress, and none grows by itself.
 
     False stress and stiffness are linear in the shares of the powers: the sum of the stress's squares, over

@@ -18,7 +18,7 @@ POLYNOMIAL = {
     2: Polynomial.of(2, (0.105, -0.263, 1.275, -1.800, 2.533, -1.482, 0.632), 3),
     3: Polynomial.of(3, (0.351, -1.609, 5.447, -8.853, 9.339, -4.994, 1.319), 3),
 }
-"""Polynomial by number of dimensions: `least_stress(dim, support, lowest=3, terms=7)`, to three decimals."""
+"""Polynomial by number of dimensions: `least_stress(dim, support)`, to three decimals."""
 
 KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
 """Default kernel by number of dimensions, with half the neighbours of a Gaussian of 1.2 dx, and as many as
