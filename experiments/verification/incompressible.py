@@ -106,7 +106,11 @@ def _divergence(solution: js.Solution) -> float:
 
 
 def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
-    """The vortex of `taylor_green` with n by n particles."""
+    """The vortex of `taylor_green` with n by n particles.
+
+    With half of this strength of shifting particles are in less order and energy decays at 5.7 % beside the
+    exact rate for 3.1 %; with twice of it, at 3.2 %.
+    """
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
     scheme = ISPH.of(
         1.0 / n,
@@ -116,7 +120,7 @@ def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
         viscosity=LaplacianViscosity(taylor_green.U / taylor_green.RE),
         period=box.period,
         relaxation=0.0,
-        shifting=Shifting(3.0),
+        shifting=Shifting(6.0),
     )
     walls = js.Ghosts.build(box, 1.0 / n, scheme.smoothing, js.FreeSlip())
     x = lattice(box.low, box.high, 1.0 / n)

@@ -79,7 +79,6 @@ def over_support(axis, dim: int) -> None:
         kernel = Semicircle.of(dim, beta)
         stress = [lattice_stress(kernel, R / kernel.reach, dim).distorted for R in support]
         axis.semilogy(support, stress, "o-", ms=3, color=f"C{k}", label=f"beta = {beta:g}")
-    support = support[:9]  # beyond 3.4 spacings there is none of seven powers in three dimensions
     best = [least_stress(dim, R) for R in support]
     stress = [
         lattice_stress(kernel, R / kernel.reach, dim).distorted

@@ -22,9 +22,10 @@ MOST_CUTS = 20
 def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
     """Polynomial kernel on whose lattice deformations meet the least false stress, and none grows by itself.
 
-    False stress and stiffness are linear in the shares of the powers: the sum of the stress's squares, over
-    random deformations and over pure strain, is least for shares that sum to one, and that leave no
-    transverse wave of displacements a negative stiffness (`LatticeStress`).
+    False stress, slope and stiffness are linear in the shares of the powers: the sum of the stress's squares,
+    over random deformations and over pure strain, is least for shares that sum to one, and with which the
+    kernel decreases outwards and no transverse wave of displacements has a negative stiffness
+    (`LatticeStress`).
     **Arguments**: the number of dimensions; the radius of the support over the spacing; the lowest power of
     1 - (r/R)^2 and the number of powers.
     **Returns**: the kernel; its smoothing length over the spacing is `support / kernel.reach`.
@@ -41,7 +42,7 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
         [shear_stiffness(power, h, points, waves) for power, h in zip(powers, lengths, strict=True)]
     )
 
-    cuts = np.empty((0, terms))
+    cuts = _slopes(lowest, terms, dim)
     for _ in range(MOST_CUTS):
         shares = _least_squares(gram, cuts)
         # by its own word the search also fails where it is at the best shares to the last digits
@@ -50,8 +51,6 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
         values, modes = np.linalg.eigh(np.einsum("p,pkab->kab", shares, stiffness))
         wave, mode = np.nonzero(values < -ROUNDING)
         if not wave.size:
-            if not _decreases(shares, lowest, dim):
-                break
             return Polynomial.of(dim, [float(share) for share in shares], lowest)
         worst = modes[wave, :, mode]
         cuts = np.concatenate([cuts, np.einsum("ma,pmab,mb->mp", worst, stiffness[:, wave], worst)])
@@ -61,12 +60,11 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
     )
 
 
-def _decreases(shares: NDArray[np.float64], lowest: int, dim: int) -> bool:
-    """Whether the kernel of these shares decreases from its centre to its edge."""
-    left = np.linspace(0.01, 1.0, 100)  # 1 - (r/R)^2
-    powers = range(lowest, lowest + len(shares))
-    slope = sum(n * c / power_integral(n, dim) * left ** (n - 1) for c, n in zip(shares, powers, strict=True))
-    return bool(np.all(slope > 0.0))
+def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
+    """Slopes that the powers give a kernel inwards, from its edge to its centre, `[100, terms]` (-)."""
+    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2, of which all powers share the lowest
+    powers = np.arange(lowest, lowest + terms)
+    return powers / [power_integral(n, dim) for n in powers] * left ** (powers - lowest)
 
 
 def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
