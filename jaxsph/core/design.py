@@ -64,7 +64,7 @@ def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
     """Slopes that the powers give a kernel inwards, from its edge to its centre, `[100, terms]` (-)."""
     left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2, of which all powers share the lowest
     powers = np.arange(lowest, lowest + terms)
-    return powers / [power_integral(n, dim) for n in powers] * left ** (powers - lowest)
+    return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 
 
 def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
