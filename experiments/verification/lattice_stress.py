@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import Report
 from jaxsph.core.design import least_stress
-from jaxsph.core.kernels import AbstractKernel, Gaussian, Semicircle, WendlandC2
+from jaxsph.core.kernels import AbstractKernel, Gaussian, Polynomial, Semicircle, WendlandC2
 from jaxsph.core.lattice import lattice_stress
 from jaxsph.schemes.kernels import POLYNOMIAL, SEMICIRCLE, SUPPORT, usual_length
 
@@ -65,7 +65,7 @@ def kernels(dim: int) -> list[tuple[str, AbstractKernel, float]]:
             usual_length(semicircle, dim),
         ),
         (
-            f"polynomial to {usual_length(polynomial, dim) * polynomial.reach:g} dx",
+            f"polynomial to {SUPPORT[Polynomial][dim]:g} dx",
             polynomial,
             usual_length(polynomial, dim),
         ),
@@ -74,16 +74,16 @@ def kernels(dim: int) -> list[tuple[str, AbstractKernel, float]]:
 
 def over_support(axis, dim: int) -> None:
     """Draws the stress of semicircles of several steepnesses and of the polynomial over their support."""
+
+    def distorted(kernel: AbstractKernel, R: float) -> float:
+        return lattice_stress(kernel, R / kernel.reach, dim).distorted
+
     support = np.arange(2.6, 3.65, 0.1)
     for k, beta in enumerate((12.0, 13.0, 14.0, 15.0, 16.0)):
         kernel = Semicircle.of(dim, beta)
-        stress = [lattice_stress(kernel, R / kernel.reach, dim).distorted for R in support]
+        stress = [distorted(kernel, R) for R in support]
         axis.semilogy(support, stress, "o-", ms=3, color=f"C{k}", label=f"beta = {beta:g}")
-    best = [least_stress(dim, R) for R in support]
-    stress = [
-        lattice_stress(kernel, R / kernel.reach, dim).distorted
-        for R, kernel in zip(support, best, strict=True)
-    ]
+    stress = [distorted(least_stress(dim, R), R) for R in support]
     axis.semilogy(support, stress, "k.-", label="stable polynomial")
     kernel, h = BEFORE[dim]
     before = lattice_stress(kernel, h, dim).distorted

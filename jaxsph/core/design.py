@@ -37,7 +37,7 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
     for lattices in deformed(points, SAMPLES):
         stress = [false_stress(power, h, lattices).ravel() for power, h in zip(powers, lengths, strict=True)]
         gram += np.inner(stress, stress) / len(lattices)
-    waves = shear_waves(dim)
+    waves = shear_waves("cubic", dim)
     stiffness = np.array(
         [shear_stiffness(power, h, points, waves) for power, h in zip(powers, lengths, strict=True)]
     )

@@ -64,16 +64,17 @@ def lattice_stress(
     )
     r = np.sqrt(np.sum(points**2, axis=1))
     width, least = _transform(kernel, h_over_dx, dim)
-    # along a wave the projection left a zero, which is no mode: the least of the others
-    along = transverse(shear_waves(dim))
-    stiff = shear_stiffness(kernel, h_over_dx, points, shear_waves(dim)) + 1e9 * (np.eye(dim) - along)
+    waves = shear_waves(lattice, dim)
+    # along a wave the stiffness is left out, which is no mode: it is made larger than all others
+    along = np.eye(dim) - transverse(waves)
+    stiffness = shear_stiffness(kernel, h_over_dx, points, waves) + 1e9 * along
     return LatticeStress(
         float(of_strains.max()),
         float(np.sqrt(np.mean(of_distortions**2))),
         int(np.sum(r < reach - 1e-9)),
         width,
         least,
-        float(np.linalg.eigvalsh(stiff).min()),
+        float(np.linalg.eigvalsh(stiffness).min()),
     )
 
 
@@ -82,14 +83,7 @@ def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.floa
 
     All those that any deformation of twice `STRAIN` brings within the radius are among them.
     """
-    basis = np.eye(dim)
-    if lattice == "close":
-        basis = (
-            np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]])
-            if dim == 2
-            else np.array([[-0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.5, 0.5, -0.5]])
-        )
-        basis = basis / abs(np.linalg.det(basis)) ** (1.0 / dim)
+    basis = _basis(lattice, dim)
     far = np.exp(2.0 * STRAIN) * radius
     # a cell is at least as wide as the inverse of its reciprocal's longest side
     most = int(np.ceil(far * np.linalg.norm(np.linalg.inv(basis), axis=0).max())) + 1
@@ -97,6 +91,17 @@ def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.floa
     points = steps @ basis
     r2 = np.sum(points**2, axis=1)
     return points[(r2 > 1e-12) & (r2 < far**2)]
+
+
+def _basis(lattice: Lattice, dim: int) -> NDArray[np.float64]:
+    """Vectors that span a lattice of unit density, `[D, D]`, in spacings."""
+    if lattice == "cubic":
+        return np.eye(dim)
+    basis = {
+        2: np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]]),
+        3: np.array([[-0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.5, 0.5, -0.5]]),
+    }[dim]
+    return basis / abs(np.linalg.det(basis)) ** (1.0 / dim)
 
 
 def deformed(points: NDArray[np.float64], samples: int) -> tuple[NDArray[np.float64], ...]:
@@ -122,14 +127,18 @@ def false_stress(
     return stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
 
 
-def shear_waves(dim: int) -> NDArray[np.float64]:
-    """Wavenumbers of displacements of a square or cubic lattice, `[K, D]`, in radians a spacing.
+def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
+    """Wavenumbers of a lattice's displacements, `[K, D]`, in radians a spacing.
 
-    Those of one of the parts into which the lattice's symmetry divides them, zero left out.
+    Those of its first Brillouin zone, where no other wavenumber of the same displacements is shorter; zero
+    and one of each pair k and -k are left out.
     """
-    axis = np.linspace(0.0, np.pi, {2: 25, 3: 11}[dim])
-    k = np.stack(np.meshgrid(*(axis,) * dim, indexing="ij"), -1).reshape(-1, dim)
-    return k[np.all(np.diff(k, axis=1) >= 0.0, axis=1) & (k[:, -1] > 0.0)]
+    reciprocal = 2.0 * np.pi * np.linalg.inv(_basis(lattice, dim)).T
+    steps = np.linspace(-1.0, 1.0, {2: 97, 3: 41}[dim])
+    k = np.stack(np.meshgrid(*(steps,) * dim, indexing="ij"), -1).reshape(-1, dim) @ reciprocal
+    k = k[(k[:, -1] > -1e-9) & (np.linalg.norm(k, axis=1) > 1e-9)]
+    G = np.stack(np.meshgrid(*((-1.0, 0.0, 1.0),) * dim, indexing="ij"), -1).reshape(-1, dim) @ reciprocal
+    return k[np.all(k @ G.T <= 0.5 * np.sum(G**2, axis=1) + 1e-9, axis=1)]
 
 
 def transverse(waves: NDArray[np.float64]) -> NDArray[np.float64]:

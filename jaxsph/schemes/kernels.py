@@ -56,7 +56,7 @@ def usual_length(kernel: AbstractKernel, dim: int) -> float:
     """
     if isinstance(kernel, WendlandC2):
         return {2: 2.0, 3: 1.5}[dim]
-    if isinstance(kernel, (Semicircle, Polynomial)):
+    if type(kernel) in SUPPORT:
         return SUPPORT[type(kernel)][dim] / kernel.reach
     return 1.2 * kernel.width
 
