@@ -16,6 +16,7 @@ CASES = {
 }
 KEYS = key_names(Case)
 SMALL = {
+    "beach": {"dx": 0.05, "tank.length": 5.0, "solid.beach.polygon": [[3.0, 0.0], [5.0, 0.5], [5.0, 0.0]]},
     "dam_break": {"dx": 0.1, "tank.length": 2.4},
     "dam_break_column": {"dx": 0.06, "tank.layer": None, "tank.width": 0.6, "tank.length": 1.2},
     "flap_2d": {"dx": 0.06, "tank.length": 8.1},

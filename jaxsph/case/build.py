@@ -75,7 +75,8 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     if level is not None and case.scheme.kind == "incompressible":
         x = at_rest(x, level, case.dx, scheme.smoothing.kernel)
     if not len(x):
-        raise CaseError("body: fills the whole tank, and leaves no water in it")
+        solids = ", ".join(geometry.named_shapes())
+        raise CaseError(f"{solids}: fills the whole tank, and leaves no water in it")
     g = np.zeros(case.dim)
     g[-1] = -case.g
     still = (x, volume / walls.width)
@@ -104,7 +105,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
 
 
 def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
-    """Ghosts of the tank's walls, of its device's plate and platform, and of its body."""
+    """Ghosts of the tank's walls, of its device's plate and platform, of its body and its solids."""
     return Ghosts.build(
         geometry.box(case),
         case.dx,
@@ -116,6 +117,7 @@ def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -
         platform=geometry.platform,
         filling=FILLINGS[walls_of(case)],
         shapes=() if geometry.solid is None else (geometry.solid,),
+        fixed_shapes=tuple(geometry.solids.values()),
     )
 
 

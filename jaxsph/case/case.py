@@ -16,7 +16,7 @@ from jaxsph.case.limits import check_limits
 from jaxsph.case.notices import limit_notices
 from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
-from jaxsph.case.section import Section, kind_of
+from jaxsph.case.section import Section, by_name, kind_of
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.errors import CaseError
 from jaxsph.problem.problem import Problem
@@ -44,6 +44,9 @@ SMOOTH = (
 )
 """Keys of the numbers on which a model depends smoothly, for methods that differentiate through the time
 loop. Lengths are not among them: they move the lattice."""
+
+NAME = "NAME"
+"""What stands in lists of keys for a name that a case gives, as in `solid.NAME.polygon`."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
 """Kinds of errors that say what a key means: of a value that is missing, or beyond its range."""
@@ -117,7 +120,7 @@ class Case(Sections):
     def value(self, name: str) -> Any:
         """Value of a key, by dotted name; None where the case does not give it. **Raises** CaseError for a
         key that no case has."""
-        value = functools.reduce(lambda part, key: getattr(part, key, None), name.split("."), self)
+        value = functools.reduce(_inner, name.split("."), self)
         if value is None:
             self.replace({name: 1.0})  # says what else is meant, where there is no such key
         return value
@@ -134,6 +137,11 @@ class Case(Sections):
         """Notices for the user: lengths that the lattice changed, limits that the case is near or beyond."""
         geometry = Geometry.of(self)
         return [*geometry.notices, *limit_notices(self, geometry)]
+
+
+def _inner(part: Any, key: str) -> Any:
+    """What a section, or sections by names, has under a key; None where it has nothing."""
+    return part.get(key) if isinstance(part, dict) else getattr(part, key, None)
 
 
 def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
@@ -184,8 +192,14 @@ def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) 
         inner = section_in(fields[key].annotation)
         if prefix + key in KINDS and not (value is None and key == "waves"):
             inner = _kind(key, value)
-        if inner is not None and isinstance(value, dict):
+        if inner is None or not isinstance(value, dict):
+            continue
+        if not by_name(fields[key].annotation):
             _check_section(value, inner, f"{prefix}{key}.")
+            continue
+        for name, one in value.items():
+            if isinstance(one, dict):
+                _check_section(one, inner, f"{prefix}{key}.{name}.")
 
 
 def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
@@ -244,6 +258,7 @@ def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
     """Dotted names of all keys of a section and of the sections in it."""
     keys = []
     for name, field in section.model_fields.items():
+        name = f"{name}.{NAME}" if by_name(field.annotation) else name
         keys.append(prefix + name)
         if prefix + name in KINDS:
             kinds = KINDS[name].values()
@@ -262,6 +277,7 @@ def _readable(error: ValidationError) -> str:
     for item in found[:5]:
         # pydantic's path has the kind of a scheme or of waves in it, which is no field
         path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] not in KINDS]
+        path = [part for part in path if part != "[key]"]  # of a name that a case gives
         field = ".".join(str(part) for part in path) or "case"
         value = (
             ""
@@ -289,14 +305,17 @@ def _in_toml_words(message: str) -> str:
 def _meaning(place: tuple[str | int, ...]) -> str:
     """Meaning of the key at a place of a case, in brackets; empty where the key has none."""
     section: Any = Case
-    words, kinds = "", {}
+    words, kinds, names = "", {}, False
     for part in place:
         if part in kinds:  # pydantic's path has the kind of a scheme or of waves in it
             section, kinds = kinds[part], {}
+            continue
+        if names:  # any name that the case gives
+            names = False
             continue
         field = getattr(section, "model_fields", {}).get(part)
         if field is None:
             return ""
         words, kinds = field.description or "", KINDS.get(str(part), {})
-        section = section_in(field.annotation)
+        section, names = section_in(field.annotation), by_name(field.annotation)
     return f" ({' '.join(words.split()).rstrip('.')})" if words else ""

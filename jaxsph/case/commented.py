@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, cast
 
 from pydantic.fields import FieldInfo
 
-from jaxsph.case.case import Case, section_in
-from jaxsph.case.section import Section
+from jaxsph.case.case import NAME, Case, section_in
+from jaxsph.case.section import Section, by_name
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.problem.toml import toml_value
 
@@ -49,6 +49,7 @@ def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str
         if prefix + name in KINDS:
             found |= {f'{name} (kind = "{kind}")': one for kind, one in KINDS[prefix + name].items()}
         elif inner is not None:
+            name = f"{name}.{NAME}" if by_name(field.annotation) else name
             found |= {prefix + name: inner} | sections_of(cast("type[Section]", inner), f"{prefix}{name}.")
     return found
 
@@ -62,10 +63,13 @@ def commented_toml(case: Case) -> str:
         if isinstance(part, Section):
             used.append(name)
             text += _with_inner(part, name)
+        elif isinstance(part, dict) and part:
+            used.append(name)
+            text += "".join(_with_inner(one, f"{name}.{key}") for key, one in part.items())
     text += "\n# Sections that this case does without:\n"
     for name, section in sections_of().items():
         plain = name.split(" ")[0]
-        if "." not in plain and plain not in used:
+        if "." not in plain.removesuffix(f".{NAME}") and plain.removesuffix(f".{NAME}") not in used:
             text += _comment(f"[{plain}]{name.removeprefix(plain)}: {_summary(section)}")
     return text
 

@@ -6,14 +6,20 @@ became of each, and CaseError refuses what does not fit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
-import shapely
-from shapely.validation import explain_validity
 
-from jaxsph.case.sections import BodySection, Device, Sections
+from jaxsph.case.sections import Device, Sections
+from jaxsph.case.shapes import (
+    Points,
+    check_apart,
+    check_inside,
+    corners_of,
+    off_lattice,
+    shape_of,
+    turned,
+)
 from jaxsph.errors import CaseError
 from jaxsph.solids.box import Box, Platform, WallPlate
 from jaxsph.solids.divisions import (
@@ -24,13 +30,11 @@ from jaxsph.solids.divisions import (
     MultiNodeGhosts,
     RegionalGhosts,
 )
-from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
+from jaxsph.solids.shapes import AbstractShape, Block
 from jaxsph.waves import theory
 
 ON_WALL = 1e-6
 """Distance within which a probe stands on a wall, m."""
-
-Points = tuple[tuple[float, ...], ...]
 
 PADDLE_GAUGE = 4.8
 """Distance in spacings from the paddle's face at which active absorption measures the elevation."""
@@ -58,6 +62,9 @@ class Geometry:
     platform: Platform | None
     chamber_length: float
     solid: AbstractShape | None
+    """Shape of the body."""
+    solids: dict[str, AbstractShape]
+    """Shapes of the solids that do not move, by their names."""
     gauges: tuple[float, ...]
     surface: Points
     pressure: Points
@@ -68,7 +75,7 @@ class Geometry:
     def __init__(self, dx: float) -> None:
         """An empty record for spacing dx (m)."""
         self.dx = dx
-        self.notices = []
+        self.notices, self.solids = [], {}
         self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
         self.withdrawal = self.chamber_length = 0.0
         self.width = self.plate = self.platform = self.solid = None
@@ -82,6 +89,7 @@ class Geometry:
         geometry._column(case)
         geometry._device(case)
         geometry._body(case)
+        geometry._solids(case)
         geometry._probes(case)
         if case.waves is not None:
             geometry.stroke = case.waves.stroke(geometry.depth, case.g)
@@ -234,26 +242,44 @@ class Geometry:
             return
         if case.device is not None:
             raise CaseError("body: a tank holds a body or a device with a chamber: remove one")
-        if case.tank.walls not in (None, "dummy"):
-            raise CaseError(f'tank.walls = "{case.tank.walls}": a body needs "dummy" walls')
-        dim = case.dim
-        if (found := 2 if section.block is None else len(section.block.low)) != dim:
-            raise CaseError(f"body: its shape has {found} dimensions, and the tank {dim}")
         for index, point in enumerate(section.sensors):
-            if len(point) != dim:
-                raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {dim} coordinates")
-        self.solid = shape_of(section, self.dx)
-        corners = _turned(_corners(section), section)
+            if len(point) != case.dim:
+                raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {case.dim} coordinates")
+        self.solid = shape_of(section, "body", case.dim, self.dx)
+        corners = turned(corners_of(section), section)
+        self._heightened(case, corners)
+        # the body's dummies stand half a spacing inside its surface, and they must be in the tank
+        check_inside(corners, "body", self.upper, 0.5 * self.dx)
+        if section.block is not None and not section.angle:
+            self.notices += off_lattice(section.block, "body", self.dx)
+
+    def _solids(self, case: Sections) -> None:
+        """Shapes of the solids that do not move, inside the tank and apart from all others."""
+        if (case.solid or case.body is not None) and case.tank.walls not in (None, "dummy"):
+            raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
+        for name, section in case.solid.items():
+            self.solids[name] = shape_of(section, f"solid.{name}", case.dim, self.dx)
+            self._heightened(case, corners_of(section))
+        for name, section in case.solid.items():
+            check_inside(corners_of(section), f"solid.{name}", self.upper, 1e-6)
+            if section.block is not None:
+                self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
+        check_apart(self.named_shapes(), self.dx)
+
+    def named_shapes(self) -> dict[str, AbstractShape]:
+        """Shapes of all solids in the tank, by what a case calls them."""
+        found = {} if self.solid is None else {"body": self.solid}
+        found |= {f"solid.{name}": shape for name, shape in self.solids.items()}
+        if self.plate is not None:
+            found["device"] = Block((self.plate.x0, self.plate.tip), (self.plate.x1, self.height))
+        if self.platform is not None:
+            found["device.platform"] = Block((self.platform.start, 0.0), (self.length, self.platform.height))
+        return found
+
+    def _heightened(self, case: Sections, corners: np.ndarray) -> None:
+        """Makes walls whose height the case leaves open go up to four spacings over corners `[K, D]` (m)."""
         if case.tank.height is None:
             self.height = max(self.height, self._rounded_up(float(corners[:, -1].max()) + 4 * self.dx))
-        # the body's dummies stand half a spacing inside its surface, and they must be in the tank
-        half = 0.5 * self.dx
-        out = ((corners < -half) | (corners > np.asarray(self.upper) + half)).any(axis=1)
-        if out.any():
-            at = ", ".join(f"{a:.4g}" for a in corners[out][0])
-            raise CaseError(f"body: reaches out of the tank (0 to {self.upper} m) at ({at})")
-        if section.block is not None and not section.angle:
-            self.notices += _off_lattice(section, self.dx)
 
     def _probes(self, case: Sections) -> None:
         """Places of gauges and sensors, those on a wall moved with it."""
@@ -318,90 +344,10 @@ class Geometry:
 
 def walls_of(case: Sections) -> str:
     """Kind of the walls' ghosts, one of those of `tank.walls`."""
-    return case.tank.walls or ("images" if case.body is None else "dummy")
+    return case.tank.walls or ("dummy" if case.body is not None or case.solid else "images")
 
 
 def thin_wall(device: Device) -> AbstractThinWall:
     """Method by which the ghosts of a device's plate are placed: regional or multi-node, in its division."""
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()
     return {"regional": RegionalGhosts, "multi_node": MultiNodeGhosts}[device.thin_wall](division)
-
-
-def shape_of(body: BodySection, dx: float) -> AbstractShape:
-    """Shape of a body. **Raises** CaseError for one in which no particle of spacing dx (m) has room."""
-    if body.block is not None:
-        least = min(b - a for a, b in zip(body.block.low, body.block.high, strict=True))
-        if least < 0.5 * dx:
-            raise CaseError(f"body.block: is {least:g} m thin, and must be half a spacing, {0.5 * dx:g} m")
-        return Block(body.block.low, body.block.high)
-    if body.disc is not None:
-        if body.disc.radius <= 0.5 * dx:
-            raise CaseError(
-                f"body.disc.radius = {body.disc.radius:g} m: must be more than half a spacing of {dx:g} m"
-            )
-        return Disc(body.disc.centre, body.disc.radius)
-    _check_polygon(body.polygon, dx)
-    return Polygon(body.polygon)
-
-
-def _check_polygon(corners: Points, dx: float) -> None:
-    """**Raises** CaseError for corners that do not go around one area once."""
-    sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
-    lengths = np.hypot(*sides.T)
-    if lengths.min() < 1e-3 * dx:
-        here = int(lengths.argmin())
-        raise CaseError(
-            f"body.polygon: corners {here} and {(here + 1) % len(corners)} stand at the same place, "
-            f"{list(corners[here])}: remove one (the last side closes by itself)"
-        )
-    whole = shapely.Polygon(corners)
-    if not whole.is_valid:
-        raise CaseError(
-            f"body.polygon: its sides must not cross or touch each other ({explain_validity(whole)})"
-        )
-    if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
-        raise CaseError(f"body.polygon: is nowhere a spacing of {dx:g} m thick, and holds no particle")
-
-
-def _corners(body: BodySection) -> np.ndarray:
-    """`[K, D]`, m: points of which a body's extent is made."""
-    if body.polygon is not None:
-        return np.asarray(body.polygon)
-    if body.disc is not None:
-        r = body.disc.radius
-        return np.asarray(body.disc.centre) + r * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    ends = zip(body.block.low, body.block.high, strict=True)
-    return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(body.block.low))
-
-
-def _turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
-    """Corners `[K, D]` (m) of a body that starts at its angle, turned in the x-z plane about its pivot."""
-    if not body.angle or body.disc is not None:
-        return corners
-    pivot = body.pivot or body.centre
-    if pivot is None:  # the centre of mass of the shape, near enough: the middle of its corners
-        pivot = 0.5 * (corners.min(axis=0) + corners.max(axis=0))[[0, -1]]
-    c, s = math.cos(body.angle), math.sin(body.angle)
-    r = corners[:, [0, -1]] - pivot
-    turned = corners.copy()
-    turned[:, 0] = pivot[0] + c * r[:, 0] + s * r[:, 1]
-    turned[:, -1] = pivot[1] + c * r[:, 1] - s * r[:, 0]
-    return turned
-
-
-def _off_lattice(body: BodySection, dx: float) -> list[str]:
-    """Notice where the faces of a block are not between two particles, with a dx for which they are."""
-    faces = np.array([*body.block.low, *body.block.high])
-    off = np.abs(faces / dx - np.round(faces / dx)) * dx
-    if off.max() < 1e-3 * dx:
-        return []
-    worst = int(off.argmax())
-    # the faces in micrometres: what divides them all divides the lattice
-    common = math.gcd(*(round(face * 1e6) for face in faces)) * 1e-6
-    fits = "no dx near this one fits all of its faces"
-    if common >= 0.25 * dx:
-        fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"
-    return [
-        f"body.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-        f"the water keeps its volume, and not its distance from the face; {fits}"
-    ]

@@ -20,6 +20,7 @@ from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.errors import CaseError
 from jaxsph.solids.images import Images
+from jaxsph.solids.shapes import AbstractShape
 
 MOST_STEPS = 1e8
 """Most time steps of a run: weeks for the smallest tank."""
@@ -38,6 +39,10 @@ STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
 
 
+TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone")
+"""Names of the parts that a case has beside its solids."""
+
+
 def check_limits(case: Sections, geometry: Geometry) -> None:
     """**Raises** CaseError for a case that no run can follow, as of breaking waves or too many steps."""
     _check_waves(case, geometry)
@@ -46,6 +51,7 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
     _check_air(case, geometry)
     _check_probes(case, geometry)
     _check_zones(case, geometry)
+    _check_solids(case, geometry)
     _check_steps(case)
 
 
@@ -78,8 +84,8 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
             walls += layers * (_count(geometry.length - platform.start, dx) + _count(platform.height, dx))
     if geometry.plate is not None:
         walls += 2 * layers * _count(geometry.height - geometry.plate.tip, dx)
-    if geometry.solid is not None:
-        walls += min(_inside(case, dx), layers * _around(case, dx))
+    shapes = [*([] if geometry.solid is None else [geometry.solid]), *geometry.solids.values()]
+    walls += sum(_dummies(shape, dx, layers) for shape in shapes)
     return wet * across, walls
 
 
@@ -131,35 +137,12 @@ def _places(geometry: Geometry) -> float:
     return math.prod(length / geometry.dx for length in geometry.upper)
 
 
-def _inside(case: Sections, dx: float) -> int:
-    """Particles that fill a body's volume."""
-    low, high = extent(case)
-    return round(math.prod((b - a) / dx + 1 for a, b in zip(low, high, strict=True)))
-
-
-def _around(case: Sections, dx: float) -> int:
-    """Particles that cover a body's surface once."""
-    low, high = extent(case)
-    assert case.body is not None
-    sides = [(b - a) / dx + 1 for a, b in zip(low, high, strict=True)]
-    if case.body.polygon is not None:
-        corners = np.asarray(case.body.polygon)
-        return round(float(np.sum(np.hypot(*(np.roll(corners, -1, axis=0) - corners).T))) / dx)
-    whole = math.prod(sides)
-    return round(2 * sum(whole / side for side in sides))
-
-
-def extent(case: Sections) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Lower and upper corner of a body, m."""
-    body = case.body
-    assert body is not None
-    if body.block is not None:
-        return body.block.low, body.block.high
-    if body.disc is not None:
-        (x, z), r = body.disc.centre, body.disc.radius
-        return (x - r, z - r), (x + r, z + r)
-    corners = np.asarray(body.polygon)
-    return tuple(corners.min(axis=0)), tuple(corners.max(axis=0))
+def _dummies(shape: AbstractShape, dx: float, layers: int) -> int:
+    """Dummy particles of a solid: those of its layers, or those that fill it."""
+    low, high = shape.bounds()
+    sides = (high - low) / dx + 1
+    around = 2 * np.sum(np.prod(sides) / sides) if len(low) == 3 else shape.region().length / dx
+    return round(min(float(np.prod(sides)), layers * float(around)))
 
 
 def _check_places(case: Sections, geometry: Geometry) -> None:
@@ -327,11 +310,10 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
         return "plate"
     if platform is not None and x > platform.start + slack and z < platform.height - slack:
         return "platform"
-    if (
-        geometry.solid is not None
-        and float(geometry.solid.distance(jnp.asarray([point], jnp.float32))[0]) < -slack
-    ):
-        return "body"
+    at = jnp.asarray([point], jnp.float32)
+    for name, shape in (("body", geometry.solid), *geometry.solids.items()):
+        if shape is not None and float(shape.distance(at)[0]) < -slack:
+            return name
     return None
 
 
@@ -345,8 +327,8 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
     solids = []
     if geometry.plate is not None:
         solids.append(("the device", geometry.plate.x0, end))
-    if case.body is not None:
-        low, high = extent(case)
+    if geometry.solid is not None:
+        low, high = geometry.solid.bounds()
         solids.append(("the body", low[0], high[0]))
     for key, length, first, last in zones:
         for what, low, high in solids:
@@ -355,6 +337,19 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
                     f"{key} = {length:g} m: the zone from {first:.4g} to {last:.4g} m lies over {what}, from "
                     f"{low:.4g} to {high:.4g} m, and would take its energy: shorten it, or remove it"
                 )
+
+
+def _check_solids(case: Sections, geometry: Geometry) -> None:
+    """Refuses solids that are named as another part, or stand where the wavemaker needs the water."""
+    clear = 0.5 * geometry.stroke + 4.0 * case.dx
+    zone = 0.0 if case.waves is None else case.waves.zone or 0.0
+    for name, shape in geometry.solids.items():
+        if name in TAKEN:
+            raise CaseError(f"solid.{name}: {', '.join(TAKEN)} are parts of their own: give it another name")
+        first = float(shape.bounds()[0][0])
+        if case.waves is not None and first < max(clear, zone):
+            what = f"zone of the waves reaches to {zone:g} m" if zone > clear else f"paddle to {clear:.3g} m"
+            raise CaseError(f"solid.{name}: begins at {first:.4g} m, and the {what}: move it away")
 
 
 def _check_steps(case: Sections) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shapely
+
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.limits import asked, breaking_height, extent
+from jaxsph.case.limits import asked, breaking_height
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import reference_speed, sound_speed
+from jaxsph.solids.shapes import AbstractShape
 from jaxsph.waves import theory
 
 CHAMBER = 6
@@ -72,14 +75,13 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
 
 
 def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of gauges whose water column has a plate in it, or a body."""
+    """Notices of gauges where a plate, a body or a solid goes through the surface."""
     spans = []
     if geometry.plate is not None:
         spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
-    if case.body is not None:
-        low, high = extent(case)
-        if low[-1] < geometry.depth < high[-1]:  # over a body under water there is a surface to read
-            spans.append(("the body", low[0], high[0]))
+    for name, shape in (("the body", geometry.solid), *geometry.solids.items()):
+        # over a solid under water there is a surface to read
+        spans += [] if shape is None else [(name, *ends) for ends in _at_level(shape, geometry.depth)]
     reach = GAUGE * case.dx - 1e-9
     return [
         f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "
@@ -88,3 +90,15 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
         for what, low, high in spans
         if low - reach < x < high + reach
     ]
+
+
+def _at_level(shape: AbstractShape, level: float) -> list[tuple[float, float]]:
+    """First and last x (m) of a shape at a level (m); none where it does not go through it."""
+    low, high = shape.bounds()
+    if not low[-1] < level < high[-1]:
+        return []
+    if len(low) == 3:
+        return [(low[0], high[0])]
+    across = shapely.LineString([(low[0], level), (high[0], level)])
+    first, _, last, _ = shape.region().intersection(across).bounds
+    return [(first, last)]

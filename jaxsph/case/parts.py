@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
-from jaxsph.case.sections import Sections
+from jaxsph.case.sections import BodySection, Sections
 from jaxsph.errors import CaseError
 from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
@@ -39,13 +39,24 @@ from jaxsph.waves.seas import Sea
 
 
 def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
-    """Rigid body of a case; none without one.
+    """Rigid body of a case, and its solids that do not move, as bodies that nothing moves.
 
     **Raises** CaseError for a body whose motions the model does not have.
     """
-    section, solid = case.body, geometry.solid
-    if section is None:
-        return ()
+    moving = () if case.body is None else (_body(case, case.body, geometry, walls.dummies[0], leaf),)
+    solids = zip(geometry.solids.items(), walls.dummies[len(moving) :], strict=True)
+    fixed = (
+        RigidBody.of(shape, rows, (), density=1.0, name=name, dtype=np.dtype(case.precision))
+        for (name, shape), rows in solids
+    )
+    return (*moving, *fixed)
+
+
+def _body(
+    case: Sections, section: BodySection, geometry: Geometry, rows: tuple[int, int], leaf: Any
+) -> RigidBody:
+    """Rigid body of a case. **Raises** CaseError for one whose motions the model does not have."""
+    solid = geometry.solid
     area, centroid, second = solid.moments()
     mass = section.mass if section.density is None else section.density * area
     centre = np.asarray(centroid if section.centre is None else section.centre)
@@ -66,13 +77,13 @@ def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) ->
             centre=leaf(centre),
             release=leaf(section.release),
             pto=pto,
-            rows=walls.dummies[0],
+            rows=rows,
             initial_velocity=tuple(section.velocity),
             initial_pitch=section.angle,
         )
     except ValueError as error:
         raise CaseError(f"body.{error}") from None
-    return (body,)
+    return body
 
 
 def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:

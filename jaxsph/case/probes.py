@@ -43,6 +43,6 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
         found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
     if geometry.velocity:
         found.append(VelocityProbe(jnp.asarray(geometry.velocity, dtype)))
-    if model.bodies and case.body.sensors:
+    if case.body is not None and case.body.sensors:
         found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
     return tuple(found)

@@ -186,7 +186,7 @@ def _device_x(case: Sections) -> float:
     if geometry.plate is not None:
         return float(geometry.plate.x0)
     if geometry.solid is not None:
-        return float(geometry.solid.dummies(case.dx, 1)[:, 0].min())
+        return float(geometry.solid.bounds()[0][0])
     return geometry.length
 
 
@@ -254,8 +254,9 @@ def _free_flume(case: Sections) -> tuple[float, float]:
         ends.append(geometry.length - case.sponge.length)
     if geometry.plate is not None:
         ends.append(geometry.plate.x0 - depth)
-    if geometry.solid is not None:
-        ends.append(float(geometry.solid.dummies(case.dx, 1)[:, 0].min()) - depth)
+    for shape in (geometry.solid, *geometry.solids.values()):
+        if shape is not None:
+            ends.append(float(shape.bounds()[0][0]) - depth)
     return first, min(ends)
 
 

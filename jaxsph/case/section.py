@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import typing
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 # Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
 Length = Annotated[float, Field(ge=1e-5, le=1e5)]
@@ -19,6 +21,17 @@ Velocity = Annotated[float, Field(ge=-1e4, le=1e4)]
 Coefficient = Annotated[float, Field(ge=0, le=1e15)]
 Harmonic = Annotated[float, Field(ge=-10, le=10)]
 Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
+
+
+def _plain_name(name: str) -> str:
+    """The name of a part, which ends those of its readings."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+        raise ValueError("must be a small letter, and at most 39 small letters, digits and underscores")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_plain_name)]
+"""Name that a case gives to a part of its own: small letters, digits and underscores."""
 MOST_POINTS = 10_000
 """Most points that one list of probes or corners may have."""
 
@@ -29,6 +42,11 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, strict=True, use_attribute_docstrings=True
     )
+
+
+def by_name(annotation: Any) -> bool:
+    """Whether a field holds sections by names that the case gives them, as `[solid.bed]`."""
+    return typing.get_origin(annotation) is dict
 
 
 def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:

@@ -19,6 +19,7 @@ from jaxsph.case.section import (
     Duration,
     Inertia,
     Length,
+    Name,
     Point,
     Section,
     Speed,
@@ -245,13 +246,29 @@ class RotationalPTOSection(Section):
     """Stiffness of the end stops, N m/rad."""
 
 
-class BodySection(Section):
-    """A rigid body; give one of block, polygon and disc."""
+class ShapeSection(Section):
+    """A shape at rest: one of block, polygon and disc."""
 
     block: BlockSection | None = None
     polygon: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(None, min_length=3, max_length=1000)
     """Corners (x, z) of a polygon, in order around it, m."""
     disc: DiscSection | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self):
+        if sum(one is not None for one in (self.block, self.polygon, self.disc)) != 1:
+            raise ValueError("give exactly one of block, polygon and disc")
+        return self
+
+
+class SolidSection(ShapeSection):
+    """A solid that does not move, by the name that the case gives it: a sloping bed, a breakwater, a step, a
+    caisson; give one of block, polygon and disc."""
+
+
+class BodySection(ShapeSection):
+    """A rigid body; give one of block, polygon and disc."""
+
     free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
     """Motions that the water's forces drive; the others go on at their `velocity`."""
     mass: Inertia | None = None
@@ -276,8 +293,6 @@ class BodySection(Section):
 
     @model_validator(mode="after")
     def _whole(self) -> BodySection:
-        if sum(one is not None for one in (self.block, self.polygon, self.disc)) != 1:
-            raise ValueError("give exactly one of body.block, body.polygon and body.disc")
         if self.free and (self.density is None) == (self.mass is None):
             raise ValueError(
                 "a body that is free needs body.density, or body.mass (and for pitch body.inertia)"
@@ -356,6 +371,8 @@ class Sections(Section):
     air: AirSection | None = None
     start: StandingWave | None = None
     body: BodySection | None = None
+    solid: dict[Name, SolidSection] = Field({})
+    """Solids that do not move, by their names."""
     probes: ProbesSection = ProbesSection.model_validate({})
     output: Output = Output.model_validate({})
 

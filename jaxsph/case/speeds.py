@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.sections import Sections
+from jaxsph.case.shapes import corners_of
 from jaxsph.waves import theory
 
 LEAST = 1e-3
@@ -44,8 +45,13 @@ def _speed_scale(case: Sections) -> float:
         return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
     depth, T = case.tank.depth, case.waves.period
     k = wavenumber(T, depth, case.g)
-    surface = case.waves.highest(depth, case.g) * np.pi / T / np.tanh(k * depth)
-    return float(surface * (2.5 if case.device is not None else 1.5))
+    height = case.waves.highest(depth, case.g)
+    surface = height * np.pi / T / np.tanh(k * depth)
+    speed = float(surface * (2.5 if case.device is not None else 1.5))
+    if any(corners_of(solid)[:, -1].max() > depth - 2.0 * height for solid in case.solid.values()):
+        # waves that break on a slope: 0.05 m high on 1:10 their tips reach 2.3 sqrt(g H)
+        speed = max(speed, 2.5 * float(np.sqrt(case.g * height)))
+    return speed
 
 
 def search_speed(case: Sections) -> float:

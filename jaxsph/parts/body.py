@@ -133,36 +133,54 @@ class RigidBody(PosedSolid, AbstractBody):
     def entries(self):
         """See `AbstractPart`."""
         found = dict(self.pto.entries(self.name))
-        if not all(self.free):
+        if not self.fixed and not all(self.free):
             found["body_drive"] = Entry(f"work of what moves the {self.name}", Exchange.GIVEN)
         return {self.called(name): entry for name, entry in found.items()}
 
     def readings(self, dim):
         """See `AbstractPart`."""
         units = "N m-1, N m-1, N" if dim == 2 else "N, N, N m"
-        force = "the water's force on the body, and its moment about the pivot"
-        velocity = Reading("m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion")
-        found = {
-            "surge": Reading("m", "displacement of the body along the tank"),
-            "heave": Reading("m", "displacement of the body upwards"),
-            "pitch": Reading("rad", "angle of the body, positive landward"),
-            "body_velocity": velocity,
+        force = f"the water's force on the {self.name}, and its moment about the pivot"
+        forces = {
             "body_force": Reading(units, force, "motion"),
             "body_force_mean": Reading(units, f"{force}, mean since the last sample", "motion"),
         }
-        return {self.called(name): reading for name, reading in found.items()}
+        motion = {
+            "surge": Reading("m", f"displacement of the {self.name} along the tank"),
+            "heave": Reading("m", f"displacement of the {self.name} upwards"),
+            "pitch": Reading("rad", f"angle of the {self.name}, positive landward"),
+            "body_velocity": Reading(
+                "m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion"
+            ),
+        }
+        return {self.called(name): reading for name, reading in self._told(motion, forces).items()}
 
     def read(self, own, sampled):
         """See `AbstractPart`."""
-        found = {
+        forces = {
+            "body_force": own.force + own.contact,
+            "body_force_mean": own.impulse.recent / sampled.interval,
+        }
+        motion = {
             "surge": own.pose[0],
             "heave": own.pose[1],
             "pitch": own.pose[2],
             "body_velocity": own.velocity,
-            "body_force": own.force + own.contact,
-            "body_force_mean": own.impulse.recent / sampled.interval,
         }
-        return {self.called(name): value for name, value in found.items()}
+        return {self.called(name): value for name, value in self._told(motion, forces).items()}
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the body does not move: nothing is free, and no velocity is given."""
+        return not any((*self.free, *self.initial_velocity))
+
+    def _told(self, motion: dict[str, Any], forces: dict[str, Any]) -> dict[str, Any]:
+        """Those of a body's readings that say something: of one that stays where it is its forces."""
+        if not self.fixed:
+            return motion | forces
+        if self.name == self.usual_name:
+            return forces
+        return {name.removeprefix("body_"): force for name, force in forces.items()}
 
     def exchanges(self, taken, driven):
         """See `AbstractBody`."""

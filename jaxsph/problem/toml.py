@@ -11,7 +11,7 @@ def toml_text(data: dict[str, Any], prefix: str = "") -> str:
     own = [f"{k} = {toml_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
     text = "\n".join(own) + "\n" if own else ""
     for key, value in data.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and value:
             text += f"\n[{prefix}{key}]\n" + toml_text(value, f"{prefix}{key}.")
     return text
 

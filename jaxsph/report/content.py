@@ -48,7 +48,15 @@ PANELS = {
     "noise": "Noise of the particles, and their RMS speed",
 }
 """Titles of the panels over time, by the series that each shows, in the order of the page."""
-UNSHOWN = ("chamber_volume", "flow_mean", "body_velocity", "body_force_mean", "rms_speed", "limited")
+UNSHOWN = (
+    "chamber_volume",
+    "flow_mean",
+    "body_velocity",
+    "body_force_mean",
+    "force_mean",
+    "rms_speed",
+    "limited",
+)
 """Series without a panel: what another one shows as well, and counts of the scheme's limiters."""
 FIRST = (
     *("periods", "periods_left_out", "P_inc", "E_inc", "P_owc", "P_pto", "capture_width"),

@@ -59,6 +59,7 @@ REASONS = {
     "waves": "the paddle would jump",
     "air": "the air that is in the chamber follows from it",
     "device": "it moves the walls that the water stands against",
+    "solid": "it moves the walls that the water stands against",
     "body": "it moves the body, or its mass, under the water's forces",
     "probes": "the series in the file have the columns of its probes",
     "start": "it is of the initial state",

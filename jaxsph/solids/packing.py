@@ -55,13 +55,19 @@ def packed(
             free &= (x[:, axis] > walls.low[axis] + margin) & (x[:, axis] < walls.high[axis] - margin)
     if not free.any():
         return x, volume
-    ghosts = np.asarray(walls.x, float)[np.asarray(walls.kind) == PLAIN]
-    origin = np.append(x[free].mean(axis=0)[:-1], level)
     beside = ~free & (away < (NEAR + REACH + 2 * SLACK) * dx)
+    plain = np.asarray(walls.kind) == PLAIN
+    ghosts, size = (
+        np.asarray(walls.x, float)[plain],
+        np.asarray(walls.volume, float)[plain] / dx ** x.shape[1],
+    )
+    # an image stands for a cell, and has no volume while it has no particle
+    size = np.concatenate([np.ones(int(beside.sum())), np.where(size > 0.0, size, 1.0)])
+    origin = np.append(x[free].mean(axis=0)[:-1], level)
     rest = (np.concatenate([x[beside], ghosts]) - origin) / dx
     before, share = (x[free] - origin) / dx, 1.0
     # of a layer across the surface the part below it, which its mirror image makes whole
-    below = np.clip(0.5 - rest[:, -1], 0.0, 1.0)
+    below = size * np.clip(0.5 - rest[:, -1], 0.0, 1.0)
     # the walls of a long tank are mostly out of reach
     near = np.all((rest > before.min(axis=0) - NEAR) & (rest < before.max(axis=0) + NEAR), axis=1)
     seen = near & (below > 0)

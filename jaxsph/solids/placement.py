@@ -259,14 +259,13 @@ def plate_ghosts(
     return GhostSet(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
-def solid_ghosts(x: np.ndarray, dx: float) -> GhostSet:
-    """Dummy particles of a solid as ghosts, from their positions x (m) and spacing (m).
+def solid_ghosts(x: np.ndarray, volume: np.ndarray) -> GhostSet:
+    """Dummy particles of a solid as ghosts, from their places x (m) and volumes (m^D).
 
     They carry the solid's own velocity (mirror factors of 0), and no viscous force holds on to them.
     """
     n = len(x)
     plain = np.full(n, PLAIN, np.int32)
-    volume = np.full(n, dx ** x.shape[1])
     return GhostSet(x, x, np.zeros_like(x), plain, np.full(n, -1), np.zeros(n, bool), volume)
 
 

@@ -19,6 +19,16 @@ from jaxsph.core.arrays import Array, Float
 SHARP = 0.3
 """Turn of an outline (rad) from which a corner has a particle of its own: a circle of 21 sides turns so."""
 
+PARTS = 4
+"""Parts of a spacing in which the volumes of dummy particles are counted."""
+
+ALONE = 0.8
+"""Distance in spacings from the nearest place in the layers beyond which a part of a shape needs its own; a
+corner of a cell is 0.71 away."""
+
+SLIVER = 1e-4
+"""Share of a cell below which a part of a shape is a rounding error, and has no dummy particle."""
+
 
 def plain_numbers(given: Any) -> Any:
     """Numbers as an array, in double precision until a model takes them; arrays of JAX as they are."""
@@ -71,22 +81,31 @@ class AbstractShape(eqx.Module):
             second -= sum(_second_moment(hole, centre) for hole in part.interiors)
         return whole.area, (float(centre[0]), float(centre[1])), second
 
-    def dummies(self, dx: float, layers: int) -> np.ndarray:
-        """Positions `[B, D]` (m) of dummy particles behind the surface, in layers a spacing dx (m) apart."""
-        whole, found = self.region(), []
+    def dummies(self, dx: float, layers: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places `[B, D]` (m) and volumes `[B]` (m^D) of the dummy particles behind the surface.
+
+        They stand in layers a spacing dx (m) apart, about dx apart along each, and in what the layers do not
+        reach, as a sharp edge. Every point of the shape down to the last layer belongs to the nearest of
+        them, which has the volume of what is its own and stands at its centroid.
+        """
+        whole, found = self.region(), [np.zeros((0, 2))]
         for layer in range(layers):
-            inset = whole.buffer(-(layer + 0.5) * dx, join_style="mitre", mitre_limit=20.0)
-            for part in _parts(inset):
+            for part in _parts(_inset(whole, (layer + 0.5) * dx)):
                 found += [_along(ring, dx) for ring in (part.exterior, *part.interiors)]
-        if not found:
-            return np.zeros((0, 2))
         x = np.concatenate(found)
         # where insets come close to each other the points of the later ones are left out
         keep = np.ones(len(x), bool)
         close = KDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
         for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
             keep[later] &= not keep[earlier]
-        return x[keep]
+        at, share = _small_parts(whole.difference(_inset(whole, layers * dx)), dx)
+        alone = at[KDTree(x[keep]).query(at)[0] > ALONE * dx] if keep.any() else at
+        x = np.concatenate([x[keep], dx * (np.unique(np.floor(alone / dx), axis=0) + 0.5)])
+        _, owner = KDTree(x).query(at)
+        volume = np.bincount(owner, share, len(x))
+        x = np.stack([np.bincount(owner, share * a, len(x)) for a in at.T], axis=-1)
+        kept = volume > SLIVER * dx**2
+        return x[kept] / volume[kept, None], volume[kept]
 
     def outline(self) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of the shape in pictures."""
@@ -127,13 +146,15 @@ class Block(AbstractShape):
 
     def dummies(self, dx, layers):
         """See `AbstractShape`."""
-        axes, (low, high) = [], self.bounds()
-        for a, b in zip(low, high, strict=True):
-            count = max(1, round((b - a) / dx))
-            axes.append(a + (np.arange(count) + 0.5) * (b - a) / count)
-        x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
-        depth = np.min(np.minimum(x - low, high - x), axis=1)
-        return x[depth < layers * dx]
+        low, high = self.bounds()
+        parts = []
+        for a, b, start in zip(low, high, _cells(low, high, dx), strict=True):
+            parts.append((np.maximum(start, a), np.minimum(start + dx, b)))
+        starts, ends = (np.stack(np.meshgrid(*e, indexing="ij"), -1) for e in zip(*parts, strict=True))
+        x, volume = 0.5 * (starts + ends), np.prod(ends - starts, axis=-1)
+        depth = np.min(np.minimum(x - low, high - x), axis=-1)
+        kept = (volume > SLIVER * dx ** len(low)) & (depth < layers * dx)
+        return x[kept], volume[kept]
 
     def outline(self):
         """See `AbstractShape`."""
@@ -208,16 +229,6 @@ class Disc(AbstractShape):
         x, z = np.asarray(self.centre)
         return area, (float(x), float(z)), 0.5 * area * float(self.radius) ** 2
 
-    def dummies(self, dx, layers):
-        """See `AbstractShape`."""
-        found = []
-        for layer in range(layers):
-            r = float(self.radius) - (layer + 0.5) * dx
-            if r > 0:
-                angle = np.linspace(0.0, 2 * np.pi, max(1, round(2 * np.pi * r / dx)), endpoint=False)
-                found.append(np.asarray(self.centre) + r * _circle(angle))
-        return np.concatenate(found)
-
 
 def box_corners(low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
     """Corners `[4, 2]` (m) of a box in the x-z plane."""
@@ -242,6 +253,39 @@ def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
     b = np.roll(a, -1, axis=0)
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return abs(float(np.sum(cross * np.sum(a * a + a * b + b * b, axis=1)) / 12))
+
+
+def _cells(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
+    """Low ends (m) of the cells of the lattice of spacing dx (m) over a box, along every axis."""
+    ends = zip(np.floor(low / dx + SLIVER), np.ceil(high / dx - SLIVER), strict=True)
+    return [np.arange(first, max(last, first + 1)) * dx for first, last in ends]
+
+
+def _inset(region: Any, depth: float) -> Any:
+    """The part of a region of `shapely` that is deeper than so much (m) behind its outline."""
+    return region.buffer(-depth, join_style="mitre", mitre_limit=20.0)
+
+
+def _boxes(low: np.ndarray, side: float) -> Any:
+    """Squares of `shapely` from their low corners `[K, 2]` (m) and their side (m)."""
+    (x0, z0), (x1, z1) = low.T, (low + side).T
+    return shapely.box(x0, z0, x1, z1)
+
+
+def _small_parts(region: Any, dx: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centroids `[K, 2]` (m) and areas `[K]` (m2) of a region's parts in cells of dx / `PARTS` (m)."""
+    low, high = np.reshape(region.bounds, (2, 2))
+    cells = np.stack(np.meshgrid(*_cells(low, high, dx), indexing="ij"), -1).reshape(-1, 2)
+    shapely.prepare(region)
+    cells = cells[shapely.intersects(region, _boxes(cells, dx))]
+    fine = np.arange(PARTS) * dx / PARTS
+    within = np.stack(np.meshgrid(fine, fine, indexing="ij"), -1).reshape(-1, 2)
+    cells = (cells[:, None] + within).reshape(-1, 2)
+    part = _boxes(cells, dx / PARTS)
+    cut = ~shapely.contains_properly(region, part)
+    part[cut] = shapely.intersection(part[cut], region)
+    part = part[shapely.area(part) > 0.0]
+    return shapely.get_coordinates(shapely.centroid(part)), shapely.area(part)
 
 
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:

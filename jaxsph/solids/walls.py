@@ -54,6 +54,9 @@ from jaxsph.solids.placement import (
 )
 from jaxsph.solids.shapes import AbstractShape
 
+AT_WALL = 1e-5
+"""Distance from a tank's wall within which a solid stands at it, m: what single precision resolves."""
+
 
 class Ghosts(eqx.Module):
     """Ghost particles of all walls, their interpolation nodes, and the method of filling them.
@@ -112,34 +115,34 @@ class Ghosts(eqx.Module):
         platform: Platform | None = None,
         filling: AbstractFilling | None = None,
         shapes: Sequence[AbstractShape] = (),
+        fixed_shapes: Sequence[AbstractShape] = (),
     ) -> Ghosts:
         """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
-        Sides without a wall have none.
-
-        **Arguments**: `dx`: spacing, m; `slip`: at the tank's walls and plates; `sliding`: velocities (m/s)
-        of walls that move along themselves, by (axis, 0 for the low or 1 for the high end); only walls
-        without slip drag the water with them. `platform`: a raised bed at the far end of a two-dimensional
-        tank, its lengths whole numbers of spacings. `filling`: by default `MirrorImages`. `shapes`: solids in
-        the water, which need `DummyParticles`. There is an argument for each thing that walls can be made of.
+        **Arguments**, one for each thing that walls can be made of: `dx`: spacing, m; `slip`: at the tank's
+        walls and plates; `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for
+        the low or 1 for the high end), which drag the water without slip alone; `platform`: a raised bed at
+        the far end of a two-dimensional tank, of whole spacings; `filling`: by default `MirrorImages`;
+        `shapes`: solids in the water, which need `DummyParticles`; `fixed_shapes`: further ones, which never
+        move, and to which the tank's ghosts behind them belong, with all of the water's force.
         **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
         thin_wall = RegionalGhosts() if thin_wall is None else thin_wall
         regions = Regions(tuple(plates), thin_wall.division, () if platform is None else (platform,))
         filling = MirrorImages() if filling is None else filling
-        if shapes and not isinstance(filling, DummyParticles):
+        if (shapes or fixed_shapes) and not isinstance(filling, DummyParticles):
             raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
         images, tank = _tank(filling, box, regions, dx, layers, float(smoothing.radius))
         fixed = join([tank, *_in_the_tank(box, regions, thin_wall, dx, layers)])
-        dummies = [solid_ghosts(shape.dummies(dx, layers), dx) for shape in shapes]
-        ghosts, owner = _in_order([fixed, *dummies], images.count)
+        every = (*shapes, *fixed_shapes)
+        parts = [fixed, *(_dummies(shape, dx, layers) for shape in every)]
+        parts = _with_walls_behind(parts, box, fixed_shapes)
+        ghosts, owner = _in_order(parts, images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         node_sees = _seen_by_nodes(ghosts, regions)
-        brim = _brimful(box, regions, shapes, dx, layers)
+        brim = _brimful(box, regions, every, dx, layers)
         full = np.maximum(_full(ghosts, node_sees, images.count, brim, regions, smoothing), filling.least)
-        ends = [int(end) for end in np.cumsum([len(part.x) for part in (fixed, *dummies)])]
-        count = int(ghosts.moves.sum())
         return cls(
             x=jnp.asarray(ghosts.x, dtype),
             node=jnp.asarray(ghosts.node, dtype),
@@ -150,13 +153,13 @@ class Ghosts(eqx.Module):
             kind=jnp.asarray(ghosts.kind, jnp.int32),
             node_sees=jnp.asarray(node_sees, jnp.int32),
             regions=regions,
-            paddle=(0, count) if count else (),
+            paddle=(0, int(ghosts.moves.sum())) if ghosts.moves.any() else (),
             low=box.low,
             high=box.high,
             sides=box.sides,
             sliding=jnp.asarray(sliding_velocity(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
-            dummies=tuple(itertools.pairwise(ends)),
+            dummies=_rows(parts),
             images=images,
         )
 
@@ -310,6 +313,33 @@ def _tank(
     for platform in regions.platforms:
         ghosts = cut_by_platform(ghosts, box, platform, regions, dx, layers)
     return Images(), ghosts
+
+
+def _rows(parts: Sequence[GhostSet]) -> tuple[tuple[int, int], ...]:
+    """Index of the first ghost, and of the one after the last, of every part but the first."""
+    ends = [int(end) for end in np.cumsum([len(part.x) for part in parts])]
+    return tuple(itertools.pairwise(ends))
+
+
+def _dummies(shape: AbstractShape, dx: float, layers: int) -> GhostSet:
+    """Dummy particles of a solid."""
+    return solid_ghosts(*shape.dummies(dx, layers))
+
+
+def _with_walls_behind(
+    parts: list[GhostSet], box: Box, fixed_shapes: Sequence[AbstractShape]
+) -> list[GhostSet]:
+    """Ghosts of a tank (first) and of solids, with those of the tank's behind a solid that stands at its
+    walls among that solid's; the solids of `fixed_shapes` are the last."""
+    parts = list(parts)
+    for k, shape in enumerate(fixed_shapes, len(parts) - len(fixed_shapes)):
+        tank = parts[0]
+        on_wall = np.clip(tank.x, box.low, box.high)
+        behind = (np.abs(on_wall - tank.x).max(axis=1) > 0) & ~tank.moves
+        behind &= np.asarray(shape.distance(jnp.asarray(on_wall, jnp.float32))) < AT_WALL
+        parts[0] = GhostSet(*(a[~behind] for a in tank))
+        parts[k] = join([parts[k], GhostSet(*(a[behind] for a in tank))])
+    return parts
 
 
 def _in_the_tank(

@@ -1,0 +1,129 @@
+"""Shapes of a case's body and solids, and what is asked of them: room for particles, a place in the tank."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+from shapely.validation import explain_validity
+
+from jaxsph.case.sections import BlockSection, BodySection, ShapeSection
+from jaxsph.errors import CaseError
+from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
+
+Points = tuple[tuple[float, ...], ...]
+
+
+def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractShape:
+    """Shape of the section `name` in a tank of so many dimensions.
+
+    **Raises** CaseError for one in which no particle of spacing dx (m) has room.
+    """
+    if (found := 2 if section.block is None else len(section.block.low)) != dim:
+        raise CaseError(f"{name}: its shape has {found} dimensions, and the tank {dim}")
+    if section.block is not None:
+        least = min(b - a for a, b in zip(section.block.low, section.block.high, strict=True))
+        if least < 0.5 * dx:
+            raise CaseError(f"{name}.block: is {least:g} m thin, and must be half a spacing, {0.5 * dx:g} m")
+        return Block(section.block.low, section.block.high)
+    if section.disc is not None:
+        if section.disc.radius <= 0.5 * dx:
+            raise CaseError(
+                f"{name}.disc.radius = {section.disc.radius:g} m: must be more than half a spacing of "
+                f"{dx:g} m"
+            )
+        return Disc(section.disc.centre, section.disc.radius)
+    assert section.polygon is not None
+    _check_polygon(section.polygon, name, dx)
+    return Polygon(section.polygon)
+
+
+def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: float) -> None:
+    """**Raises** CaseError for corners `[K, D]` (m) that are out of a tank (0 to `upper`, m) by more than the
+    `slack` (m)."""
+    out = ((corners < -slack) | (corners > np.asarray(upper) + slack)).any(axis=1)
+    if out.any():
+        at = ", ".join(f"{a:.4g}" for a in corners[out][0])
+        raise CaseError(f"{name}: reaches out of the tank (0 to {list(upper)} m) at ({at})")
+
+
+def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
+    """**Raises** CaseError for two shapes, each with its name, that have more than a particle in common."""
+    for (a, one), (b, other) in itertools.combinations(shapes.items(), 2):
+        low, high = (np.stack(ends) for ends in zip(one.bounds(), other.bounds(), strict=True))
+        common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0))
+        if len(low[0]) == 2 and common:
+            common = one.region().intersection(other.region()).area
+        if common > 0.5 * dx ** len(low[0]):
+            raise CaseError(
+                f"{a} and {b}: have {common:.3g} m{len(low[0])} in common: move one, or make one polygon of "
+                "both"
+            )
+
+
+def _check_polygon(corners: Points, name: str, dx: float) -> None:
+    """**Raises** CaseError for corners that do not go around one area once."""
+    sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
+    lengths = np.hypot(*sides.T)
+    if lengths.min() < 1e-3 * dx:
+        here = int(lengths.argmin())
+        raise CaseError(
+            f"{name}.polygon: corners {here} and {(here + 1) % len(corners)} stand at the same place, "
+            f"{list(corners[here])}: remove one (the last side closes by itself)"
+        )
+    whole = shapely.Polygon(corners)
+    if not whole.is_valid:
+        raise CaseError(
+            f"{name}.polygon: its sides must not cross or touch each other ({explain_validity(whole)})"
+        )
+    if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
+        raise CaseError(f"{name}.polygon: is nowhere a spacing of {dx:g} m thick, and holds no particle")
+
+
+def corners_of(body: ShapeSection) -> np.ndarray:
+    """Points `[K, D]` (m) of which a shape's extent is made."""
+    if body.polygon is not None:
+        return np.asarray(body.polygon)
+    if body.disc is not None:
+        r = body.disc.radius
+        return np.asarray(body.disc.centre) + r * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    assert body.block is not None
+    ends = zip(body.block.low, body.block.high, strict=True)
+    return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(body.block.low))
+
+
+def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
+    """Corners `[K, D]` (m) of a body that starts at its angle, turned in the x-z plane about its pivot."""
+    if not body.angle or body.disc is not None:
+        return corners
+    pivot = body.pivot or body.centre
+    if pivot is None:  # the centre of mass of the shape, near enough: the middle of its corners
+        pivot = 0.5 * (corners.min(axis=0) + corners.max(axis=0))[[0, -1]]
+    c, s = math.cos(body.angle), math.sin(body.angle)
+    r = corners[:, [0, -1]] - pivot
+    found = corners.copy()
+    found[:, 0] = pivot[0] + c * r[:, 0] + s * r[:, 1]
+    found[:, -1] = pivot[1] + c * r[:, 1] - s * r[:, 0]
+    return found
+
+
+def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
+    """Notice where faces of the block of the section `name` are not between two particles, with a dx for
+    which they are."""
+    faces = np.array([*block.low, *block.high])
+    off = np.abs(faces / dx - np.round(faces / dx)) * dx
+    if off.max() < 1e-3 * dx:
+        return []
+    worst = int(off.argmax())
+    # the faces in micrometres: what divides them all divides the lattice
+    common = math.gcd(*(round(face * 1e6) for face in faces)) * 1e-6
+    fits = "no dx near this one fits all of its faces"
+    if common >= 0.25 * dx:
+        fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"
+    return [
+        f"{name}.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
+        f"the water keeps its volume, and not its distance from the face; {fits}"
+    ]
