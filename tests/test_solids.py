@@ -12,6 +12,8 @@ from jaxsph.cli.app import app
 from jaxsph.errors import CaseError
 from jaxsph.output.run_file import RunFile
 from jaxsph.problem.toml import toml_text
+from jaxsph.report.content import run_content
+from jaxsph.report.pack import Pack
 
 SLOPE = [[0.8, 0.0], [2.0, 0.3], [2.0, 0.0]]
 TANK = js.Case.from_dict(
@@ -148,3 +150,13 @@ def test_solids_may_stand_side_by_side_and_under_a_device():
         }
     )
     assert len(column.problem().model.chambers) == 1
+
+
+@pytest.mark.parametrize("angle", [-0.5, 0.0, 0.17])
+def test_water_is_packed_around_a_body_as_it_leans(angle):
+    """A fifth of a spacing is left at a corner; packed around the body upright, some were two spacings inside."""
+    flap = {"block": {"low": [0.88, 0.08], "high": [1.08, 0.28]}, "pivot": [1.0, 0.2], "angle": angle}
+    model, state = js.build(TANK.replace({"solid.bed": None, "body": flap}))
+    (body,) = model.bodies
+    away = body.distance(state.own["body"], state.particles.x)
+    assert float(away.min()) > 0.2 * TANK.dx

@@ -5,8 +5,10 @@ Everything that fixes an array's shape is spent here, on the host.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +34,7 @@ from jaxsph.core.search.cells import Cells
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
+from jaxsph.parts.body import RigidBody
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.box import FreeSlip, NoSlip
 from jaxsph.solids.filling import DummyParticles, MirrorImages, MirrorNodes
@@ -71,7 +74,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     x, volume = water(geometry, case.dx)
     away = [np.asarray(body.distance(body.start(dtype), jnp.asarray(x, dtype))) for body in bodies]
     level = geometry.depth if geometry.column == geometry.length else None
-    x, volume = around_solids(x, volume, away, walls, level, case.dx)
+    x, volume = around_solids(x, volume, away, _at_start(walls, bodies), level, case.dx)
     if level is not None and case.scheme.kind == "incompressible":
         x = at_rest(x, level, case.dx, scheme.smoothing.kernel)
     if not len(x):
@@ -102,6 +105,16 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         settings=settings,
         search_by=_search_method(case),
     )
+
+
+def _at_start(walls: Ghosts, bodies: Iterable[RigidBody]) -> Ghosts:
+    """Ghosts where they stand at the start: those of a body that leans, not those of it upright."""
+    x = walls.x
+    for body in bodies:
+        rows = slice(*body.rows)
+        there, _ = body.place(body.start(x.dtype), x[rows], walls.node[rows])
+        x = x.at[rows].set(there)
+    return eqx.tree_at(lambda ghosts: ghosts.x, walls, x)
 
 
 def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:

@@ -12,6 +12,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import shapely
 
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
@@ -72,6 +73,8 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
     across = 1 if geometry.width is None else _count(geometry.width, dx)
     wet = _count(geometry.column, dx) * _count(geometry.depth, dx)
     wet += _count(geometry.length - geometry.column, dx) * _count(geometry.layer, dx)
+    shapes = [*([] if geometry.solid is None else [geometry.solid]), *geometry.solids.values()]
+    in_place_of = sum(_under(shape, geometry.depth) for shape in shapes) / dx**case.dim
     long, high = _count(geometry.length, dx), _count(geometry.height, dx)
     behind = math.ceil(geometry.withdrawal / dx)
     wide = 1 if geometry.width is None else across + 2 * layers
@@ -84,9 +87,8 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
             walls += layers * (_count(geometry.length - platform.start, dx) + _count(platform.height, dx))
     if geometry.plate is not None:
         walls += 2 * layers * _count(geometry.height - geometry.plate.tip, dx)
-    shapes = [*([] if geometry.solid is None else [geometry.solid]), *geometry.solids.values()]
     walls += sum(_dummies(shape, dx, layers) for shape in shapes)
-    return wet * across, walls
+    return wet * across - round(in_place_of), walls
 
 
 def check_memory(case: Sections, geometry: Geometry) -> None:
@@ -135,6 +137,14 @@ def _count(length: float, dx: float) -> int:
 def _places(geometry: Geometry) -> float:
     """Places on the lattice of a tank up to its walls' top."""
     return math.prod(length / geometry.dx for length in geometry.upper)
+
+
+def _under(shape: AbstractShape, level: float) -> float:
+    """Volume of a shape (m3; m2 in 2-D) below a level (m)."""
+    low, high = shape.bounds()
+    if len(low) == 3:
+        return float(np.prod(np.maximum(np.minimum(high, [*high[:2], level]) - low, 0.0)))
+    return shape.region().intersection(shapely.box(low[0], low[1], high[0], max(level, low[1]))).area
 
 
 def _dummies(shape: AbstractShape, dx: float, layers: int) -> int:
