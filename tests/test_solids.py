@@ -154,7 +154,7 @@ def test_solids_may_stand_side_by_side_and_under_a_device():
 
 @pytest.mark.parametrize("angle", [-0.5, 0.0, 0.17])
 def test_water_is_packed_around_a_body_as_it_leans(angle):
-    """A fifth of a spacing is left at a corner; packed around the body upright, some were two spacings inside."""
+    """A fifth of a spacing is left at a corner; packed around it upright, some were two spacings inside."""
     flap = {"block": {"low": [0.88, 0.08], "high": [1.08, 0.28]}, "pivot": [1.0, 0.2], "angle": angle}
     model, state = js.build(TANK.replace({"solid.bed": None, "body": flap}))
     (body,) = model.bodies
