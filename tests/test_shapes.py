@@ -239,8 +239,8 @@ def test_a_body_is_held_until_its_release():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
-    """To round-off of the order of summation, in parts of some three points each."""
-    monkeypatch.setattr(placement, "_PAIRS", 100)
+    """To round-off of the order of summation, in parts of some twenty points each."""
+    monkeypatch.setattr(placement, "_PAIRS", 600)
     rng = np.random.default_rng(dim)
     points, water = rng.uniform(0, 1, (50, dim)), rng.uniform(0, 1, (400, dim))
     volume, h = rng.uniform(1e-3, 2e-3, 400), 0.1

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import jaxsph as js
 from jaxsph.case.commented import commented_toml
+from jaxsph.case.geometry import Geometry
 from jaxsph.cli.app import app
 from jaxsph.errors import CaseError
 from jaxsph.output.run_file import RunFile
@@ -136,6 +137,17 @@ def test_a_solid_is_drawn_and_told_about(slope, tmp_path):
     assert [title for title in titles if "force" in title] == [
         "The water's force on the bed, and its moment about the pivot"
     ]
+
+
+@pytest.mark.parametrize("dx", [0.036, 0.05, 0.07])
+def test_a_solid_at_the_far_wall_goes_with_it(dx):
+    """The lattice moves the wall by half a spacing at most, and no gap opens between the two."""
+    geometry = Geometry.of(
+        TANK.replace({"dx": dx, "solid.step.block": {"low": [0.2, 0.0], "high": [0.5, 0.2]}})
+    )
+    assert geometry.length != 2.0 or dx == 0.05
+    assert geometry.solids["bed"].bounds()[1][0] == geometry.length
+    np.testing.assert_array_equal(geometry.solids["step"].bounds()[1], [0.5, 0.2])
 
 
 def test_solids_may_stand_side_by_side_and_under_a_device():

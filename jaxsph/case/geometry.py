@@ -16,6 +16,7 @@ from jaxsph.case.shapes import (
     check_apart,
     check_inside,
     corners_of,
+    moved_with_walls,
     off_lattice,
     shape_of,
     turned,
@@ -257,10 +258,12 @@ class Geometry:
         """Shapes of the solids that do not move, inside the tank and apart from all others."""
         if (case.solid or case.body is not None) and case.tank.walls not in (None, "dummy"):
             raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
-        for name, section in case.solid.items():
+        walls = [(0, case.tank.length, self.length), (1, case.tank.width or 0.0, self.width or 0.0)]
+        solids = {name: moved_with_walls(one, walls[: case.dim - 1]) for name, one in case.solid.items()}
+        for name, section in solids.items():
             self.solids[name] = shape_of(section, f"solid.{name}", case.dim, self.dx)
             self._heightened(case, corners_of(section))
-        for name, section in case.solid.items():
+        for name, section in solids.items():
             check_inside(corners_of(section), f"solid.{name}", self.upper, 1e-6)
             if section.block is not None:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
