@@ -1,6 +1,7 @@
 """Coarse cases and compiled functions shared by the tests: compiling takes longer than running them."""
 
 import atexit
+import collections
 import gc
 import os
 import shutil
@@ -23,6 +24,16 @@ import pytest
 import jaxsph as js
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.simulate import simulate as simulate_
+
+FIRST = ("test_notebooks.py", "test_processes.py", "test_compilations.py")
+"""Files of few tests that take minutes: one that began last would leave a worker without work."""
+
+
+def pytest_collection_modifyitems(items):
+    """Puts long files first, then those of many tests; each stays whole."""
+    count = collections.Counter(item.path for item in items)
+    items.sort(key=lambda item: (item.path.name not in FIRST, -count[item.path], item.path))
+
 
 COARSE = {
     "hydrostatic": {"dx": 0.1, "probes.gauges": [0.2, 0.8]},

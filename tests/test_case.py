@@ -253,7 +253,7 @@ def test_memory_is_counted_before_anything_is_made(monkeypatch):
     fine = js.load_case("flap_3d").replace({"dx": 0.003, "t1": 1.0})
     monkeypatch.setattr(limits, "machine_memory", lambda: 16e9)
     words = (
-        r"dx = 0.003 m makes about 6.4\de\+07 particles of water .* of walls, .* need some 1\d\d GB .* 16 GB"
+        r"dx = 0.003 m makes about 6.3\de\+07 particles of water .* of walls, .* need some 1\d\d GB .* 16 GB"
     )
     with pytest.raises(CaseError, match=words):
         js.build(fine)
