@@ -17,7 +17,7 @@ from jaxsph.parts.body import BodyMotion, RigidBody
 from jaxsph.parts.rotational import FreeHinge, RotationalPTO
 from jaxsph.solids import placement
 from jaxsph.solids.composed import Difference, Placed, Union
-from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
+from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon, _along, _apart
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
 FREE = FreeHinge()
@@ -76,6 +76,28 @@ def test_dummies_between_places_of_the_lattice_are_its_cells(shape):
     np.testing.assert_allclose(volume, dx**2)
     depth = -np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx
     assert np.abs(depth[:, None] - [0.5, 1.5, 2.5]).min(axis=1).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2), *COMPOSED], ids=lambda s: type(s).__name__
+)
+def test_dummies_are_inside_and_apart(shape):
+    """In the shape, around a hole too; no two nearer than six tenths of a spacing."""
+    dx = 0.02
+    x, _ = shape.dummies(dx, 3)
+    region = shape.region()
+    assert all(region.contains(shapely.Point(*at)) for at in x)
+    gaps = np.linalg.norm(x[:, None] - x[None], axis=-1) + np.eye(len(x))
+    assert gaps.min() > 0.6 * dx
+
+
+@pytest.mark.parametrize("shape", [Disc((0.3, 0.3), 0.2), TILTED], ids=lambda s: type(s).__name__)
+def test_dummies_of_a_curved_or_tilted_face_stand_in_layers(shape):
+    """Half a spacing behind it and every spacing from there: the centroids of a layer's parts lie so."""
+    dx = 0.02
+    x, _ = shape.dummies(dx, 3)
+    depth = -np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx
+    assert np.abs(depth[:, None] - [0.5, 1.5, 2.5]).min(axis=1).max() < 0.1
 
 
 def test_dummies_of_a_box_in_three_dimensions():
@@ -250,3 +272,17 @@ def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
         found = placement.kernel_fill(points, water, volume, kernel, h)
         np.testing.assert_allclose(found, weight @ volume, rtol=1e-5)  # single precision
         assert not placement.kernel_fill(points, water[:0], volume[:0], kernel, h).any()
+
+
+def test_where_insets_meet_the_later_points_give_way():
+    """A thin wedge, point by point: each stays unless an earlier one that stays is within 0.6 spacings."""
+    dx = 0.02
+    whole = shapely.Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 0.1)))
+    insets = (whole.buffer(-(k + 0.5) * dx, join_style="mitre", mitre_limit=20.0) for k in range(3))
+    x = np.concatenate([_along(inset.exterior, dx) for inset in insets if not inset.is_empty])
+    stay = []
+    for a in x:
+        if all(np.hypot(*(a - b)) > 0.6 * dx for b in stay):
+            stay.append(a)
+    assert len(stay) < len(x)
+    np.testing.assert_array_equal(_apart(x, 0.6 * dx), stay)

@@ -69,7 +69,8 @@ def commented_toml(case: Case) -> str:
     text += "\n# Sections that this case does without:\n"
     for name, section in sections_of().items():
         plain = name.split(" ")[0]
-        if "." not in plain.removesuffix(f".{NAME}") and plain.removesuffix(f".{NAME}") not in used:
+        key = plain.removesuffix(f".{NAME}")
+        if "." not in key and key not in used:
             text += _comment(f"[{plain}]{name.removeprefix(plain)}: {_summary(section)}")
     return text
 

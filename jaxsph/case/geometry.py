@@ -10,13 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxsph.case.sections import Device, Sections
+from jaxsph.case.sections import Device, Sections, SolidSection
 from jaxsph.case.shapes import (
     Points,
     check_apart,
     check_inside,
     corners_of,
-    moved_with_walls,
     off_lattice,
     shape_of,
     turned,
@@ -258,8 +257,8 @@ class Geometry:
         """Shapes of the solids that do not move, inside the tank and apart from all others."""
         if (case.solid or case.body is not None) and case.tank.walls not in (None, "dummy"):
             raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
-        walls = [(0, case.tank.length, self.length), (1, case.tank.width or 0.0, self.width or 0.0)]
-        solids = {name: moved_with_walls(one, walls[: case.dim - 1]) for name, one in case.solid.items()}
+        walls = list(self._moved_walls(case))
+        solids = {name: self._solid_with_walls(name, one, walls) for name, one in case.solid.items()}
         for name, section in solids.items():
             self.solids[name] = shape_of(section, f"solid.{name}", case.dim, self.dx)
             self._heightened(case, corners_of(section))
@@ -269,10 +268,30 @@ class Geometry:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
         check_apart(self.named_shapes(), self.dx)
 
+    def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
+        """A solid whose corners are moved with the walls that they stand on."""
+        if section.polygon is not None:
+            corners = (
+                self._with_walls(f"solid.{name}.polygon[{index}]", corner, walls)
+                for index, corner in enumerate(section.polygon)
+            )
+            return section.model_copy(update={"polygon": tuple(corners)})
+        if section.block is not None:
+            ends = {
+                end: self._with_walls(f"solid.{name}.block.{end}", getattr(section.block, end), walls)
+                for end in ("low", "high")
+            }
+            return section.model_copy(update={"block": section.block.model_copy(update=ends)})
+        return section
+
+    @property
+    def shapes(self) -> dict[str, AbstractShape]:
+        """Shapes of the body, named so, and of the solids that do not move, by their names."""
+        return ({} if self.solid is None else {"body": self.solid}) | self.solids
+
     def named_shapes(self) -> dict[str, AbstractShape]:
         """Shapes of all solids in the tank, by what a case calls them."""
-        found = {} if self.solid is None else {"body": self.solid}
-        found |= {f"solid.{name}": shape for name, shape in self.solids.items()}
+        found = {name if name == "body" else f"solid.{name}": shape for name, shape in self.shapes.items()}
         if self.plate is not None:
             found["device"] = Block((self.plate.x0, self.plate.tip), (self.plate.x1, self.height))
         if self.platform is not None:
@@ -327,7 +346,7 @@ class Geometry:
         yield from (wall for wall in walls if abs(wall[2] - wall[3]) > ON_WALL)
 
     def _with_walls(self, name: str, point: tuple[float, ...], walls: list) -> tuple[float, ...]:
-        """A probe's place: moved with the wall that it stands on, or back into a tank that grew shorter."""
+        """A place moved with the wall that it stands on, or back into a tank that grew shorter."""
         place = list(point)
         for wall, axis, asked, there in walls:
             if axis >= len(point):

@@ -73,7 +73,7 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
     across = 1 if geometry.width is None else _count(geometry.width, dx)
     wet = _count(geometry.column, dx) * _count(geometry.depth, dx)
     wet += _count(geometry.length - geometry.column, dx) * _count(geometry.layer, dx)
-    shapes = [*([] if geometry.solid is None else [geometry.solid]), *geometry.solids.values()]
+    shapes = geometry.shapes.values()
     in_place_of = sum(_under(shape, geometry.depth) for shape in shapes) / dx**case.dim
     long, high = _count(geometry.length, dx), _count(geometry.height, dx)
     behind = math.ceil(geometry.withdrawal / dx)
@@ -321,8 +321,8 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
     if platform is not None and x > platform.start + slack and z < platform.height - slack:
         return "platform"
     at = jnp.asarray([point], jnp.float32)
-    for name, shape in (("body", geometry.solid), *geometry.solids.items()):
-        if shape is not None and float(shape.distance(at)[0]) < -slack:
+    for name, shape in geometry.shapes.items():
+        if float(shape.distance(at)[0]) < -slack:
             return name
     return None
 

@@ -79,9 +79,9 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
     spans = []
     if geometry.plate is not None:
         spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
-    for name, shape in (("the body", geometry.solid), *geometry.solids.items()):
+    for name, shape in geometry.shapes.items():
         # over a solid under water there is a surface to read
-        spans += [] if shape is None else [(name, *ends) for ends in _at_level(shape, geometry.depth)]
+        spans += [(f"the {name}", *ends) for ends in _at_level(shape, geometry.depth)]
     reach = GAUGE * case.dx - 1e-9
     return [
         f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "

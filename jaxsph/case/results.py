@@ -254,9 +254,7 @@ def _free_flume(case: Sections) -> tuple[float, float]:
         ends.append(geometry.length - case.sponge.length)
     if geometry.plate is not None:
         ends.append(geometry.plate.x0 - depth)
-    for shape in (geometry.solid, *geometry.solids.values()):
-        if shape is not None:
-            ends.append(float(shape.bounds()[0][0]) - depth)
+    ends += [float(shape.bounds()[0][0]) - depth for shape in geometry.shapes.values()]
     return first, min(ends)
 
 

@@ -1,4 +1,4 @@
-"""Shapes of a case's body and solids, and what is asked of them: room for particles, a place in the tank."""
+"""Shapes of a case's body and fixed solids, and the checks that they fit the lattice and the tank."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely.validation import explain_validity
 
-from jaxsph.case.sections import BlockSection, BodySection, ShapeSection, SolidSection
+from jaxsph.case.sections import BlockSection, BodySection, ShapeSection
 from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
 
@@ -39,27 +39,6 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     assert section.polygon is not None
     _check_polygon(section.polygon, name, dx)
     return Polygon(section.polygon)
-
-
-def moved_with_walls(section: SolidSection, walls: Sequence[tuple[int, float, float]]) -> SolidSection:
-    """A solid that still ends at the tank's far walls after the lattice moved them.
-
-    `walls`: (axis, asked place, place on the lattice) of each, m. Corners between the two go along.
-    """
-
-    def moved(point: tuple[float, ...]) -> tuple[float, ...]:
-        place = list(point)
-        for axis, asked, there in walls:
-            if min(asked, there) - 1e-6 <= place[axis] <= asked + 1e-6:
-                place[axis] = there
-        return tuple(place)
-
-    if section.polygon is not None:
-        return section.model_copy(update={"polygon": tuple(moved(corner) for corner in section.polygon)})
-    if section.block is not None and len(section.block.high) > len(walls):
-        high = moved(section.block.high)
-        return section.model_copy(update={"block": section.block.model_copy(update={"high": high})})
-    return section
 
 
 def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: float) -> None:

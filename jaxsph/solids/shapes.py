@@ -92,15 +92,10 @@ class AbstractShape(eqx.Module):
         for layer in range(layers):
             for part in _parts(_inset(whole, (layer + 0.5) * dx)):
                 found += [_along(ring, dx) for ring in (part.exterior, *part.interiors)]
-        x = np.concatenate(found)
-        # where insets come close to each other the points of the later ones are left out
-        keep = np.ones(len(x), bool)
-        close = KDTree(x).query_pairs(0.6 * dx, output_type="ndarray")
-        for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
-            keep[later] &= not keep[earlier]
+        x = _apart(np.concatenate(found), 0.6 * dx)
         at, share = _small_parts(whole.difference(_inset(whole, layers * dx)), dx)
-        alone = at[KDTree(x[keep]).query(at)[0] > ALONE * dx] if keep.any() else at
-        x = np.concatenate([x[keep], dx * (np.unique(np.floor(alone / dx), axis=0) + 0.5)])
+        alone = at[KDTree(x).query(at)[0] > ALONE * dx] if len(x) else at
+        x = np.concatenate([x, dx * (np.unique(np.floor(alone / dx), axis=0) + 0.5)])
         _, owner = KDTree(x).query(at)
         volume = np.bincount(owner, share, len(x))
         x = np.stack([np.bincount(owner, share * a, len(x)) for a in at.T], axis=-1)
@@ -259,6 +254,15 @@ def _cells(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
     """Low ends (m) of the cells of the lattice of spacing dx (m) over a box, along every axis."""
     ends = zip(np.floor(low / dx + SLIVER), np.ceil(high / dx - SLIVER), strict=True)
     return [np.arange(first, max(last, first + 1)) * dx for first, last in ends]
+
+
+def _apart(x: np.ndarray, distance: float) -> np.ndarray:
+    """Points (m) of which none is nearer to one before it than the distance (m): the later ones give way."""
+    keep = np.ones(len(x), bool)
+    close = KDTree(x).query_pairs(distance, output_type="ndarray")
+    for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
+        keep[later] &= not keep[earlier]
+    return x[keep]
 
 
 def _inset(region: Any, depth: float) -> Any:

@@ -121,7 +121,7 @@ class Ghosts(eqx.Module):
 
         **Arguments**, one for each thing that walls can be made of: `dx`: spacing, m; `slip`: at the tank's
         walls and plates; `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for
-        the low or 1 for the high end), which drag the water without slip alone; `platform`: a raised bed at
+        the low or 1 for the high end), which drag the water only without slip; `platform`: a raised bed at
         the far end of a two-dimensional tank, of whole spacings; `filling`: by default `MirrorImages`;
         `shapes`: solids in the water, which need `DummyParticles`; `fixed_shapes`: further ones, which never
         move, and to which the tank's ghosts behind them belong, with all of the water's force.
