@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.errors import CaseError
-from jaxsph.model.air import Air
+from jaxsph.model.air import Air, Pressed
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import IncompressibleAir, IsentropicAir
 from jaxsph.waves.linear_owc import LinearAir
@@ -128,13 +128,13 @@ def _piston(air, pto, drive, q0, dt, steps, dtype):
 
     def step(carry, i):
         own, q, taken = carry
-        t = (i + 1) * dt
+        t, none = (i + 1) * dt, jnp.zeros((), dtype)
         q_free = q + dt / INERTIA * drive(t)
-        P_a, pressed = air.press(pto, own, q_free, dt / INERTIA, t, dt)
+        P_a, pressed = air.press(pto, own, q_free, dt / INERTIA, none, t, dt)
         new = q_free - dt / INERTIA * P_a
         mean = 0.5 * (q + new)
-        passed = air.passed(pressed, mean)
-        held = air.finish(own, passed, mean, dt)
+        passed, _ = air.divided(Pressed(P_a, pressed, pto, none), mean)
+        held = air.finish(own, passed, passed, mean, dt)
         taken = taken + dt * air.head(P_a) * passed
         return (Air(P_a, new, own.driven.add(dt * new), held), new, taken), (P_a, new)
 

@@ -225,7 +225,7 @@ def test_what_cannot_be_is_refused_before_anything_is_made(changes, message):
     [
         (
             8e3,
-            r"pto.P_a = 8000 Pa would push the chamber's level .* plate ends 0.33 m .* at most 6\d\d\d",
+            r"pto.P_a = 8000 Pa would push the chamber's level .* wall ends 0.33 m .* at most 6\d\d\d",
         ),
         (-8e3, r"pto.P_a = -8000 Pa would pull the chamber's level .* m up, and the walls end 0.24 m"),
     ],
@@ -287,7 +287,7 @@ def test_snapping_says_what_became_of_each_length():
     assert any("device.draught = 0.15 m" in note and "becomes 0.16 m" in note for note in notes)
     # Every length of the default geometry fits: beside the plate nothing is snapped.
     assert not [note for note in OWC.notices() if "becomes" in note]
-    assert Geometry.of(OWC).chamber_length == 0.13
+    assert Geometry.of(OWC).stretches["chamber"].length == 0.13
 
 
 def test_probes_on_a_wall_go_where_the_lattice_moved_it():

@@ -19,6 +19,7 @@ from jaxsph.model.interfaces import AbstractGrip
 from jaxsph.model.state import Particles, Tables
 from jaxsph.parts.chamber import Chamber
 from jaxsph.parts.pto import PhasedPTO, PneumaticPTO, PrescribedPressure
+from jaxsph.parts.sides import Sides
 from jaxsph.schemes.step import at_rest
 
 FLOWS = st.floats(-2.0, 2.0)
@@ -154,13 +155,8 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         grip = jnp.asarray(rng.normal(size=(2, c)) * 0.01).at[:, 0].set(0.0)
         chamber = Chamber(
             pto=PneumaticPTO(jnp.asarray(K_dm)),
-            **dict(
-                zip(
-                    ("x0", "x1", "fade_low", "fade_high", "still"),
-                    map(jnp.asarray, (0.0, 1, 0, 1, 1)),
-                    strict=True,
-                )
-            ),
+            sides=Sides.of(0.0, 1.0, 0.0, 0.5, 2.0, float),
+            **{name: jnp.asarray(z) for name, z in (("fade_low", 0.0), ("fade_high", 1.0), ("still", 1.0))},
             beyond=jnp.asarray(0.0),
         )
         zero = jnp.zeros(n)
@@ -169,9 +165,9 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         sources = Sources({"x": (zero, zero), "V": zero}, {})
         start = chamber.start(float)
         coupling = chamber.coupling(_NoPairs(tuple(grip)), water, sources, tables)
-        law = chamber.press(start, coupling.flow(u), dt * coupling.mobility(), 0.0, dt)
+        law = chamber.press(start, coupling.flow(u), dt * coupling.mobility(), 0.0, 0.0, dt)
         new = coupling.push(u, dt * law.P_a)
-        air, works = chamber.finish(start, law, coupling.flow(u), coupling.flow(new), dt)
+        air, works, _ = chamber.finish(start, law, coupling.flow(u), coupling.flow(new), dt)
         work = sum(works.values())
         taken = float(0.5 * jnp.sum(m * jnp.sum(u**2 - new**2, axis=1)))
         # An identity: round-off of the energies that are subtracted.

@@ -49,7 +49,7 @@ def damped_vessel():
     """(case, model, state): the communicating vessels with a turbine, let go with their water sinking."""
     case = coarse("vessel", {"pto.K_dm": 300.0})
     model, state = js.build(case)
-    right = state.particles.x[:, 0] > model.chambers[0].x0
+    right = state.particles.x[:, 0] > model.chambers[0].sides.x0[0]
     sinking = jnp.stack([jnp.zeros_like(right, float), jnp.where(right, -0.2, 0.0)], -1)
     return case, model, eqx.tree_at(lambda s: s.particles.u, state, jnp.float32(sinking))
 

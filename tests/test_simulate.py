@@ -853,7 +853,7 @@ def test_derivative_of_a_run_with_respect_to_K_dm():
     with enable_x64():
         case = coarse("vessel", {"pto.K_dm": 300.0, "precision": "float64"})
         model, state = js.build(case)
-        right = state.particles.x[:, 0] > model.chambers[0].x0
+        right = state.particles.x[:, 0] > model.chambers[0].sides.x0[0]
         sinking = jnp.stack([jnp.zeros_like(right, float), jnp.where(right, -0.2, 0.0)], -1)
         state = with_velocity(state, sinking)
 

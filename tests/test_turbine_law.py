@@ -32,7 +32,7 @@ def swinging():
     u = jnp.zeros_like(state.particles.u)
     x = state.particles.x
     chamber = model.chambers[0]
-    u = u.at[:, 1].set(jnp.where((x[:, 0] > chamber.x0) & (x[:, 1] > chamber.fade_low), 0.15, 0.0))
+    u = u.at[:, 1].set(jnp.where((x[:, 0] > chamber.sides.x0[0]) & (x[:, 1] > chamber.fade_low), 0.15, 0.0))
     return case, eqx.tree_at(lambda s: s.particles.u, state, u)
 
 
@@ -164,7 +164,7 @@ def test_slopes_through_the_air_s_pressure_are_differences(swinging):
         case = swinging[0].replace({"precision": "float64", "scheme.tolerance": 1e-9})
         model, state = js.build(case)
         x, chamber = state.particles.x, model.chambers[0]
-        within = (x[:, 0] > chamber.x0) & (x[:, 1] > chamber.fade_low)
+        within = (x[:, 0] > chamber.sides.x0[0]) & (x[:, 1] > chamber.fade_low)
         u = jnp.zeros_like(x).at[:, 1].set(jnp.where(within, 0.15, 0.0))
         state = eqx.tree_at(lambda s: s.particles.u, state, u)
 

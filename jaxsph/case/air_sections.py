@@ -1,13 +1,14 @@
-"""Sections of a chamber's air: the power take-off, and air that can be compressed."""
+"""Sections of chambers and ducts, and of their air: the power take-off, and air that can be compressed."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from jaxsph.case.section import Density, Duration, Section
+from jaxsph.case.section import NAME, Density, Duration, Name, Section
 from jaxsph.parts.pto import orifice_damping
 
 VALVE = ("relief", "suction")
@@ -20,6 +21,18 @@ LAWS: dict[str, tuple[str, ...]] = {
 }
 """Laws of a power take-off by the key that each is given by, and the further keys that it has."""
 
+SMOOTH_LAWS = ("K_dm", "resistance", "area", "discharge", "P_a", "relief", "suction")
+"""Keys of a power take-off on which a model depends smoothly, and which may change in the course of a run."""
+
+
+def air_keys(keys: Iterable[str]) -> list[str]:
+    """Dotted names of keys of power take-offs, wherever a case has one: `NAME` stands for any name."""
+    places = ("", f"chamber.{NAME}.", f"duct.{NAME}.")
+    return [f"{place}pto.{key}" for key in keys for place in places] + [f"duct.{NAME}.area"]
+
+
+Area = Annotated[float, Field(ge=1e-6, le=1e3)]
+Discharge = Annotated[float, Field(ge=0.1, le=1.0)]
 Reading = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
@@ -36,9 +49,9 @@ class PTOSection(Section):
     harmonic: [a1, b1, a2, b2]."""
     resistance: float | None = Field(None, ge=0, le=1e12)
     """Resistance of a linear turbine, such as of Wells' type, P_a = resistance q, Pa s/m2."""
-    area: float | None = Field(None, ge=1e-6, le=1e3)
+    area: Area | None = None
     """Area of an orifice, m2 per metre of width."""
-    discharge: float = Field(0.6, ge=0.1, le=1.0)
+    discharge: Discharge = 0.6
     """Coefficient of discharge of the orifice (-)."""
     density: Density = 1.2
     """Density of the ambient air, of which an orifice's damping depends, kg/m3."""
@@ -127,3 +140,33 @@ class AirSection(Section):
     def give(self) -> float:
         """Compliance of the air about its ambient state, volume / (gamma pressure), m2/Pa."""
         return self.volume / (self.gamma * self.pressure)
+
+
+class ChamberSection(Section):
+    """A chamber of air over the water between two walls, by the name that the case gives it."""
+
+    between: tuple[str, str]
+    """Its two walls: names of solids, "device" for the device's plate, "far" for the tank's end wall."""
+    pto: PTOSection | None = None
+    air: AirSection | None = None
+
+
+class DuctSection(Section):
+    """A duct between the air of two chambers, by the name that the case gives it; give an area or pto."""
+
+    between: tuple[Name, Name]
+    """Names of the two chambers; the flow from the first to the second is positive."""
+    area: Area | None = None
+    """Narrowest area of the duct, m2 per metre of width, where the air loses what it has of speed."""
+    discharge: Discharge = 0.6
+    """Coefficient of discharge of this area (-)."""
+    density: Density = 1.2
+    """Density of the ambient air, kg/m3."""
+    pto: PTOSection | None = None
+    """Turbine in the duct, in the place of an area."""
+
+    @model_validator(mode="after")
+    def _one_law(self) -> DuctSection:
+        if (self.area is None) == (self.pto is None):
+            raise ValueError("give exactly one of area (of the duct) and pto (a turbine in it)")
+        return self

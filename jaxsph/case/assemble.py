@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, grid_over
+from jaxsph.model.air import AbstractDuct
 from jaxsph.model.interfaces import (
     AbstractChamber,
     AbstractDamper,
@@ -57,6 +58,7 @@ def assemble(
     moving: Sequence[AbstractWall] = (),
     bodies: Sequence[AbstractBody] = (),
     chambers: Sequence[AbstractChamber] = (),
+    ducts: Sequence[AbstractDuct] = (),
     dampers: Sequence[AbstractDamper] = (),
     forces: Sequence[AbstractForce] = (),
     speed: float | None = None,
@@ -72,7 +74,7 @@ def assemble(
     `p` `[N]`: gauge pressure (Pa), by default 0. `volume` (m3; m2 in 2-D): each particle's, by default dx^D.
     `walls`: `Ghosts.build` of a `Box`, whose `period` the scheme's smoothing must have.
     `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (the `paddle` of the box where it has one; driven
-    solids); `bodies`; `chambers`; `dampers`; `forces` beside g.
+    solids); `bodies`; `chambers`; `ducts` between them; `dampers`; `forces` beside g.
     `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
     `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
     that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
@@ -106,6 +108,7 @@ def assemble(
         moving=tuple(moving),
         bodies=tuple(bodies),
         chambers=tuple(chambers),
+        ducts=tuple(ducts),
         dampers=tuple(dampers),
         outlets=_rims(walls, dx),
         forces=tuple(forces),
@@ -168,13 +171,16 @@ def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
 
 def _check_parts(model: Model) -> None:
     """Raises ValueError for parts that share a name, or do not go with the walls' ghosts."""
-    parts = (*model.moving, *model.bodies, *model.chambers, *model.outlets)
+    parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
     names = [part.name for part in parts] + [damper.name for damper in model.dampers]
     energies = [name for part in (*parts, *model.dampers, model.scheme) for name in part.entries()]
     for given, what in ((names, "names"), (energies, "energies in the ledger")):
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
             raise ValueError(f"parts share the {what} {', '.join(twice)}: give each a name of its own")
+    ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
+    if ends:
+        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: there are no chambers of these names")
     given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
     needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
     if given != needed:

@@ -9,29 +9,25 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from jaxsph.case.air_sections import LAWS
+from jaxsph.case.air_sections import LAWS, SMOOTH_LAWS, air_keys
 from jaxsph.case.build import build
+from jaxsph.case.chambers import FAR
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
 from jaxsph.case.notices import limit_notices
 from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
-from jaxsph.case.section import Section, by_name, kind_of
-from jaxsph.case.sections import KINDS, Sections
+from jaxsph.case.section import NAME, Section, by_name, kind_of
+from jaxsph.case.sections import DEVICE_CHAMBER, KINDS, Sections
 from jaxsph.errors import CaseError
 from jaxsph.problem.problem import Problem
 from jaxsph.problem.record import WholeRecord
 from jaxsph.problem.toml import toml_text, toml_value
 
 SMOOTH = (
-    "pto.K_dm",
-    "pto.resistance",
-    "pto.area",
-    "pto.discharge",
-    "pto.P_a",
-    "pto.relief",
-    "pto.suction",
+    *air_keys(SMOOTH_LAWS),
     "air.volume",
+    f"chamber.{NAME}.air.volume",
     "waves.H",
     "fluid.nu",
     "fluid.rho0",
@@ -44,9 +40,6 @@ SMOOTH = (
 )
 """Keys of the numbers on which a model depends smoothly, for methods that differentiate through the time
 loop. Lengths are not among them: they move the lattice."""
-
-NAME = "NAME"
-"""What stands in lists of keys for a name that a case gives, as in `solid.NAME.polygon`."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
 """Kinds of errors that say what a key means: of a value that is missing, or beyond its range."""
@@ -94,7 +87,7 @@ class Case(Sections):
             if value is None:
                 place.pop(last, None)
             else:
-                if path == ["pto"] and last in LAWS:
+                if path[-1:] == ["pto"] and path != ["body", "pto"] and last in LAWS:
                     for gone in place.keys() - {last, *LAWS[last]}:
                         place.pop(gone)
                 place[last] = value
@@ -120,18 +113,33 @@ class Case(Sections):
     def value(self, name: str) -> Any:
         """Value of a key, by dotted name; None where the case does not give it. **Raises** CaseError for a
         key that no case has."""
-        value = functools.reduce(_inner, name.split("."), self)
+        value = functools.reduce(inner, name.split("."), self)
         if value is None:
             self.replace({name: 1.0})  # says what else is meant, where there is no such key
         return value
 
     def roughness(self, name: str) -> str:
         """Why the model may not depend smoothly on a key; empty where it does."""
-        return "" if name in SMOOTH else f"the loop depends smoothly on {', '.join(SMOOTH)}"
+        return "" if any_name(name) in SMOOTH else f"the loop depends smoothly on {', '.join(SMOOTH)}"
 
     def to_toml(self) -> str:
         """TOML text of the whole case, defaults included."""
         return toml_text(self.model_dump(exclude_none=True, mode="json"))
+
+    def expanded(self) -> Case:
+        """The same case without short forms: the device's power take-off and air as those of its chamber."""
+        given = self.given()
+        own = {key: given.pop(key) for key in ("pto", "air") if key in given}
+        if not own:
+            return self
+        chamber = {"between": ("device", FAR), **own}
+        return Case.from_dict(given | {"chamber": {DEVICE_CHAMBER: chamber, **given.get("chamber", {})}})
+
+    def given(self) -> dict[str, Any]:
+        """Values of the case but those at their defaults, and the kinds of its sections."""
+        data = self.model_dump(exclude_defaults=True, exclude_none=True, mode="json")
+        kinds = {name: getattr(self, name).kind for name in KINDS if getattr(self, name) is not None}
+        return data | {name: {"kind": kind, **data.get(name, {})} for name, kind in kinds.items()}
 
     def notices(self) -> list[str]:
         """Notices for the user: lengths that the lattice changed, limits that the case is near or beyond."""
@@ -139,7 +147,17 @@ class Case(Sections):
         return [*geometry.notices, *limit_notices(self, geometry)]
 
 
-def _inner(part: Any, key: str) -> Any:
+def any_name(key: str) -> str:
+    """A dotted key with `NAME` for the name that a case gives to a section: "solid.bed.disc" as
+    "solid.NAME.disc"."""
+    first, *rest = key.split(".")
+    field = Case.model_fields.get(first)
+    if field is None or not rest or not by_name(field.annotation):
+        return key
+    return ".".join([first, NAME, *rest[1:]])
+
+
+def inner(part: Any, key: str) -> Any:
     """What a section, or sections by names, has under a key; None where it has nothing."""
     return part.get(key) if isinstance(part, dict) else getattr(part, key, None)
 

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxsph.case.sections import Device, Sections, SolidSection
+from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between
+from jaxsph.case.sections import DEVICE_CHAMBER, Device, Sections, SolidSection
 from jaxsph.case.shapes import (
     Points,
     check_apart,
@@ -60,7 +61,8 @@ class Geometry:
     so that another wave height changes no array's shape."""
     plate: WallPlate | None
     platform: Platform | None
-    chamber_length: float
+    stretches: dict[str, Stretch]
+    """Stretches of the surface that chambers are over, by the chambers' names."""
     solid: AbstractShape | None
     """Shape of the body."""
     solids: dict[str, AbstractShape]
@@ -75,9 +77,9 @@ class Geometry:
     def __init__(self, dx: float) -> None:
         """An empty record for spacing dx (m)."""
         self.dx = dx
-        self.notices, self.solids = [], {}
+        self.notices, self.solids, self.stretches = [], {}, {}
         self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
-        self.withdrawal = self.chamber_length = 0.0
+        self.withdrawal = 0.0
         self.width = self.plate = self.platform = self.solid = None
         self.gauges = self.surface = self.pressure = self.velocity = ()
 
@@ -90,6 +92,7 @@ class Geometry:
         geometry._device(case)
         geometry._body(case)
         geometry._solids(case)
+        geometry._chambers(case)
         geometry._probes(case)
         if case.waves is not None:
             geometry.stroke = case.waves.stroke(geometry.depth, case.g)
@@ -188,12 +191,15 @@ class Geometry:
         """Plate and platform of the OWC."""
         device = case.device
         if device is None:
-            if case.pto is not None:
-                raise CaseError("pto is given, but there is no device with a chamber")
+            for key in ("pto", "air"):
+                if getattr(case, key) is not None:
+                    raise CaseError(
+                        f"{key} is given, but there is no device with a chamber: give [device], or write "
+                        f"[chamber.NAME.{key}] for a chamber between other walls"
+                    )
             return
         if self.width is not None:
             raise CaseError("tank.width: a device needs a two-dimensional tank (no width)")
-        self.chamber_length = device.chamber_length
         if device.chamber_length < 3.0 * self.dx:
             raise CaseError(
                 f"device.chamber_length = {device.chamber_length:g} m holds "
@@ -211,7 +217,7 @@ class Geometry:
             thin_wall(device).check(WallPlate(0.0, thickness, 0.0), self.dx, case.layers)
         except ValueError as error:
             raise CaseError(f"device.{error}") from None
-        x1 = float(np.round(self.length - self.chamber_length, 12))
+        x1 = float(np.round(self.length - device.chamber_length, 12))
         x0 = float(np.round(x1 - thickness, 12))
         self.plate = WallPlate(x0, x1, self.depth - draught)
         if self.plate.x0 < 4 * self.dx:
@@ -267,6 +273,21 @@ class Geometry:
             if section.block is not None:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
         check_apart(self.named_shapes(), self.dx)
+
+    def _chambers(self, case: Sections) -> None:
+        """Stretches of the surface under the air of chambers."""
+        if case.pto is not None and DEVICE_CHAMBER in case.chamber:
+            raise CaseError(
+                f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give it another name"
+            )
+        if case.chambers and self.width is not None:
+            raise CaseError("tank.width: a chamber needs a two-dimensional tank (no width)")
+        if case.air is not None and case.pto is None:
+            raise CaseError("air: is between water and a turbine; give [pto] with one, or leave out [air]")
+        tank = Tank(self.named_shapes(), self.length, self.depth, self.height, self.dx)
+        for name, section in case.chambers.items():
+            self.stretches[name] = stretch_between(f"chamber.{name}", section.between, tank)
+        check_apart_chambers(self.stretches)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
         """A solid whose corners are moved with the walls that they stand on."""

@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 import shapely
 
+from jaxsph.case.air_sections import ChamberSection
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
-from jaxsph.case.sections import Sections
+from jaxsph.case.sections import DEVICE_CHAMBER, Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.errors import CaseError
@@ -41,7 +42,7 @@ STANDING_BREAKING = 0.218
 
 
 TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone")
-"""Names of the parts that a case has beside its solids."""
+"""Names of the parts that a case has beside those that it names."""
 
 
 def check_limits(case: Sections, geometry: Geometry) -> None:
@@ -49,7 +50,10 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
     _check_waves(case, geometry)
     _check_standing_wave(case, geometry)
     _check_places(case, geometry)
-    _check_air(case, geometry)
+    _check_names(case)
+    for name, section in case.chambers.items():
+        _check_air(case, geometry, name, section)
+    _check_ducts(case)
     _check_probes(case, geometry)
     _check_zones(case, geometry)
     _check_solids(case, geometry)
@@ -197,10 +201,11 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
 def _check_waves(case: Sections, geometry: Geometry) -> None:
     waves = case.waves
     if waves is None:
-        if case.pto is not None and case.pto.phase is not None:
-            raise CaseError(
-                f"pto.phase = {list(case.pto.phase)}: is over the phase of waves, and there are none"
-            )
+        for pto in case.turbines:
+            if pto.phase is not None:
+                raise CaseError(
+                    f"pto.phase = {list(pto.phase)}: is over the phase of waves, and there are none"
+                )
         return
     if case.g == 0.0:
         raise CaseError("waves: need gravity, and g = 0: remove the section")
@@ -257,39 +262,83 @@ def asked(waves: AbstractWavesSection) -> str:
     return f"waves.{waves.height_key}, {waves.height:.3g} m high"
 
 
-def _check_air(case: Sections, geometry: Geometry) -> None:
-    """Refuses an air pressure that blows out under the plate, or lifts the column over its chamber, and a
-    volume of air that the water may fill."""
-    if case.air is not None:
-        if case.pto is None or not case.pto.is_turbine:
-            raise CaseError("air: is between water and a turbine; give [pto] with one, or leave out [air]")
-        rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
-        if case.air.volume < geometry.chamber_length * rise:
+def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSection) -> None:
+    """Refuses an air pressure that blows out under a wall, or lifts the column over its chamber, a volume of
+    air that the water may fill, and walls that the water may go over."""
+    of_device = name == DEVICE_CHAMBER and case.pto is not None
+    key, stretch = "" if of_device else f"chamber.{name}.", geometry.stretches[name]
+    rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
+    room = min(stretch.top, geometry.height) - geometry.depth
+    if rise > room + 1e-9:
+        raise CaseError(
+            f"{key}between = {list(stretch.walls)}: a wall ends {room:.4g} m above the water, and waves are "
+            f"{rise:.4g} m high: air would escape over it; make it higher"
+        )
+    if section.air is not None:
+        if section.pto is not None and not section.pto.is_turbine:
             raise CaseError(
-                f"air.volume = {case.air.volume:g} m2: waves of {rise:.3g} m may fill it; at least "
-                f"{geometry.chamber_length * rise:.3g} m2 over a chamber of {geometry.chamber_length:g} m"
+                f"{key}air: is between water and a turbine; give [{key}pto] with one, or leave out [{key}air]"
             )
-    if case.pto is None or not case.pto.P_a:
+        if section.air.volume < stretch.length * rise:
+            raise CaseError(
+                f"{key}air.volume = {section.air.volume:g} m2: waves of {rise:.3g} m may fill it; at least "
+                f"{stretch.length * rise:.3g} m2 over a chamber of {stretch.length:g} m"
+            )
+    elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
+        raise CaseError(
+            f"chamber.{name}: nothing lets its air out: give [chamber.{name}.pto], a duct, or "
+            f"[chamber.{name}.air] for air that is compressed"
+        )
+    if section.pto is None or not section.pto.P_a:
         return
-    asked = f"pto.P_a = {case.pto.P_a:g} Pa"
+    asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
         raise CaseError(f"{asked}: without gravity nothing holds the air's pressure (g = 0)")
     # the water that leaves one side rises on the other, in inverse proportion to their lengths
-    share = geometry.front / (geometry.front + geometry.chamber_length)
-    fall = share * case.pto.P_a / (case.fluid.rho0 * case.g)
-    assert geometry.plate is not None  # a device has one
-    draught = geometry.depth - geometry.plate.tip
+    front = geometry.front if of_device else geometry.length - stretch.length
+    share = front / (front + stretch.length)
+    fall = share * section.pto.P_a / (case.fluid.rho0 * case.g)
+    draught = geometry.depth - stretch.tip
     if fall > draught:
         raise CaseError(
-            f"{asked} would push the chamber's level {fall:.3g} m down, and the plate ends {draught:g} m "
-            f"under water: at most {case.pto.P_a * draught / fall:.4g} Pa"
+            f"{asked} would push the chamber's level {fall:.3g} m down, and its wall ends {draught:g} m "
+            f"under water: at most {section.pto.P_a * draught / fall:.4g} Pa"
         )
-    room = geometry.height - geometry.depth
     if -fall > room:
         raise CaseError(
             f"{asked} would pull the chamber's level {-fall:.3g} m up, and the walls end {room:.3g} m above "
-            f"the water: at least {case.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
+            f"the water: at least {section.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
         )
+
+
+def _check_ducts(case: Sections) -> None:
+    """Refuses ducts between what are no two chambers, or without a turbine."""
+    for name, duct in case.duct.items():
+        asked = f"duct.{name}.between = {list(duct.between)}"
+        for end in duct.between:
+            if end not in case.chambers:
+                there = ", ".join(case.chambers) or "none"
+                raise CaseError(f"{asked}: there is no chamber {end!r}; there are {there}")
+        if duct.between[0] == duct.between[1]:
+            raise CaseError(f"{asked}: a duct is between two chambers, and these are one")
+        if duct.pto is not None and not duct.pto.is_turbine:
+            raise CaseError(
+                f"duct.{name}.pto.P_a: a duct's pressure follows from its flow: give K_dm, resistance, area "
+                "or curve"
+            )
+
+
+def _check_names(case: Sections) -> None:
+    """Refuses parts that share a name, or have that of one without."""
+    named = [
+        (f"{kind}.{name}", name) for kind in ("solid", "chamber", "duct") for name in getattr(case, kind)
+    ]
+    for key, name in named:
+        if name in TAKEN and key != f"chamber.{DEVICE_CHAMBER}":
+            raise CaseError(f"{key}: {', '.join(TAKEN)} are parts of their own: give it another name")
+        twice = [other for other, one in named if one == name and other != key]
+        if twice:
+            raise CaseError(f"{key} and {twice[0]}: have one name: give one of them another")
 
 
 def _check_probes(case: Sections, geometry: Geometry) -> None:
@@ -334,9 +383,11 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
         zones.append(("sponge.length", case.sponge.length, end - case.sponge.length, end))
     if case.waves is not None and case.waves.zone is not None:
         zones.append(("waves.zone", case.waves.zone, 0.0, case.waves.zone))
-    solids = []
+    solids = [
+        (f"the chamber {name}", stretch.first, stretch.last) for name, stretch in geometry.stretches.items()
+    ]
     if geometry.plate is not None:
-        solids.append(("the device", geometry.plate.x0, end))
+        solids = [("the device", geometry.plate.x0, end)]
     if geometry.solid is not None:
         low, high = geometry.solid.bounds()
         solids.append(("the body", low[0], high[0]))
@@ -350,12 +401,10 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
 
 
 def _check_solids(case: Sections, geometry: Geometry) -> None:
-    """Refuses solids that are named as another part, or stand where the wavemaker needs the water."""
+    """Refuses solids that stand where the wavemaker needs the water."""
     clear = 0.5 * geometry.stroke + 4.0 * case.dx
     zone = 0.0 if case.waves is None else case.waves.zone or 0.0
     for name, shape in geometry.solids.items():
-        if name in TAKEN:
-            raise CaseError(f"solid.{name}: {', '.join(TAKEN)} are parts of their own: give it another name")
         first = float(shape.bounds()[0][0])
         if case.waves is not None and first < max(clear, zone):
             what = f"zone of the waves reaches to {zone:g} m" if zone > clear else f"paddle to {clear:.3g} m"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from jaxsph.case.air_sections import PTOSection
+from jaxsph.case.chambers import FAR
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.errors import CaseError
@@ -54,7 +56,7 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
         )
     water = radiation_and_scattering(_chamber(case), 2.0 * np.pi / case.waves.T, case.g)
     return linear_response(
-        water, case.waves.H, case.pto.quadratic or 0.0, case.fluid.rho0, lip_loss, air=_linear_air(case)
+        water, case.waves.H, _turbine(case).quadratic or 0.0, case.fluid.rho0, lip_loss, air=_linear_air(case)
     )
 
 
@@ -73,20 +75,28 @@ def linear_sea(case: Sections) -> LinearSea:
         why = 'waves.kind = "regular": take linear_owc' if regular else _missing(case, seas=True)
         raise CaseError(f"{why}: linear theory of a sea needs a device with a damping, over a flat bed")
     a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
-    K_dm, air = case.pto.quadratic or 0.0, _linear_air(case)
+    K_dm, air = _turbine(case).quadratic or 0.0, _linear_air(case)
     return linear_sea_response(_chamber(case), a, omega, K_dm, case.fluid.rho0, case.g, air)
 
 
 def _linear_air(case: Sections) -> LinearAir:
     """Linear part of a case's turbine, and its air's compliance."""
-    give = 0.0 if case.air is None else case.air.give
-    return LinearAir(case.pto.resistance or 0.0, give)
+    (chamber,) = case.chambers.values()
+    give = 0.0 if chamber.air is None else chamber.air.give
+    return LinearAir(_turbine(case).resistance or 0.0, give)
+
+
+def _turbine(case: Sections) -> PTOSection:
+    """Turbine of a case that linear theory covers: its only one."""
+    (pto,) = case.turbines
+    return pto
 
 
 def _chamber(case: Sections) -> ChamberGeometry:
     """Section of a case's chamber with the lengths that the lattice gives it."""
     tank = Geometry.of(case)
-    lengths = (tank.depth, tank.chamber_length, tank.depth - tank.plate.tip, tank.plate.thickness)
+    (stretch,) = tank.stretches.values()
+    lengths = (tank.depth, stretch.length, tank.depth - tank.plate.tip, tank.plate.thickness)
     return ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
 
 
@@ -97,7 +107,7 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
         return []
     found = linear_owc(case)
     best = f"at most {found.eta_max:.3g}"
-    if case.pto.quadratic is not None:
+    if _turbine(case).quadratic is not None:
         best += f", at K_dm = {found.K_dm_best:.4g}"
     return [
         ("linear efficiency", f"{found.xi:.3g} ({best})"),
@@ -110,15 +120,23 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     """Key for which linear theory has no answer, of regular waves or of seas; None where it has one."""
     if case.device is None:
         return "device is not given"
+    if case.solid:
+        return f"solid.{next(iter(case.solid))} is in the water"
+    if len(case.chambers) > 1 or case.duct:
+        return "there are several chambers"
+    for name, chamber in case.chambers.items():
+        if set(chamber.between) != {"device", FAR}:
+            return f"chamber.{name} is between other walls than the device's"
     if case.waves is None:
         return "waves is not given"
     if not seas and case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
-    if case.pto is None or not case.pto.is_turbine:
+    if not case.turbines:
         return "pto.K_dm is not given"
-    if case.pto.curve is not None or case.pto.has_relief:
-        return "pto.curve is neither linear nor quadratic" if case.pto.curve else "pto has a relief valve"
-    if case.pto.phase is not None:
+    (pto,) = case.turbines
+    if pto.curve is not None or pto.has_relief:
+        return "pto.curve is neither linear nor quadratic" if pto.curve else "pto has a relief valve"
+    if pto.phase is not None:
         return "pto.phase lets the damping vary over the wave"
     if case.device.platform_height:
         return f"device.platform_height = {case.device.platform_height:g} m"

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shapely
-
+from jaxsph.case.chambers import ends_at
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
-from jaxsph.case.sections import Sections
+from jaxsph.case.sections import DEVICE_CHAMBER, Sections
 from jaxsph.case.speeds import reference_speed, sound_speed
-from jaxsph.solids.shapes import AbstractShape
 from jaxsph.waves import theory
 
 CHAMBER = 6
@@ -30,12 +28,14 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed to expect, "
             f"{reference_speed(case):.3g} m/s: the run stops where water is faster than a third of it"
         )
-    if case.device is not None and case.device.chamber_length < CHAMBER * case.dx:
-        notes.append(
-            f"device.chamber_length = {case.device.chamber_length:g} m is only "
-            f"{case.device.chamber_length / case.dx:.1f} spacings long: expect an efficiency that is "
-            f"a tenth to a fifth too low ({CHAMBER} or more are usual)"
-        )
+    for name, stretch in geometry.stretches.items():
+        if stretch.length < CHAMBER * case.dx:
+            of_device = name == DEVICE_CHAMBER and case.pto is not None
+            key = "device.chamber_length" if of_device else f"chamber.{name}"
+            notes.append(
+                f"{key} = {stretch.length:g} m is only {stretch.length / case.dx:.1f} spacings long: expect "
+                f"an efficiency that is a tenth to a fifth too low ({CHAMBER} or more are usual)"
+            )
     if geometry.plate is not None and geometry.plate.thickness < 0.99 * case.dx:
         notes.append(
             f"device.wall_thickness = {geometry.plate.thickness:.3g} m is less than a spacing (dx = "
@@ -81,7 +81,8 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
         spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
     for name, shape in geometry.shapes.items():
         # over a solid under water there is a surface to read
-        spans += [(f"the {name}", *ends) for ends in _at_level(shape, geometry.depth)]
+        ends = ends_at(shape, geometry.depth)
+        spans += [] if ends is None else [(f"the {name}", *ends)]
     reach = GAUGE * case.dx - 1e-9
     return [
         f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "
@@ -90,15 +91,3 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
         for what, low, high in spans
         if low - reach < x < high + reach
     ]
-
-
-def _at_level(shape: AbstractShape, level: float) -> list[tuple[float, float]]:
-    """First and last x (m) of a shape at a level (m); none where it does not go through it."""
-    low, high = shape.bounds()
-    if not low[-1] < level < high[-1]:
-        return []
-    if len(low) == 3:
-        return [(low[0], high[0])]
-    across = shapely.LineString([(low[0], level), (high[0], level)])
-    first, _, last, _ = shape.region().intersection(across).bounds
-    return [(first, last)]

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxsph.case.air_sections import AirSection, DuctSection, PTOSection
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
 from jaxsph.case.sections import BodySection, Sections
 from jaxsph.errors import CaseError
@@ -18,15 +19,19 @@ from jaxsph.model.background import Background
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.chamber import Chamber
+from jaxsph.parts.duct import Duct
 from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
 from jaxsph.parts.pto import (
     AbstractTurbine,
     CharacteristicCurve,
+    ClosedPTO,
+    Constriction,
     LinearTurbine,
     PhasedPTO,
     PneumaticPTO,
     PrescribedPressure,
     ReliefValve,
+    orifice_damping,
 )
 from jaxsph.parts.relaxation import FlowMotion, RelaxationZone
 from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge, RotationalPTO
@@ -121,28 +126,38 @@ def make_paddle(
 
 
 def make_chambers(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Chamber, ...]:
-    """Chamber of a case's device; none without one."""
-    if case.device is None or case.pto is None:
-        return ()
-    plate = geometry.plate
-    draught = geometry.depth - plate.tip
-    return (
-        Chamber(
-            pto=make_pto(case, leaf),
-            x0=leaf(plate.x1),
-            x1=leaf(geometry.length),
-            fade_low=leaf(plate.tip),
-            fade_high=leaf(plate.tip + 0.5 * draught),
-            still=leaf(geometry.depth),
-            beyond=leaf(0.5 * case.dx),  # a particle deeper in the end wall ends the run
-            air=make_air(case, leaf),
-        ),
+    """Chambers of a case."""
+    return tuple(
+        Chamber.of(
+            ClosedPTO() if section.pto is None else make_pto(case, section.pto, leaf),
+            between=(geometry.stretches[name].front, geometry.stretches[name].back),
+            tip=geometry.stretches[name].tip,
+            level=geometry.depth,
+            dx=case.dx,  # a particle deeper in a wall than half of it ends the run
+            air=make_air(section.air, leaf),
+            name=name,
+            dtype=np.dtype(case.precision),
+        )
+        for name, section in case.chambers.items()
     )
 
 
-def make_pto(case: Sections, leaf: Any) -> AbstractPTO:
-    """Power take-off of a case's chamber."""
-    section = case.pto
+def make_ducts(case: Sections, leaf: Any) -> tuple[Duct, ...]:
+    """Ducts between a case's chambers."""
+    laws = ((name, one.between, _duct_law(case, one, leaf)) for name, one in case.duct.items())
+    return tuple(Duct(between, law, name=name) for name, between, law in laws)
+
+
+def _duct_law(case: Sections, section: DuctSection, leaf: Any) -> AbstractPTO:
+    """Turbine of a duct, or the loss in its narrowest area."""
+    if section.pto is not None:
+        return make_pto(case, section.pto, leaf)
+    assert section.area is not None
+    return Constriction(leaf(orifice_damping(section.area, section.discharge, section.density)))
+
+
+def make_pto(case: Sections, section: PTOSection, leaf: Any) -> AbstractPTO:
+    """Power take-off of a chamber or a duct."""
     if not section.is_turbine:
         return PrescribedPressure(leaf(section.P_a), leaf(section.ramp))
     turbine: AbstractTurbine | PhasedPTO
@@ -162,11 +177,11 @@ def make_pto(case: Sections, leaf: Any) -> AbstractPTO:
     return ReliefValve(turbine, leaf(over), leaf(under))
 
 
-def make_air(case: Sections, leaf: Any) -> AbstractAirLaw:
-    """Air of a case's chamber."""
-    if case.air is None:
+def make_air(section: AirSection | None, leaf: Any) -> AbstractAirLaw:
+    """Air of a chamber."""
+    if section is None:
         return IncompressibleAir()
-    return IsentropicAir(leaf(case.air.volume), leaf(case.air.pressure), leaf(case.air.gamma))
+    return IsentropicAir(leaf(section.volume), leaf(section.pressure), leaf(section.gamma))
 
 
 def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Background, ...]:
@@ -177,8 +192,7 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
     draught = geometry.depth - plate.tip
     # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
     fall = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
-    if case.pto is not None and case.pto.P_a is not None:
-        fall = max(fall, abs(case.pto.P_a) / (case.fluid.rho0 * case.g))
+    fall = max([fall, *(abs(P_a) / (case.fluid.rho0 * case.g) for P_a in case.prescribed)])
     # Measured at rest and in waves. The background must end below the surface, where it would be a false
     # pressure. With much more head left in the pair sums the tip grows unquiet, with none nothing keeps the
     # particles in order; the gradients of a narrower zone disturb them, and with a background over the whole

@@ -107,7 +107,7 @@ def _periods(record: Record) -> Scalars:
 def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
     """Power (W; W/m in 2-D) of all power take-offs, each sample the mean since the one before; None without
     any, and for a pressure that is given."""
-    if case.pto is not None and not case.pto.is_turbine and case.body is None:
+    if case.prescribed and not case.turbines and case.body is None:
         return None
     names = [name for name in harvested(record.solution.model) if name in record.solution.series]
     return np.sum([record[name] for name in names], axis=0) if names else None
@@ -130,8 +130,7 @@ def _power(case: Sections, record: Record) -> dict[str, float]:
     if power is None:
         return results
     efficiency = analysis.efficiency(t, power, T, P_inc, window.periods)
-    chamber = case.pto is not None and case.pto.is_turbine
-    results["P_owc" if chamber else "P_pto"] = efficiency.xi * P_inc
+    results["P_owc" if case.turbines else "P_pto"] = efficiency.xi * P_inc
     results |= _share(case, efficiency.xi)
     if case.tank.width is not None:
         return results
@@ -181,13 +180,15 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
 
 
 def _device_x(case: Sections) -> float:
-    """Where waves meet a case's device, m from the paddle: its plate, or its body; else the tank's end."""
+    """Where waves meet a case's device, m from the paddle: its plate, its first chamber's front wall, or its
+    body; else the tank's end."""
     geometry = Geometry.of(case)
+    fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
     if geometry.plate is not None:
-        return float(geometry.plate.x0)
+        fronts.append(geometry.plate.x0)
     if geometry.solid is not None:
-        return float(geometry.solid.bounds()[0][0])
-    return geometry.length
+        fronts.append(geometry.solid.bounds()[0][0])
+    return float(min(fronts, default=geometry.length))
 
 
 def _reflection(case: Sections, record: Record) -> dict[str, float]:
@@ -263,8 +264,7 @@ def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
 
     **Raises** CaseError for a result that the case does not have.
     """
-    column = case.pto is not None and case.pto.is_turbine
-    if not column and (case.body is None or case.body.pto is None):
+    if not case.turbines and (case.body is None or case.body.pto is None):
         raise CaseError(f"of = {of!r} needs a turbine, such as pto.K_dm, or a body with body.pto")
     if of == "energy_pto":
         return energy_of_power(case.output.sample_dt)

@@ -32,6 +32,8 @@ def _plain_name(name: str) -> str:
 
 Name = Annotated[str, AfterValidator(_plain_name)]
 """Name that a case gives to a part of its own: small letters, digits and underscores."""
+NAME = "NAME"
+"""What stands in lists of keys for a name that a case gives, as in `solid.NAME.polygon`."""
 MOST_POINTS = 10_000
 """Most points that one list of probes or corners may have."""
 

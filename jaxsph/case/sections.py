@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from jaxsph.case.air_sections import AirSection, PTOSection
+from jaxsph.case.air_sections import AirSection, ChamberSection, DuctSection, PTOSection
 from jaxsph.case.section import (
     MOST_POINTS,
     Coefficient,
@@ -340,6 +340,8 @@ class Output(Section):
     """Number of whole periods at the end over which power and efficiency are averaged."""
 
 
+DEVICE_CHAMBER = "chamber"
+"""Name of the device's chamber."""
 KINDS: dict[str, dict[str, type[Section]]] = {"scheme": SCHEMES, "waves": WAVES}
 """Sections of several kinds, by the section's name and its `kind`; the first where none is given."""
 
@@ -373,6 +375,10 @@ class Sections(Section):
     body: BodySection | None = None
     solid: dict[Name, SolidSection] = Field({})
     """Solids that do not move, by their names."""
+    chamber: dict[Name, ChamberSection] = Field({})
+    """Chambers of air between any two walls, by their names."""
+    duct: dict[Name, DuctSection] = Field({})
+    """Ducts between chambers, by their names."""
     probes: ProbesSection = ProbesSection.model_validate({})
     output: Output = Output.model_validate({})
 
@@ -382,6 +388,27 @@ class Sections(Section):
         if 0 < g < 1e-3:
             raise ValueError("must be 0 or at least 0.001 m/s2")
         return g
+
+    @property
+    def chambers(self) -> dict[str, ChamberSection]:
+        """Chambers by their names: those that the case names, and the device's, whose power take-off is `pto`
+        and whose air is `air`."""
+        if self.pto is None:
+            return self.chamber
+        own = ChamberSection(between=("device", "far"), pto=self.pto, air=self.air)
+        return {DEVICE_CHAMBER: own, **self.chamber}
+
+    @property
+    def turbines(self) -> list[PTOSection]:
+        """Power take-offs of chambers and ducts that take power: all but prescribed pressures."""
+        ptos = (one.pto for one in (*self.chambers.values(), *self.duct.values()))
+        return [pto for pto in ptos if pto is not None and pto.is_turbine]
+
+    @property
+    def prescribed(self) -> list[float]:
+        """Prescribed pressures of chambers, Pa."""
+        found = [one.pto.P_a for one in self.chambers.values() if one.pto is not None]
+        return [P_a for P_a in found if P_a is not None]
 
     @property
     def dim(self) -> int:

@@ -40,14 +40,14 @@ def _speed_scale(case: Sections) -> float:
     if case.start is not None:
         return 0.1 * shallow
     if case.waves is None:
-        pressure = abs(case.pto.P_a) if case.pto is not None and case.pto.P_a else 0.0
+        pressure = max([0.0, *map(abs, case.prescribed)])
         # a level suddenly pushed down by P_a/(rho g) swings with at most g A / omega ~ sqrt(P/rho)
         return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
     depth, T = case.tank.depth, case.waves.period
     k = wavenumber(T, depth, case.g)
     height = case.waves.highest(depth, case.g)
     surface = height * np.pi / T / np.tanh(k * depth)
-    speed = float(surface * (2.5 if case.device is not None else 1.5))
+    speed = float(surface * (2.5 if case.device is not None or case.chambers else 1.5))
     if any(corners_of(solid)[:, -1].max() > depth - 2.0 * height for solid in case.solid.values()):
         # waves that break on a slope: 0.05 m high on 1:10 their tips reach 2.3 sqrt(g H)
         speed = max(speed, 2.5 * float(np.sqrt(case.g * height)))

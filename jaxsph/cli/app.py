@@ -24,6 +24,7 @@ _COMMANDS = {
     "report": showing.write_report,
     "watch": showing.watch,
     "check": cases.check,
+    "show": cases.show,
     "new": cases.new,
     "cases": cases.cases,
 }

@@ -26,6 +26,25 @@ def check(case: CaseName, settings: Settings = None) -> None:
             typer.echo(f"note: {notice}", err=True)
 
 
+def show(
+    case: CaseName,
+    settings: Settings = None,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="With every key that is left to its default.")
+    ] = False,
+) -> None:
+    """Print a case as a file that says the same without short forms: [pto] as the chamber's, and so on."""
+    import jaxsph as js
+    from jaxsph.problem.toml import toml_text
+
+    with messages():
+        loaded = load(case, settings)
+        if isinstance(loaded, js.Program):
+            raise CaseError(f"{case}: is a program, which has no case file")
+        expanded = loaded.expanded()
+        typer.echo(expanded.to_toml() if whole else toml_text(expanded.given()))
+
+
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Writes NAME.toml.")],
     like: Annotated[

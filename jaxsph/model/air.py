@@ -15,12 +15,15 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, dot, stack
 from jaxsph.core.slabs import Slabs
 from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.part import AbstractPart
 from jaxsph.model.state import Tally
 
 __all__ = [
+    "AbstractDuct",
     "AbstractPTO",
     "Air",
     "AirCoupling",
+    "Given",
     "Pressed",
 ]
 
@@ -92,6 +95,13 @@ class AbstractPTO(eqx.Module):
         (name,) = self.entries("")  # a power take-off with several entries says what flows through each
         return {name: q}
 
+    def divided(self, mean: Scalar, ducted: Scalar) -> tuple[Scalar, Scalar]:
+        """Parts of a step's mean flow (m2/s) out of incompressible air: through this, and into the ducts.
+
+        `ducted`: flow into the chamber's ducts by their laws at the step's end, m2/s.
+        """
+        return mean - ducted, ducted
+
     def entries(self, whose: str) -> Mapping[str, Entry]:
         """Energies that the power take-off books, by what they are; `whose`: the chamber's name.
 
@@ -109,3 +119,41 @@ class Pressed(NamedTuple):
     """Flow through the power take-off, m3/s (m2/s in 2-D)."""
     pto: AbstractPTO
     """Power take-off as it is in the step."""
+    ducted: Scalar
+    """Flow out of the chamber into its ducts, m3/s (m2/s in 2-D)."""
+
+
+class Given(NamedTuple):
+    """What a chamber's air has given to its ducts in a step."""
+
+    head: Scalar
+    """Energy of the chamber's air per volume that leaves it, Pa."""
+    flow: Scalar
+    """Flow into the ducts, mean over the step, m3/s (m2/s in 2-D)."""
+
+
+class AbstractDuct(AbstractPart):
+    """A duct between the air of two chambers, with a power take-off in it."""
+
+    between: eqx.AbstractVar[tuple[str, str]]
+    """Names of the chambers; flow from the first to the second is positive."""
+
+    @abc.abstractmethod
+    def start(self, dtype: Any) -> Air:
+        """Air of the duct at t = 0: its pressure is the drop along it."""
+
+    @abc.abstractmethod
+    def press(self, own: Air, q_free: Scalar, compliance: Scalar, t: Scalar) -> Pressed:
+        """Drop of pressure along the duct over a step from the time t (s), and the flow through it.
+
+        **Arguments** as of `AbstractPTO.pressure`, and the duct's `own` air at the step's begin.
+        """
+
+    @abc.abstractmethod
+    def finish(
+        self, own: Air, pressed: Pressed, work: Scalar, dt: Scalar
+    ) -> tuple[Air, Mapping[str, Scalar]]:
+        """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water by name.
+
+        `work`: energy that the air of both chambers has left in the duct, J (J/m in 2-D).
+        """

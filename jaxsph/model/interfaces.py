@@ -22,7 +22,7 @@ import numpy as np
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Chosen, Sources
-from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
+from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.meaning import Entry
 from jaxsph.model.part import AbstractPart
 from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
@@ -248,18 +248,22 @@ class AbstractChamber(AbstractPart):
         """Coupling of the chamber's air to the water, in the places where the water is."""
 
     @abc.abstractmethod
-    def press(self, own: Air, q_free: Scalar, compliance: Scalar, t: Scalar, dt: Scalar) -> Pressed:
+    def press(
+        self, own: Air, q_free: Scalar, compliance: Scalar, ducted: Scalar, t: Scalar, dt: Scalar
+    ) -> Pressed:
         """Pressure of the air over a step of dt (s) from the time t (s) and the air's state `own` there.
 
         **Arguments**: `q_free`: flow out of the chamber (m3/s; m2/s in 2-D) at the step's end were P_a zero;
-        `compliance`: -dq/dP_a of that flow, so that q = q_free - compliance P_a.
+        `compliance`: -dq/dP_a of that flow, so that q = q_free - compliance P_a; `ducted`: flow out of the
+        chamber into its ducts.
         """
 
     @abc.abstractmethod
     def finish(
         self, own: Air, pressed: Pressed, before: Scalar, after: Scalar, dt: Scalar
-    ) -> tuple[Air, Mapping[str, Scalar]]:
-        """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water by name.
+    ) -> tuple[Air, Mapping[str, Scalar], Given]:
+        """Air at the end of a step of dt (s), the energies (J, J/m in 2-D) taken from the water by name, and
+        what the ducts got.
 
         **Arguments**: `before`, `after`: flows out of the chamber at both ends of the step, by the coupling
         of the step, m3/s (m2/s in 2-D).
@@ -294,6 +298,8 @@ class Model(eqx.Module):
     """Rigid bodies."""
     chambers: tuple[AbstractChamber, ...]
     """Chambers of trapped air."""
+    ducts: tuple[AbstractDuct, ...]
+    """Ducts between the air of chambers."""
     dampers: tuple[AbstractDamper, ...]
     """Damping zones."""
     outlets: tuple[AbstractOutlet, ...]
@@ -382,7 +388,7 @@ class Model(eqx.Module):
     @property
     def parts(self) -> tuple[AbstractPart, ...]:
         """Parts that exchange energy with the water or are read."""
-        return (*self.moving, *self.bodies, *self.chambers, *self.dampers, *self.outlets)
+        return (*self.moving, *self.bodies, *self.chambers, *self.ducts, *self.dampers, *self.outlets)
 
     def entries(self) -> dict[str, Entry]:
         """Meaning of every energy of the ledger, by name."""
@@ -398,5 +404,5 @@ class Model(eqx.Module):
 
 def own_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
     """States of all parts that evolve, at t = 0, by name."""
-    parts = (*model.moving, *model.bodies, *model.chambers, *model.outlets)
+    parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
     return {part.name: part.start(dtype) for part in parts}

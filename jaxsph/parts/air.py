@@ -14,7 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar
-from jaxsph.model.air import AbstractPTO, Air
+from jaxsph.model.air import AbstractPTO, Air, Pressed
 from jaxsph.model.meaning import Entry, Reading
 from jaxsph.model.state import Tally
 
@@ -42,18 +42,26 @@ class AbstractAirLaw(eqx.Module):
 
     @abc.abstractmethod
     def press(
-        self, pto: AbstractPTO, own: Air, q_free: Scalar, compliance: Scalar, t: Scalar, dt: Scalar
+        self,
+        pto: AbstractPTO,
+        own: Air,
+        q_free: Scalar,
+        compliance: Scalar,
+        ducted: Scalar,
+        t: Scalar,
+        dt: Scalar,
     ) -> tuple[Scalar, Scalar]:
         """Gauge pressure (Pa) over a step of dt (s), and the flow (m2/s) through the power take-off.
 
-        **Arguments** as of `AbstractPTO.pressure`, and the chamber's `own` air at the begin of the step.
+        **Arguments** as of `AbstractPTO.pressure`, and the chamber's `own` air at the begin of the step, and
+        the flow `ducted` (m2/s) into its ducts.
         """
 
     @abc.abstractmethod
-    def passed(self, pressed: Scalar, mean: Scalar) -> Scalar:
-        """Flow through the power take-off in a step, m2/s.
+    def divided(self, pressed: Pressed, mean: Scalar) -> tuple[Scalar, Scalar]:
+        """Flows through the power take-off and into the ducts in a step, m2/s.
 
-        **Arguments**: that of `press`, and the flow at the water's surface in the `mean` over the step.
+        **Arguments**: the air over the step, and the flow at the water's surface in the `mean` over it.
         """
 
     @abc.abstractmethod
@@ -61,8 +69,12 @@ class AbstractAirLaw(eqx.Module):
         """Energy of air at the gauge pressure P_a (Pa) per volume that leaves it for the ambient air, Pa."""
 
     @abc.abstractmethod
-    def finish(self, own: Air, passed: Scalar, mean: Scalar, dt: Scalar) -> Any:
-        """State of the air after a step of dt (s), in which these flows (m2/s) left and came."""
+    def finish(self, own: Air, passed: Scalar, left: Scalar, mean: Scalar, dt: Scalar) -> Any:
+        """State of the air after a step of dt (s).
+
+        **Arguments**: the flows (m2/s) that `passed` the power take-off, that `left` by it and by the ducts,
+        and at the water's surface in the `mean`.
+        """
 
 
 class IncompressibleAir(AbstractAirLaw):
@@ -87,24 +99,24 @@ class IncompressibleAir(AbstractAirLaw):
         del own
         return {}
 
-    def press(self, pto, own, q_free, compliance, t, dt):
+    def press(self, pto, own, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`."""
         del own, dt
-        P_a = pto.pressure(q_free, compliance, t)
-        return P_a, q_free - compliance * P_a
+        free = q_free - ducted
+        P_a = pto.pressure(free, compliance, t)
+        return P_a, free - compliance * P_a
 
-    def passed(self, pressed, mean):
+    def divided(self, pressed, mean):
         """See `AbstractAirLaw`."""
-        del pressed
-        return mean
+        return pressed.pto.divided(mean, pressed.ducted)
 
     def head(self, P_a):
         """See `AbstractAirLaw`."""
         return P_a
 
-    def finish(self, own, passed, mean, dt):
+    def finish(self, own, passed, left, mean, dt):
         """See `AbstractAirLaw`."""
-        del own, passed, mean, dt
+        del own, passed, left, mean, dt
         return ()
 
 
@@ -160,7 +172,7 @@ class IsentropicAir(AbstractAirLaw):
         """Volume that the water leaves to the air, m2: two hundredths of the whole at least."""
         return jnp.maximum(self.volume - own.driven.total, 0.02 * self.volume)
 
-    def press(self, pto, own, q_free, compliance, t, dt):
+    def press(self, pto, own, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`.
 
         The flow at the surface counts in the middle of the step: the spring then neither gains nor loses.
@@ -173,23 +185,23 @@ class IsentropicAir(AbstractAirLaw):
         late = 0.5 + 0.5 * stiff / (1.0 + stiff)
         spring = give / (late * dt)
         softer = late * compliance + spring
-        free = (1.0 - late) * own.q + late * q_free + spring * P_n
+        free = (1.0 - late) * own.q + late * q_free + spring * P_n - ducted
         P_a = pto.pressure(free, softer, t)
         return P_a, free - softer * P_a
 
-    def passed(self, pressed, mean):
+    def divided(self, pressed, mean):
         """See `AbstractAirLaw`: by the power take-off's law, so that a closed one lets nothing through."""
         del mean
-        return pressed
+        return pressed.passed, pressed.ducted
 
     def head(self, P_a):
         """See `AbstractAirLaw`: the drop of enthalpy."""
         power = (self.gamma - 1.0) / self.gamma
         return self.p0 / power * jnp.expm1(power * jnp.log1p(P_a / self.p0))
 
-    def finish(self, own, passed, mean, dt):
+    def finish(self, own, passed, left, mean, dt):
         """See `AbstractAirLaw`."""
-        return Confined(own.confined.excess.add(dt * (mean - passed)), passed)
+        return Confined(own.confined.excess.add(dt * (mean - left)), passed)
 
     def stored(self, own: Air) -> Scalar:
         """Energy stored by the air's compression over the ambient air, J/m."""

@@ -11,14 +11,16 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model import laws
-from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Pressed
+from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.interfaces import AbstractChamber, AbstractGrip
 from jaxsph.model.meaning import Reading
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
+from jaxsph.parts.sides import Face, Sides
 
 __all__ = ["BodyForceGrip", "Chamber", "SurfaceGrip"]
 
@@ -60,7 +62,7 @@ class BodyForceGrip(AbstractGrip):
 
 
 class Chamber(AbstractChamber):
-    """Water column under trapped air between two vertical walls, and the power take-off of the air.
+    """Water column under trapped air between two walls, upright or leaning, and the air's power take-off.
 
     The air acts through a smooth weight chi of position that is 1 in the column and fades to 0 above the
     wall's tip. The flow is the matching sum, q = -sum_i f_i.u_i with the force f_i per unit of P_a: the
@@ -70,10 +72,8 @@ class Chamber(AbstractChamber):
 
     pto: AbstractPTO
     """Power take-off of the air."""
-    x0: Scalar
-    """Inner face of the front wall, m."""
-    x1: Scalar
-    """Inner face of the back wall, m."""
+    sides: Sides
+    """Inner faces of the front and the back wall; water is counted from the middle of the fading zone."""
     fade_low: Scalar
     """Level up to which chi is 0, m."""
     fade_high: Scalar
@@ -92,7 +92,7 @@ class Chamber(AbstractChamber):
         cls,
         pto: AbstractPTO,
         *,
-        between: tuple[float, float],
+        between: tuple[Face, Face],
         tip: float,
         level: float,
         dx: float,
@@ -102,15 +102,19 @@ class Chamber(AbstractChamber):
     ) -> Chamber:
         """Builds a chamber from plain numbers.
 
-        **Arguments**: `between`: inner faces of its front and back wall, m; `tip`: level of the front wall's
-        tip, and `level` of still water, m; `dx`: spacing, m; `air`: such as `IsentropicAir`, or
+        **Arguments**: `between`: inner faces of its front and back wall, each its x (m) where it is upright,
+        or corners (x, z) (m) from below upwards; `tip`: level below which air would escape, of the front
+        wall's tip, and `level` of still water, m; `dx`: spacing, m; `air`: such as `IsentropicAir`, or
         incompressible (the default). There is an argument for each property of the chamber.
         """
-        numbers = {"x0": between[0], "x1": between[1], "still": level, "beyond": 0.5 * dx}
-        numbers |= {"fade_low": tip, "fade_high": tip + 0.5 * (level - tip)}
+        fade_high = tip + 0.5 * (level - tip)
+        highest = [np.max(np.asarray(face)[:, 1]) for face in between if np.ndim(face)]
+        top = max(2.0 * level - tip, *highest, 0.0)
+        sides = Sides.of(*between, tip, 0.5 * (tip + fade_high), top, dtype)
+        numbers = {"fade_low": tip, "fade_high": fade_high, "still": level, "beyond": 0.5 * dx}
         leaves = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
         air = IncompressibleAir() if air is None else air
-        return cls(pto=pto, air=air, name=name, **leaves)
+        return cls(pto=pto, sides=sides, air=air, name=name, **leaves)
 
     def start(self, dtype: Any) -> Air:
         """See `AbstractChamber`: air at rest."""
@@ -149,13 +153,14 @@ class Chamber(AbstractChamber):
 
     @property
     def length(self) -> Scalar:
-        """Length of the chamber between its walls, m."""
-        return self.x1 - self.x0
+        """Length of the chamber between its walls at the still level, m."""
+        x0, x1 = self.sides.at(self.still)
+        return x1 - x0
 
     def inside(self, x: Components) -> Array:
         """Mask of points x (m) between the chamber's walls, True between them."""
         # A hard cut at the front wall's face cuts no particle: none is inside the wall.
-        return (x[0] > self.x0 - 1e-4) & (x[0] < self.x1 + self.beyond)
+        return self.sides.between(x, 1e-4, self.beyond)
 
     def weight(self, x: Components) -> Float[Array, " N"]:
         """Weight chi of the air's pressure at points x (m), 0 to 1."""
@@ -164,7 +169,8 @@ class Chamber(AbstractChamber):
 
     def candidates(self, x, margin, capacity):
         """See `AbstractChamber`."""
-        near = (x[:, 0] > self.x0 - margin) & (x[:, 0] < self.x1 + self.beyond + margin)
+        first, last = self.sides.ends()
+        near = (x[:, 0] > first - margin) & (x[:, 0] < last + self.beyond + margin)
         may = near & (x[:, -1] > self.fade_low - margin)
         index = jnp.nonzero(may, size=capacity, fill_value=x.shape[0])[0]
         return index.astype(jnp.int32), jnp.sum(may)
@@ -183,21 +189,22 @@ class Chamber(AbstractChamber):
         # a particle without mass feels no force: whatever it is divided by
         return AirCoupling(index, force, jnp.where(fields["m"] > 0.0, fields["m"], 1.0), slabs)
 
-    def press(self, own, q_free, compliance, t, dt):
+    def press(self, own, q_free, compliance, ducted, t, dt):
         """See `AbstractChamber`."""
         pto = self.pto.at(own, t)
-        return Pressed(*self.air.press(pto, own, q_free, compliance, t, dt), pto)
+        return Pressed(*self.air.press(pto, own, q_free, compliance, ducted, t, dt), pto, ducted)
 
     def finish(self, own, pressed, before, after, dt):
         """See `AbstractChamber`."""
         mean = 0.5 * (before + after)
-        passed = self.air.passed(pressed.passed, mean)
-        head = self.air.head(pressed.P_a)
+        passed, ducted = self.air.divided(pressed, mean)
+        left, head = passed + ducted, self.air.head(pressed.P_a)
         # force times mean velocity over the step: exactly the kinetic energy that the force takes
         amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
-        amounts |= {name: dt * (pressed.P_a * mean - head * passed) for name in self.air.entries("")}
-        air = Air(pressed.P_a, after, own.driven.add(dt * after), self.air.finish(own, passed, mean, dt))
-        return air, {self.called(name): amount for name, amount in amounts.items()}
+        amounts |= {name: dt * (pressed.P_a * mean - head * left) for name in self.air.entries("")}
+        kept = self.air.finish(own, passed, left, mean, dt)
+        air = Air(pressed.P_a, after, own.driven.add(dt * after), kept)
+        return air, {self.called(name): amount for name, amount in amounts.items()}, Given(head, ducted)
 
     def water_pressure(self, own, grip, x):
         """See `AbstractChamber`."""
@@ -209,11 +216,10 @@ class Chamber(AbstractChamber):
         **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `smooth`: half the
         height (m) over which a particle counts in part.
         """
-        level = 0.5 * (self.fade_low + self.fade_high)
+        level = self.sides.z[self.sides.start]
         s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)
         return jnp.sum(jnp.where(self.inside(x), V * s, 0.0))
 
     def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Mean elevation of the chamber's surface over still water, m; arguments as for `volume`."""
-        bottom = 0.5 * (self.fade_low + self.fade_high)
-        return bottom + self.volume(x, V, smooth) / self.length - self.still
+        return self.sides.level(self.volume(x, V, smooth)) - self.still

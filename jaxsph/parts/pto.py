@@ -26,6 +26,8 @@ from jaxsph.model.state import Tally
 __all__ = [
     "AbstractTurbine",
     "CharacteristicCurve",
+    "ClosedPTO",
+    "Constriction",
     "ControlledPTO",
     "LinearTurbine",
     "PhasedPTO",
@@ -65,6 +67,14 @@ class PneumaticPTO(AbstractTurbine):
     def flow(self, P_a):
         """See `AbstractTurbine`."""
         return jnp.sign(P_a) * jnp.sqrt(jnp.abs(P_a)) / jnp.maximum(self.K_dm, 1e-12)
+
+
+class Constriction(PneumaticPTO):
+    """Narrow place in a duct, whose energy is lost: P_a = K_dm^2 |q| q."""
+
+    def entries(self, whose):
+        """See `AbstractPTO`."""
+        return {"duct": Entry(f"loss in the duct {whose}")}
 
 
 def orifice_damping(area: float, discharge: float, density: float = 1.2) -> float:
@@ -230,6 +240,30 @@ def _turbine(pto: AbstractPTO) -> AbstractTurbine:
     if not isinstance(pto, AbstractTurbine):
         raise TypeError(f"turbine = {type(pto).__name__}: beside a valve it must be an AbstractTurbine")
     return pto
+
+
+class ClosedPTO(AbstractPTO):
+    """No opening to the ambient air: what moves the air leaves through ducts, or compresses it."""
+
+    def entries(self, whose):
+        """See `AbstractPTO`: none."""
+        del whose
+        return {}
+
+    def flows(self, P_a, q):
+        """See `AbstractPTO`."""
+        del P_a, q
+        return {}
+
+    def divided(self, mean, ducted):
+        """See `AbstractPTO`: all goes into the ducts."""
+        del ducted
+        return jnp.zeros_like(mean), mean
+
+    def pressure(self, q_free, compliance, t):
+        """See `AbstractPTO`: the pressure that stops the flow."""
+        del t
+        return q_free / compliance
 
 
 class PrescribedPressure(AbstractPTO):

@@ -12,7 +12,9 @@ def toml_text(data: dict[str, Any], prefix: str = "") -> str:
     text = "\n".join(own) + "\n" if own else ""
     for key, value in data.items():
         if isinstance(value, dict) and value:
-            text += f"\n[{prefix}{key}]\n" + toml_text(value, f"{prefix}{key}.")
+            # a table of tables alone needs no line of its own
+            header = "" if all(isinstance(v, dict) and v for v in value.values()) else f"\n[{prefix}{key}]\n"
+            text += header + toml_text(value, f"{prefix}{key}.")
     return text
 
 

@@ -51,6 +51,7 @@ PANELS = {
 UNSHOWN = (
     "chamber_volume",
     "flow_mean",
+    "duct_flow_mean",
     "body_velocity",
     "body_force_mean",
     "force_mean",

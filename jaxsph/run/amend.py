@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -10,7 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.case.case import Case
+from jaxsph.case.air_sections import SMOOTH_LAWS, air_keys
+from jaxsph.case.case import Case, any_name, inner
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 from jaxsph.model.state import State, map_tallies
@@ -26,13 +28,7 @@ CHANGEABLE = (
     "output.sample_dt",
     "output.snapshot_dt",
     "output.periods",
-    "pto.K_dm",
-    "pto.resistance",
-    "pto.area",
-    "pto.discharge",
-    "pto.P_a",
-    "pto.relief",
-    "pto.suction",
+    *air_keys(SMOOTH_LAWS),
     "body.pto.damping",
     "body.pto.coulomb",
     "sponge.strength",
@@ -58,6 +54,8 @@ REASONS = {
     "tank": "it moves the walls that the water stands against",
     "waves": "the paddle would jump",
     "air": "the air that is in the chamber follows from it",
+    "chamber": "what the chamber's air has exchanged follows from it",
+    "duct": "what has flowed through it follows from it",
     "device": "it moves the walls that the water stands against",
     "solid": "it moves the walls that the water stands against",
     "body": "it moves the body, or its mass, under the water's forces",
@@ -138,7 +136,7 @@ def _check_readings(before: Problem, now: Problem) -> None:
 def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     """The case with values changed. **Raises** CaseError for those that a run must keep."""
     for key in changes:
-        if key not in CHANGEABLE:
+        if any_name(key) not in CHANGEABLE:
             _refuse_unknown(case, key, changes[key])
             reason = REASONS.get(
                 key, REASONS.get(key.partition(".")[0], "the run depends on it from its start")
@@ -148,11 +146,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
                 f"change one of {', '.join(CHANGEABLE)}"
             )
     new = case.replace(dict(changes))
-    old_law, law = ((c.pto is not None and c.pto.is_turbine) for c in (case, new))
-    if old_law != law:
-        raise CaseError("pto: cannot change from a turbine to a pressure in the course of a run, nor back")
-    if case.pto is not None and new.pto is not None and case.pto.has_relief != new.pto.has_relief:
-        raise CaseError("pto.relief: cannot be added in the course of a run, nor removed: it books energy")
+    _check_laws(case, new)
     height, before = Geometry.of(new).height, Geometry.of(case).height
     if "tank.height" in changes and not height > before:
         raise CaseError(
@@ -160,6 +154,24 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
             "up to which there may be water"
         )
     return new
+
+
+def _check_laws(case: Case, new: Case) -> None:
+    """**Raises** CaseError for power take-offs that book other energies than those of the run."""
+    for before, after in ((case.chambers, new.chambers), (case.duct, new.duct)):
+        for name in before.keys() & after.keys():
+            old, now = before[name].pto, after[name].pto
+            if old is None or now is None:
+                continue
+            of = "pto" if case.pto is old else f"{name}: pto"
+            if old.is_turbine != now.is_turbine:
+                raise CaseError(
+                    f"{of}: cannot change from a turbine to a pressure in the course of a run, nor back"
+                )
+            if old.has_relief != now.has_relief:
+                raise CaseError(
+                    f"{of}.relief: cannot be added in the course of a run, nor removed: it books energy"
+                )
 
 
 def _refuse_unknown(case: Case, key: str, value: Any) -> None:
@@ -189,7 +201,4 @@ def _told(text: str, before: Case, case: Case, changes: Mapping[str, Any], t: fl
 
 
 def _value(case: Case, key: str) -> Any:
-    place: Any = case
-    for name in key.split("."):
-        place = getattr(place, name, None)
-    return place
+    return functools.reduce(inner, key.split("."), case)

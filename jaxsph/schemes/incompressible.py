@@ -24,7 +24,7 @@ from jaxsph.model.state import Particles, Pressures, Response, State, Tables, Ta
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.body import advance_body
 from jaxsph.parts.chamber import BodyForceGrip
-from jaxsph.schemes.air import couple_airs, meet_laws
+from jaxsph.schemes.air import couple_airs, finish_airs, meet_laws, water_line
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, lattice_sums, usual_length
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
@@ -226,20 +226,21 @@ class ISPH(AbstractParticleScheme):
         u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
         u_new, damped = damp(model, p, u_new, interval)
-        laws_met = meet_laws(model, state, airs, tables.responses, u_new, interval)
-        for name, (missing, _) in laws_met.items():
-            response = tables.responses[name]
+        before = {name: state.own[name].P_a for name in airs}
+        laws_met = meet_laws(
+            model, state.own, water_line(airs, tables.responses, u_new, before, dt), interval
+        )
+        for name, law in laws_met.chambers.items():
+            missing, response = law.P_a - before[name], tables.responses[name]
             pressures = pressures.plus(missing, response.pressures)
             pressed = pressed + missing * response.u
             u_new = airs[name].push(u_new + missing * response.u, dt * missing)
             ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         changes = Changes(u_new, pressed, touched, damped)
         own, ledger = self._exchange(model, state, tables, ghosts, interval, pressures, changes)
-        for chamber in model.chambers:
-            air, law = airs[chamber.name], laws_met[chamber.name][1]
-            flows = air.flow(p.u), air.flow(u_new)
-            own[chamber.name], taken = chamber.finish(state.own[chamber.name], law, *flows, dt)
-            ledger = book(ledger, taken)
+        flows = {name: (air.flow(p.u), air.flow(u_new)) for name, air in airs.items()}
+        finished, taken = finish_airs(model, state.own, laws_met, flows, dt)
+        own, ledger = own | finished, book(ledger, taken)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.slabs import Sources
@@ -15,6 +16,7 @@ from jaxsph.model.interfaces import Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, State, Tables
 from jaxsph.parts.body import advance_body
+from jaxsph.schemes.air import WaterLine, couple_airs, finish_airs, meet_laws
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.schemes.step import (
     GhostFields,
@@ -257,13 +259,15 @@ def _with_air(
     The air acts on the water of `at`; velocities `u` (m/s) have had every other force, and were `before`
     (m/s) at the beginning of the interval. Energies (J, J/m in 2-D) taken from the water are by name.
     """
-    airs, taken, dt = {}, {}, interval.dt
-    for chamber in model.chambers:
-        own = interval.before[chamber.name]
-        air = chamber.coupling(scheme, at.particles, sources, tables)
-        # sound takes several steps to the water below: within one the air moves what its force reaches
-        law = chamber.press(own, air.flow(u), dt * air.mobility(), interval.t, dt)
-        u = air.push(u, dt * law.P_a)
-        airs[chamber.name], amounts = chamber.finish(own, law, air.flow(before), air.flow(u), dt)
-        taken |= amounts
-    return u, airs, taken
+    dt = interval.dt
+    airs = couple_airs(scheme, model, at.particles, sources, tables)
+    # sound takes several steps to the water below: within one the air moves what its force reaches
+    moved = {name: dt * air.mobility() for name, air in airs.items()}
+    apart = {(a, b): moved[a] if a == b else jnp.zeros_like(dt) for a in airs for b in airs}
+    line = WaterLine({name: air.flow(u) for name, air in airs.items()}, apart)
+    met = meet_laws(model, interval.before, line, interval)
+    for name, air in airs.items():
+        u = air.push(u, dt * met.chambers[name].P_a)
+    flows = {name: (air.flow(before), air.flow(u)) for name, air in airs.items()}
+    finished, taken = finish_airs(model, interval.before, met, flows, dt)
+    return u, finished, taken

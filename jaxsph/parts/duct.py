@@ -1,0 +1,74 @@
+"""Duct between the air of two chambers, with a turbine or an orifice in it."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, Pressed
+from jaxsph.model.meaning import Reading
+from jaxsph.model.state import Tally
+
+__all__ = ["Duct"]
+
+
+class Duct(AbstractDuct):
+    """Duct between two chambers: its power take-off's law is between the drop of pressure and the flow.
+
+    Its air has no volume of its own. The energy that it takes is that which the air of one chamber loses and
+    that of the other does not gain.
+    """
+
+    between: tuple[str, str] = eqx.field(static=True)
+    """Names of the chambers; flow from the first to the second is positive."""
+    pto: AbstractPTO
+    """Power take-off in the duct, or the duct's own resistance."""
+    name: str = eqx.field(static=True, default="duct", kw_only=True)
+    usual_name: ClassVar[str] = "duct"
+
+    def start(self, dtype):
+        """See `AbstractDuct`."""
+        zero = jnp.zeros((), dtype)
+        return Air(zero, zero, Tally.zero(dtype))
+
+    def entries(self):
+        """See `AbstractPart`."""
+        return {self.called(name): entry for name, entry in self.pto.entries(self.name).items()}
+
+    def readings(self, dim):
+        """See `AbstractPart`."""
+        flow, width = ("m2 s-1", " per unit width") if dim == 2 else ("m3 s-1", "")
+        way = f"from the {self.between[0]} to the {self.between[1]}"
+        found = {
+            "pressure_drop": Reading("Pa", f"drop of the air's pressure {way}"),
+            "duct_flow": Reading(flow, f"flow of air {way}{width}"),
+            "duct_flow_mean": Reading(flow, f"flow of air {way}{width}, mean since the last sample"),
+        }
+        return {self.called(name): reading for name, reading in found.items()}
+
+    def read(self, own, sampled):
+        """See `AbstractPart`."""
+        found = {
+            "pressure_drop": own.P_a,
+            "duct_flow": own.q,
+            "duct_flow_mean": own.driven.recent / sampled.interval,
+        }
+        return {self.called(name): value for name, value in found.items()}
+
+    def press(self, own, q_free, compliance, t):
+        """See `AbstractDuct`."""
+        pto = self.pto.at(own, t)
+        drop = pto.pressure(q_free, compliance, t)
+        return Pressed(drop, q_free - compliance * drop, pto, jnp.zeros_like(drop))
+
+    def finish(self, own, pressed, work, dt):
+        """See `AbstractDuct`."""
+        drop, q = pressed.P_a, pressed.passed
+        amounts = {name: dt * drop * part for name, part in pressed.pto.flows(drop, q).items()}
+        # the chambers' own means over the step are a rounding of time off the duct's flow at its end
+        first, rest = next(iter(amounts)), sum(amounts.values()) - work
+        amounts[first] = amounts[first] - rest
+        air = Air(drop, q, own.driven.add(dt * q))
+        return air, {self.called(name): amount for name, amount in amounts.items()}
