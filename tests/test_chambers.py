@@ -26,6 +26,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.parts.sides import Sides
 from jaxsph.report.content import run_content
 from jaxsph.report.pack import Pack
+from jaxsph.run.amend import amended_case
 from jaxsph.schemes.air import WaterLine, finish_airs, meet_laws
 
 FRONT = [[1.0, 0.24], [1.12, 0.24], [1.24, 0.56], [1.12, 0.56]]
@@ -387,15 +388,17 @@ def test_chambers_and_ducts_are_told_on_the_page(shared):
     assert any("from the sea to the land" in title for title in titles)
 
 
-def test_a_run_may_change_a_named_turbine_and_not_a_chamber(shared, tmp_path):
-    path = tmp_path / "shared.h5"
-    path.write_bytes(shared[0].read_bytes())
-    changed = js.resume(path, 0.44, changes={"chamber.sea.pto.K_dm": 900.0}, progress=False)
-    assert float(changed.model.chambers[0].pto.K_dm) == 900.0
-    with pytest.raises(CaseError, match=r"chamber.sea.between: cannot change .* the chamber's air"):
-        js.resume(path, 0.5, changes={"chamber.sea.between": ["front", "far"]}, progress=False)
+def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
+    assert amended_case(SHARED, {"chamber.sea.pto.K_dm": 900.0}).turbines[0].K_dm == 900.0
+    assert amended_case(SHARED, {"duct.cross.area": 0.02}).duct["cross"].area == 0.02
+    for key, value in (("chamber.sea.between", ["front", "far"]), ("duct.cross.between", ["land", "sea"])):
+        with pytest.raises(CaseError, match=f"{key}: cannot change in the course of a run"):
+            amended_case(SHARED, {key: value})
+    with pytest.raises(CaseError, match=r"sea: pto: cannot change from a turbine to a pressure"):
+        amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})
 
 
+@pytest.mark.slow
 def test_water_between_leaning_walls_is_pushed_down_as_far_as_its_weight_says():
     """Pressure over rho g, less the rise outside: volume is kept. A third of a spacing at ten spacings of
     depth, swings included, in the last of the run's samples."""

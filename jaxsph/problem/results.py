@@ -15,7 +15,9 @@ from jaxsph.problem.record import Record, Result, Scalars, harvested
 def energy_result(model: Model, averaged: bool) -> Result:
     """Energy balance of a model over the window, and of the whole record where means are `averaged`."""
     unit = "J/m" if len(model.g) == 2 else "J"
-    labels = {f"energy_{n}": Label(f"  {entry.long_name}", unit) for n, entry in model.entries().items()}
+    words = {n: f"  {entry.long_name}" for n, entry in model.entries().items()}
+    labels = {f"energy_{n}": Label(text, unit) for n, text in words.items()}
+    labels |= {f"whole_energy_{n}": Label(f"{text}, whole run", unit) for n, text in words.items()}
     return Result(functools.partial(_energy, averaged), labels, "energy balance")
 
 

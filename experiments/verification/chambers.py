@@ -1,0 +1,127 @@
+"""Chambers between any walls: the built-in cases that have them, and one chamber written in two ways.
+
+Energies close, the duct's law holds, and an OWC whose front wall is a solid takes what one with the plate of
+regional ghosts takes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, of_paddle, solved
+from experiments.owc_tank import study_case
+from jaxsph.output.plot.style import BLUE, GREEN, ORANGE, in_style
+from jaxsph.output.run_file import RunFile
+
+CASES = ("owc_slope", "owc_two_chambers", "owc_ning")
+"""Built-in cases."""
+THICK = 3
+"""Thickness of the front wall in spacings where it is a plate and a solid: below, a solid does not part the
+water on its two sides."""
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs or goes on with the built-in cases and with both forms of an OWC, at the spacing dx (m)."""
+    with Report(f"chambers_{dx:g}", "Chambers between any walls", dx) as report:
+        for name in CASES:
+            file = solved(js.load_case(name).replace({"dx": dx}), f"{name}_{dx:g}")
+            _balance(report, name, file.results())
+            if name == "owc_two_chambers":
+                _duct(report, file)
+        _two_forms(report, dx)
+
+
+def _balance(report: Report, name: str, results: dict[str, float]) -> None:
+    """Efficiency of a case, and where its energy went."""
+    report.row(f"{name}: absorbed over incident power", results["xi"])
+    off = of_paddle(results, "residual", "whole_")
+    report.row(
+        f"{name}: energy not accounted for, of the paddle's work",
+        off,
+        "%",
+        theory=0.0,
+        bar="within 2 %",
+        passes=abs(off) < 2.0,
+    )
+    report.row(f"{name}: hyperviscosity, of the paddle's work", of_paddle(results, "hyperviscosity"), "%")
+
+
+def _duct(report: Report, file: RunFile) -> None:
+    """Law of the duct between two chambers, and what it loses."""
+    series = file.series()
+    drop, flow = (np.float64(series[f"{name}_cross"])[1:] for name in ("pressure_drop", "duct_flow"))
+    between = np.float64(series["P_a_sea"] - series["P_a_land"])[1:]
+    law = js.load_case("owc_two_chambers").duct["cross"]
+    expected = 0.5 * law.density * np.abs(flow) * flow / (law.discharge * law.area) ** 2
+    largest = np.abs(drop).max()
+    for label, off in (
+        ("the duct's pressure drop off its law", expected - drop),
+        ("the chambers' pressures off the drop", between - drop),
+    ):
+        share = 100 * np.abs(off).max() / largest
+        report.row(f"{label}, of the largest drop", share, "%", bar="within 0.2 %", passes=share < 0.2)
+    report.row("lost in the duct, of the paddle's work", of_paddle(file.results(), "duct_cross"), "%")
+
+
+def plate_and_solid(dx: float) -> dict[str, js.Case]:
+    """One OWC in three ways: a plate in a tank of images, the same in one of dummies, and a solid in that."""
+    plate = study_case(dx).replace({"device.wall_thickness": THICK * dx})
+    length, depth = plate.tank.length, plate.tank.depth
+    inner = length - plate.device.chamber_length
+    tip = depth - plate.device.draught
+    solid = plate.replace(
+        {
+            "device": None,
+            "pto": None,
+            "solid.front.block": {"low": [inner - THICK * dx, tip], "high": [inner, depth + 0.3]},
+            "chamber.column": {"between": ["front", "far"], "pto": {"K_dm": plate.pto.K_dm}},
+        }
+    )
+    return {
+        "plate, images": plate,
+        "plate, dummies": plate.replace({"tank.walls": "dummy"}),
+        "solid, dummies": solid,
+    }
+
+
+def _two_forms(report: Report, dx: float) -> None:
+    """Efficiency and pressure of one OWC whose front wall is a plate and a solid."""
+    found = {}
+    for label, case in plate_and_solid(dx).items():
+        file = solved(case, f"chambers_{label.replace(', ', '_')}_{dx:g}")
+        results, series = file.results(), file.series()
+        P_a = series["P_a_column" if case.device is None else "P_a"]
+        over = series["time"] > case.t1 - 3.0 * case.waves.T
+        found[label] = (results["xi"], float(np.ptp(P_a[over])) / 2.0, results["xi_scatter"], series, P_a)
+        report.row(f"{label}: absorbed over incident power", results["xi"])
+        report.row(f"{label}: from period to period", results["xi_scatter"])
+        report.row(f"{label}: swing of the pressure, half", found[label][1], "Pa")
+        report.row(
+            f"{label}: hyperviscosity, of the paddle's work", of_paddle(results, "hyperviscosity"), "%"
+        )
+    one, other = found["plate, dummies"], found["solid, dummies"]
+    off = abs(one[0] - other[0])
+    scatter = max(one[2], other[2])
+    report.row(
+        "solid against plate: efficiency apart",
+        off,
+        bar=f"the scatter, {scatter:.2g}",
+        passes=off < scatter,
+    )
+    report.row("solid against plate: pressure apart", 100 * (other[1] / one[1] - 1.0), "%")
+    report.picture(_pressures(found))
+
+
+@in_style
+def _pressures(found: dict[str, tuple[float, float, float, dict[str, np.ndarray], np.ndarray]]) -> Figure:
+    """Figure of the air's pressure over time in every form of the OWC."""
+    figure = Figure(figsize=(9.0, 3.5), layout="constrained")
+    ax = figure.subplots()
+    for (label, (*_, series, P_a)), colour in zip(found.items(), (BLUE, GREEN, ORANGE), strict=True):
+        ax.plot(series["time"], P_a, color=colour, label=label)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("pressure of the air (Pa)")
+    ax.legend()
+    return figure
