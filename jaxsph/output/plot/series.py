@@ -6,6 +6,7 @@ shows.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Mapping
 
 import numpy as np
@@ -57,9 +58,13 @@ def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
     return figure
 
 
+SEVERAL = (BLUE, ORANGE, GREEN, RED)
+"""Colours of several chambers, the same in every panel."""
+
+
 @in_style
 def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
-    """Figure of level, flow, pressure and power of the chamber over time.
+    """Figure of level, flow, pressure and power of the chambers over time.
 
     With `linear` also the extremes that linear theory expects of the first three and the mean of the
     power, dashed, over the periods that the efficiency was averaged over (the last one, if none was).
@@ -71,22 +76,27 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
         ("power_pto", "power (W/m)", "power taken by the PTO per metre width", PURPLE),
     ]
     series = run.series()
-    panels = [panel for panel in panels if has_samples(series, panel[0])]
-    if not panels or "body_force" in series:
+    ends = [n.removeprefix("chamber_level") for n in series if n.startswith("chamber_level")]
+    lines = {name: [end for end in ends if has_samples(series, name + end)] for name, *_ in panels}
+    panels = [panel for panel in panels if lines[panel[0]]]
+    if not panels:
         return None
     t, figure, axes = series["time"], *stacked_axes(len(panels), 2.0)
     for ax, (name, label, title, colour) in zip(axes, panels, strict=True):
-        ax.plot(t, series[name], color=colour)
+        shades = dict(zip(ends, itertools.cycle(SEVERAL if len(ends) > 1 else (colour,)), strict=False))
+        for end in lines[name]:
+            shade = shades[end]
+            ax.plot(t, series[name + end], color=shade, label=end.removeprefix("_"))
+            if name == "power_pto":
+                _fill(ax, t, series[name + end], shade)
         ax.axhline(0.0, color="0.5", lw=0.8, zorder=1)
         ax.set_ylabel(label)
         ax.set_title(title)
-        if name == "power_pto":
-            _fill(ax, t, series[name], colour)
         if linear is not None:
             settled = t[-1] - run.results().get("periods", 1.0) * linear.T
             _expect(ax, (max(settled, t[0]), t[-1]), name, linear)
-    if linear is not None:
-        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    if linear is not None or len(ends) > 1:
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
     figure.align_ylabels(axes)
     return figure
 

@@ -1,0 +1,71 @@
+"""Forces of regular waves on a fixed ship section, incompressible, 2-D, against a flume's measurements.
+
+Amplitudes of the first harmonic per metre of the section's length and of the incident waves' amplitude, which
+the gauges in front tell from the reflected ones. The section is 0.586 m of a flume 0.6 m wide: what flows
+through the gaps of 7 mm at its ends is not in two dimensions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, of_paddle, solved
+from jaxsph.output.plot.style import BLUE, RED, in_style
+
+MEASURED = {1.269: (3086.0, 1939.0), 0.897: (2517.0, 1025.0)}
+"""Amplitudes of the force along the flume and upwards, N/m per metre of wave amplitude, by the waves' period
+(s): KRSundsdal1/2D-ship-cross-section-in-regular-waves (CC0)."""
+BAR = {0.02: 7.0, 0.01: 5.0}
+"""Largest error, %, by the spacing (m)."""
+
+
+def main(dx: float = 0.02, t1: float = 16.0) -> None:
+    """Runs or goes on with both waves at the spacing dx (m), to t1 (s)."""
+    with Report(f"section_fixed_{dx:g}", "Fixed ship section in regular waves", dx) as report:
+        kept = {}
+        for T, measured in MEASURED.items():
+            case = js.load_case("section_fixed").replace({"dx": dx, "waves.T": T})
+            file = solved(case, f"section_fixed_{T:g}_{dx:g}", t1)
+            series, results = file.series(), file.results()
+            t, force = series["time"], series["force_mean_section"][:, :2]
+            over = t > t[-1] - round(results["periods"]) * T + 1e-9
+            wave = np.exp(-2j * np.pi / T * t[over])
+            amplitude = 0.5 * results["incident_height"]
+            label = f"T = {T:g} s"
+            for axis, name in enumerate(("along the flume", "upwards")):
+                mean = np.mean(force[over, axis])
+                found = 2.0 * abs(np.mean((force[over, axis] - mean) * wave)) / amplitude
+                off = 100.0 * (found / measured[axis] - 1.0)
+                bar = BAR.get(dx)
+                report.row(f"{label}: force {name} over wave amplitude", found, "N/m2", theory=measured[axis])
+                report.row(
+                    "the same: off the measured",
+                    off,
+                    "%",
+                    bar="" if bar is None else f"{bar:g} %",
+                    passes=None if bar is None else abs(off) < bar,
+                )
+            report.row(f"{label}: incident height", results["incident_height"], "m", theory=case.waves.H)
+            report.row(f"{label}: reflection", results["reflection"])
+            report.row(f"{label}: periods averaged", results["periods"])
+            for energy in ("hyperviscosity", "projection", "residual"):
+                report.row(f"{label}: {energy}, of the paddle's work", of_paddle(results, energy), "%")
+            kept[label] = (t, force)
+        report.picture(_forces(kept))
+
+
+@in_style
+def _forces(kept: dict[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
+    """Figure of both forces over time, less that at rest."""
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    for ax, (label, (t, force)) in zip(figure.subplots(len(kept), sharex=True), kept.items(), strict=True):
+        rest = np.mean(force[(t > 0.5) & (t < 1.5)], axis=0)
+        for axis, (name, colour) in enumerate((("along the flume", BLUE), ("upwards", RED))):
+            ax.plot(t, force[:, axis] - rest[axis], color=colour, label=name)
+        ax.set_title(label)
+        ax.set_ylabel("force (N/m)")
+    ax.set_xlabel("time (s)")
+    ax.legend()
+    return figure
