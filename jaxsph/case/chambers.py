@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 
+from jaxsph.case.shapes import ends_at
 from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
 
@@ -143,18 +143,6 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
     solids = [called.removeprefix("solid.") for called in tank.shapes if called.startswith("solid.")]
     allowed = ", ".join([*solids, *(["device"] if "device" in tank.shapes else []), FAR])
     raise CaseError(f"{asked}: there is no wall {name!r}; there are {allowed}")
-
-
-def ends_at(shape: AbstractShape, level: float) -> tuple[float, float] | None:
-    """First and last x (m) of a shape at a level (m); None where it does not go through it."""
-    low, high = shape.bounds()
-    if not low[-1] < level < high[-1]:
-        return None
-    if len(low) == 3:
-        return float(low[0]), float(high[0])
-    across = shapely.LineString([(low[0] - 1.0, level), (high[0] + 1.0, level)])
-    first, _, last, _ = shape.region().intersection(across).bounds
-    return float(first), float(last)
 
 
 def _check_free(asked: str, ends: tuple[float, float], walls: tuple[str, str], tank: Tank) -> None:

@@ -57,6 +57,7 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
     _check_probes(case, geometry)
     _check_zones(case, geometry)
     _check_solids(case, geometry)
+    _check_coast(case, geometry)
     _check_steps(case)
 
 
@@ -409,6 +410,21 @@ def _check_solids(case: Sections, geometry: Geometry) -> None:
         if case.waves is not None and first < max(clear, zone):
             what = f"zone of the waves reaches to {zone:g} m" if zone > clear else f"paddle to {clear:.3g} m"
             raise CaseError(f"solid.{name}: begins at {first:.4g} m, and the {what}: move it away")
+
+
+def _check_coast(case: Sections, geometry: Geometry) -> None:
+    """Refuses probes of overtopping and run-up at what is no solid with a crest over the water."""
+    for key in ("overtopping", "run_up"):
+        for name in getattr(case.probes, key):
+            if name not in geometry.solids:
+                there = ", ".join(geometry.solids) or "none"
+                raise CaseError(f"probes.{key}: there is no solid {name!r}; there are {there}")
+            top = float(geometry.solids[name].bounds()[1][-1])
+            if top <= geometry.depth:
+                raise CaseError(
+                    f"probes.{key}: the crest of {name}, at {top:g} m, is under the water, which stands at "
+                    f"{geometry.depth:g} m: it is always overtopped; make it higher, or remove the probe"
+                )
 
 
 def _check_steps(case: Sections) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from jaxsph.case.chambers import ends_at
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
 from jaxsph.case.sections import DEVICE_CHAMBER, Sections
+from jaxsph.case.shapes import ends_at
 from jaxsph.case.speeds import reference_speed, sound_speed
 from jaxsph.waves import theory
 

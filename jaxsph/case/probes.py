@@ -7,9 +7,11 @@ import numpy as np
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
+from jaxsph.case.shapes import crest_of
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
+from jaxsph.probes.coast import OvertoppingProbe, RunUpProbe
 from jaxsph.probes.default import default_probes
 from jaxsph.probes.gauges import InterpolatedGauge, WaveGauge, WireGauge
 from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProbe
@@ -43,6 +45,14 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
         found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
     if geometry.velocity:
         found.append(VelocityProbe(jnp.asarray(geometry.velocity, dtype)))
+    for name in case.probes.overtopping:
+        crest, top = (jnp.asarray(a, dtype) for a in crest_of(geometry.solids[name], case.dx))
+        probe = OvertoppingProbe(crest, top, jnp.zeros_like(crest), name)
+        still = probe.measure(model, state, None)[f"overtopped_{name}"]
+        found.append(OvertoppingProbe(crest, top, still, name))
+    for name in case.probes.run_up:
+        crest, _ = crest_of(geometry.solids[name], case.dx)
+        found.append(RunUpProbe(jnp.asarray(crest, dtype), model.depth, name))
     if case.body is not None and case.body.sensors:
         found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
     return tuple(found)

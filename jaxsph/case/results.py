@@ -14,6 +14,7 @@ from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.sections import Sections
 from jaxsph.case.settling import given_waves, settled_periods, settled_window, travel_time
 from jaxsph.errors import CaseError
+from jaxsph.model.meaning import Label
 from jaxsph.problem.problem import energy_of_power
 from jaxsph.problem.record import (
     AbstractAveraging,
@@ -93,7 +94,46 @@ def case_results(case: Sections) -> tuple[Result, ...]:
     if focused:
         return Result(functools.partial(_energy_of_a_group, case), what="absorbed energy"), reflection
     power = Result(functools.partial(_power, case), what="absorbed power")
-    return Result(_periods, what="periods"), power, reflection, Result(_over_measured, what="efficiency")
+    measured = Result(_over_measured, what="efficiency")
+    return Result(_periods, what="periods"), power, reflection, measured, *_coast(case)
+
+
+def _coast(case: Sections) -> tuple[Result, ...]:
+    """Results of overtopping and run-up at the solids that a case names for them."""
+    makers = {
+        "overtopping": (
+            _overtopping,
+            Label("mean overtopping", "m2/s", "water over the crest, per metre of it"),
+        ),
+        "run_up": (
+            _run_up,
+            Label("run-up", "m", "highest level on the face over still water, mean of periods"),
+        ),
+    }
+    found = []
+    for key, (make, label) in makers.items():
+        for name in getattr(case.probes, key):
+            words = label._replace(text=f"{label.text} of the {name}")
+            found.append(Result(functools.partial(make, name), {f"{key}_{name}": words}, label.text))
+    return tuple(found)
+
+
+def _overtopping(name: str, record: Record) -> Scalars:
+    """Mean flow over the crest of a solid: what more is behind it at the end of the window."""
+    window = record.window
+    if not window.periods:
+        return {}
+    behind, t = record[f"overtopped_{name}"][window.over], record.t[window.over]
+    return {f"overtopping_{name}": float((behind[-1] - behind[0]) / (t[-1] - t[0]))}
+
+
+def _run_up(name: str, record: Record) -> Scalars:
+    """Mean over the periods of the window of the highest level on the face of a solid."""
+    window = record.window
+    if not window.periods:
+        return {}
+    each = np.array_split(np.float64(record[f"run_up_{name}"][window.over]), window.periods)
+    return {f"run_up_{name}": float(np.mean([level.max() for level in each]))}
 
 
 def _periods(record: Record) -> Scalars:

@@ -327,6 +327,10 @@ class ProbesSection(Section):
     """Points of the pressure sensors, m."""
     velocity: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points where the water's velocity is measured, m."""
+    overtopping: tuple[Name, ...] = ()
+    """Names of solids over whose crest the water is measured that goes over it."""
+    run_up: tuple[Name, ...] = ()
+    """Names of solids on whose seaward face the level is measured up to which water wets it."""
 
 
 class Output(Section):

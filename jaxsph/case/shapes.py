@@ -110,6 +110,26 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
     return found
 
 
+def ends_at(shape: AbstractShape, level: float) -> tuple[float, float] | None:
+    """First and last x (m) of a shape at a level (m); None where it does not go through it."""
+    low, high = shape.bounds()
+    if not low[-1] < level < high[-1]:
+        return None
+    if len(low) == 3:
+        return float(low[0]), float(high[0])
+    across = shapely.LineString([(low[0] - 1.0, level), (high[0] + 1.0, level)])
+    first, _, last, _ = shape.region().intersection(across).bounds
+    return float(first), float(last)
+
+
+def crest_of(shape: AbstractShape, dx: float) -> tuple[float, float]:
+    """Landward end x (m) of a shape's crest, and its level (m); `dx` (m): spacing of the particles."""
+    top = float(shape.bounds()[1][-1])
+    ends = ends_at(shape, top - 0.01 * dx)
+    assert ends is not None
+    return ends[1], top
+
+
 def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
     """Notice where faces of the block of the section `name` are not between two particles, with a dx for
     which they are."""
