@@ -127,7 +127,8 @@ def test_leaf_and_facade_import_no_room():
     ("name", "owners"),
     [
         ("scan", {"core.loop", "core.pairs"}),  # over time, and over the slots of a table
-        ("fori_loop", {"core.search.cells"}),  # over the candidates of a line of cells
+        # over the candidates of a line of cells, and over Newton's steps for laws of several chambers
+        ("fori_loop", {"core.search.cells", "schemes.air"}),
         ("while_loop", {"schemes.poisson"}),  # over the Krylov iterations
         ("checkpoint", {"core.transforms", "core.pairs"}),  # of steps and blocks, and of slots
     ],

@@ -99,8 +99,8 @@ def test_a_sheet_over_the_crest_flows_as_thick_as_it_is(built):
 
 
 def test_run_up_is_the_highest_water_on_the_face_alone(built):
-    """At rest the still level, to what a lattice cut by the slope leaves of a spacing; then that of a particle
-    on the face, and not of one in the air, nor of one behind the crest."""
+    """At rest the still level, to what a lattice cut by the slope leaves of a spacing; then that of water
+    on the face, and not of a particle in the air, nor of one behind the crest."""
     _, read = built
     still = read(jnp.zeros((0, 2)), jnp.zeros((0, 2)))["run_up_wall"]
     assert abs(still) < 0.04

@@ -155,9 +155,11 @@ def _under(shape: AbstractShape, level: float) -> float:
 def _dummies(shape: AbstractShape, dx: float, layers: int) -> int:
     """Dummy particles of a solid: those of its layers, or those that fill it."""
     low, high = shape.bounds()
+    if len(low) == 2:
+        whole = shape.region()
+        return round(min(whole.area / dx**2, layers * whole.length / dx))
     sides = (high - low) / dx + 1
-    around = 2 * np.sum(np.prod(sides) / sides) if len(low) == 3 else shape.region().length / dx
-    return round(min(float(np.prod(sides)), layers * float(around)))
+    return round(min(float(np.prod(sides)), layers * float(2 * np.sum(np.prod(sides) / sides))))
 
 
 def _check_places(case: Sections, geometry: Geometry) -> None:

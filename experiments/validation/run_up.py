@@ -1,0 +1,71 @@
+"""Run-up of waves that do not break on a slope of 1:2, and what it sends back, against linear long waves.
+
+On a plane slope whose foot is x0 before the shore, R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the
+height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); all of them come back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.special import j0, j1
+
+import jaxsph as js
+from experiments.common import Report, of_paddle, solved
+from jaxsph.output.plot.style import BLUE, in_style
+
+DEPTH, SLOPE, FOOT, T = 0.3, 0.5, 5.0, 2.5
+"""Depth (m), slope, place of its foot (m) and period (s)."""
+
+
+def slope_case(dx: float, H: float) -> js.Case:
+    """Waves of height H (m) on the slope, which rises 0.2 m over still water."""
+    top = DEPTH + 0.2
+    end = FOOT + top / SLOPE
+    return js.Case.from_dict(
+        {
+            "name": "run_up",
+            "dx": dx,
+            "t1": 30.0,
+            "scheme": {"kind": "incompressible"},
+            "tank": {"length": end + 0.2, "depth": DEPTH},
+            "waves": {"H": H, "T": T},
+            "solid": {"slope": {"polygon": [(FOOT, 0.0), (end, top), (end + 0.2, top), (end + 0.2, 0.0)]}},
+            "probes": {"gauges": [0.8, 1.4, 2.2, 3.2], "run_up": ["slope"]},
+            "output": {"sample_dt": 0.02, "periods": 5},
+        }
+    )
+
+
+def main(dx: float = 0.02, H: float = 0.04) -> None:
+    """Runs or goes on with waves of height H (m) at the spacing dx (m)."""
+    case = slope_case(dx, H)
+    file = solved(case, f"run_up_{dx:g}_{H:g}")
+    results, series = file.results(), file.series()
+    z = 2.0 * (2.0 * np.pi / T) / np.sqrt(case.g * DEPTH) * DEPTH / SLOPE
+    theory = float((j0(z) ** 2 + j1(z) ** 2) ** -0.5)
+    with Report(f"run_up_{dx:g}_{H:g}", "Run-up of waves that do not break on 1:2", dx) as report:
+        still = float(np.mean(series["run_up_slope"][series["time"] < 1.0]))
+        found = (results["run_up_slope"] - still) / results["incident_height"]
+        off = 100.0 * (found / theory - 1.0)
+        report.row("run-up over the incident height", found, theory=theory)
+        report.row("the same: off theory", off, "%", bar="10 %", passes=abs(off) < 10.0)
+        back = results["reflection"]
+        report.row("reflection", back, theory=1.0, bar="10 %", passes=abs(back - 1.0) < 0.1)
+        report.row("incident height", results["incident_height"], "m", theory=H)
+        report.row("what is read of still water", 1e3 * still, "mm", theory=0.0)
+        for energy in ("hyperviscosity", "projection", "residual"):
+            share = of_paddle(results, energy, "whole_")
+            report.row(f"{energy}, of the paddle's work, whole run", share, "%", theory=0.0)
+        report.picture(_levels(series, still))
+
+
+@in_style
+def _levels(series: dict[str, np.ndarray], still: float) -> Figure:
+    """Figure of the level on the slope over time."""
+    figure = Figure(figsize=(9.0, 3.0), layout="constrained")
+    ax = figure.subplots()
+    ax.plot(series["time"], series["run_up_slope"] - still, color=BLUE)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("level on the slope (m)")
+    return figure
