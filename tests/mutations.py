@@ -17,6 +17,7 @@ CASES = {
 KEYS = key_names(Case)
 SMALL = {
     "beach": {"dx": 0.05, "tank.length": 5.0, "solid.beach.polygon": [[3.0, 0.0], [5.0, 0.5], [5.0, 0.0]]},
+    "breakwater": {"dx": 0.05, "probes.gauges": []},
     "dam_break": {"dx": 0.1, "tank.length": 2.4},
     "dam_break_column": {"dx": 0.06, "tank.layer": None, "tank.width": 0.6, "tank.length": 1.2},
     "flap_2d": {"dx": 0.06, "tank.length": 8.1},
@@ -24,6 +25,13 @@ SMALL = {
     "focused_wave": {"dx": 0.05, "waves.t": 4.0},
     "hydrostatic": {"dx": 0.1},
     "owc_irregular": {"dx": 0.04, "device.wall_thickness": 0.04, "probes": {}, "waves.duration": 30.0},
+    "owc_ning": {"dx": 0.08, "device.wall_thickness": 0.08, "tank.length": 6.0},
+    "owc_slope": {
+        "dx": 0.04,
+        "solid.front.polygon": [[5.82, 0.36], [5.94, 0.36], [6.24, 0.76], [6.12, 0.76]],
+    },
+    "owc_two_chambers": {"dx": 0.05, "solid.front.block.low": [4.57, 0.28]},
+    "section_fixed": {"dx": 0.08, "tank.length": 8.5},
     "owc": {"dx": 0.04, "tank.length": 2.4, "device.wall_thickness": 0.04, "probes": {}},
     "vessel": {"dx": 0.04, "device.wall_thickness": 0.04},
     "wave_tank": {"dx": 0.05},

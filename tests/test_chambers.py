@@ -398,6 +398,19 @@ def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
         amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})
 
 
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("owc_slope", "none: chamber.column is between other walls than a plate and the end wall"),
+        ("owc_two_chambers", "none: there are several chambers"),
+    ],
+)
+def test_where_there_is_no_linear_theory_check_says_why(name, why):
+    assert js.linear_check(js.load_case(name)) == [("linear theory", why)]
+    assert len(js.linear_check(js.load_case("owc_ning"))) == 3
+    assert js.linear_check(js.load_case("owc_irregular")) == js.linear_check(js.load_case("beach")) == []
+
+
 @pytest.mark.slow
 def test_water_between_leaning_walls_is_pushed_down_as_far_as_its_weight_says():
     """Pressure over rho g, less the rise outside: volume is kept. A third of a spacing at ten spacings of

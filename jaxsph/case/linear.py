@@ -101,8 +101,12 @@ def _chamber(case: Sections) -> ChamberGeometry:
 
 
 def linear_check(case: Sections) -> list[tuple[str, str]]:
-    """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values; empty for
-    a case that the theory does not cover."""
+    """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values.
+
+    Of chambers that it does not cover they say why; empty for a case without a chamber in waves.
+    """
+    if why := why_no_theory(case):
+        return [("linear theory", f"none: {why}")]
     if _missing(case) is not None:
         return []
     found = linear_owc(case)
@@ -116,17 +120,24 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
     ]
 
 
+def why_no_theory(case: Sections) -> str:
+    """Why linear theory does not cover the chambers of a case in waves; empty where it does, or has none."""
+    if not case.turbines or case.waves is None:
+        return ""
+    return _missing(case, seas=case.waves.kind != "regular") or ""
+
+
 def _missing(case: Sections, seas: bool = False) -> str | None:
     """Key for which linear theory has no answer, of regular waves or of seas; None where it has one."""
+    if len(case.chambers) > 1:
+        return "there are several chambers"
+    for name, chamber in case.chambers.items():
+        if set(chamber.between) != {"device", FAR}:
+            return f"chamber.{name} is between other walls than a plate and the end wall"
     if case.device is None:
         return "device is not given"
     if case.solid:
         return f"solid.{next(iter(case.solid))} is in the water"
-    if len(case.chambers) > 1 or case.duct:
-        return "there are several chambers"
-    for name, chamber in case.chambers.items():
-        if set(chamber.between) != {"device", FAR}:
-            return f"chamber.{name} is between other walls than the device's"
     if case.waves is None:
         return "waves is not given"
     if not seas and case.waves.kind != "regular":

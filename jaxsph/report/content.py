@@ -11,7 +11,7 @@ from jaxsph import analysis
 from jaxsph.case.case import Case
 from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear, why_no_theory
 from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
@@ -82,7 +82,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
         "description": str(keys.get("description", "")),
         "ended": bool(results),
         "t1": float(keys.get("t1", 0.0)),
-        "about": _about(run, keys, series),
+        "about": _about(run, keys, series) + _theory(case),
         "warnings": [*run.notices(), *_warnings(keys, case, series, results)],
         "results": _result_rows(results, flat, run.labels()),
         "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
@@ -120,6 +120,12 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
     rows.append(("computed on", run.machine or "not recorded"))
     rows.append(("version", f"jaxsph {run.version}"))
     return rows
+
+
+def _theory(case: Case | None) -> list[tuple[str, str]]:
+    """Row that says why no linear theory of a case's chambers is drawn; none where it is."""
+    why = "" if case is None else why_no_theory(case)
+    return [("linear theory", f"none is drawn: {why}")] if why else []
 
 
 def _duration(seconds: float) -> str:

@@ -76,7 +76,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
         ("power_pto", "power (W/m)", "power taken by the PTO per metre width", PURPLE),
     ]
     series = run.series()
-    ends = [n.removeprefix("chamber_level") for n in series if n.startswith("chamber_level")]
+    ends = [name.removeprefix("P_a") for name in series if name == "P_a" or name.startswith("P_a_")]
     lines = {name: [end for end in ends if has_samples(series, name + end)] for name, *_ in panels}
     panels = [panel for panel in panels if lines[panel[0]]]
     if not panels:
