@@ -17,6 +17,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not i
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 
 import equinox as eqx
+import hypothesis
 import jax
 import jax.numpy as jnp
 import pytest
@@ -24,6 +25,10 @@ import pytest
 import jaxsph as js
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.simulate import simulate as simulate_
+
+# a machine that others load is no fault of what is tested
+hypothesis.settings.register_profile("jaxsph", deadline=None)
+hypothesis.settings.load_profile("jaxsph")
 
 FIRST = ("test_notebooks.py", "test_processes.py", "test_compilations.py")
 """Files of few tests that take minutes: one that began last would leave a worker without work."""

@@ -103,8 +103,19 @@ def test_code_of_pages_runs(page, execute):
     assert numbers(execute(named(page), "\n".join(script) + "\n"))
 
 
-SLOW = ("own_fluid", "own_solid", "own_wavemaker", "run", "slope", "sweep", "two_boxes", "two_chambers")
-"""Examples that compile a run of their own: twelve seconds or so each, most of it compiling."""
+SLOW = (
+    "control",
+    "own_fluid",
+    "own_solid",
+    "own_wavemaker",
+    "run",
+    "slope",
+    "sweep",
+    "two_boxes",
+    "two_chambers",
+)
+"""Examples that compile a run of their own: twelve seconds or so each (of `control` a minute), most of it
+compiling."""
 
 
 def lanes(example):
