@@ -57,7 +57,7 @@ def main(dx: float = 0.02, H: float = 0.04) -> None:
         back = results["reflection"]
         report.row("reflection", back, theory=1.0, bar="10 %", passes=abs(back - 1.0) < 0.1)
         report.row("incident height", results["incident_height"], "m", theory=H)
-        report.row("what is read of still water", 1e3 * still, "mm", theory=0.0)
+        report.row("level read on the slope in still water", 1e3 * still, "mm", theory=0.0)
         for energy in ("hyperviscosity", "projection", "residual"):
             share = of_paddle(results, energy, "whole_")
             report.row(f"{energy}, of the paddle's work, whole run", share, "%", theory=0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.integrate import cumulative_trapezoid
 
 import jaxsph as js
 from experiments.common import Report, of_paddle, solved
@@ -16,7 +17,7 @@ def main(dx: float = 0.02) -> None:
     series, results = file.series(), file.results()
     t, behind = series["time"], np.float64(series["overtopped_breakwater"])
     flow = np.float64(series["overtopping_breakwater"])
-    passed = np.concatenate([[0.0], np.cumsum(0.5 * (flow[1:] + flow[:-1]) * np.diff(t))])
+    passed = cumulative_trapezoid(flow, t, initial=0.0)
     with Report(f"breakwater_{dx:g}", "Waves that go over a breakwater", dx) as report:
         ratio = behind[-1] / passed[-1]
         report.row(

@@ -21,6 +21,10 @@ LAWS: dict[str, tuple[str, ...]] = {
 }
 """Laws of a power take-off by the key that each is given by, and the further keys that it has."""
 
+FAR = "far"
+"""Name of the tank's end wall in `chamber.NAME.between`."""
+DEVICE_WALLS = ("device", FAR)
+"""Walls of the device's chamber: its plate and the tank's end wall."""
 SMOOTH_LAWS = ("K_dm", "resistance", "area", "discharge", "P_a", "relief", "suction")
 """Keys of a power take-off on which a model depends smoothly, and which may change in the course of a run."""
 

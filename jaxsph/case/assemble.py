@@ -171,9 +171,8 @@ def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
 
 def _check_parts(model: Model) -> None:
     """Raises ValueError for parts that share a name, or do not go with the walls' ghosts."""
-    parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
-    names = [part.name for part in parts] + [damper.name for damper in model.dampers]
-    energies = [name for part in (*parts, *model.dampers, model.scheme) for name in part.entries()]
+    names = [part.name for part in model.parts]
+    energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
     for given, what in ((names, "names"), (energies, "energies in the ledger")):
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:

@@ -9,9 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from jaxsph.case.air_sections import LAWS, SMOOTH_LAWS, air_keys
+from jaxsph.case.air_sections import DEVICE_WALLS, LAWS, SMOOTH_LAWS, air_keys
 from jaxsph.case.build import build
-from jaxsph.case.chambers import FAR
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
 from jaxsph.case.notices import limit_notices
@@ -132,7 +131,7 @@ class Case(Sections):
         own = {key: given.pop(key) for key in ("pto", "air") if key in given}
         if not own:
             return self
-        chamber = {"between": ("device", FAR), **own}
+        chamber = {"between": DEVICE_WALLS, **own}
         return Case.from_dict(given | {"chamber": {DEVICE_CHAMBER: chamber, **given.get("chamber", {})}})
 
     def given(self) -> dict[str, Any]:

@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxsph.case.air_sections import FAR
 from jaxsph.case.shapes import ends_at
 from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
 
-FAR = "far"
-"""Name of the tank's end wall in `chamber.NAME.between`."""
 MOST_CORNERS = 24
 """Corners of a wall's outline above which its face is read at so many even levels instead."""
 

@@ -268,13 +268,14 @@ def asked(waves: AbstractWavesSection) -> str:
 def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSection) -> None:
     """Refuses an air pressure that blows out under a wall, or lifts the column over its chamber, a volume of
     air that the water may fill, and walls that the water may go over."""
-    of_device = name == DEVICE_CHAMBER and case.pto is not None
+    of_device = case.is_device_chamber(name)
     key, stretch = "" if of_device else f"chamber.{name}.", geometry.stretches[name]
     rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     room = min(stretch.top, geometry.height) - geometry.depth
     if rise > room + 1e-9:
+        asked = f"{key}between = {list(stretch.walls)}" if key else f"tank.height = {geometry.height:g} m"
         raise CaseError(
-            f"{key}between = {list(stretch.walls)}: a wall ends {room:.4g} m above the water, and waves are "
+            f"{asked}: a wall ends {room:.4g} m above the water, and waves are "
             f"{rise:.4g} m high: air would escape over it; make it higher"
         )
     if section.air is not None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsph.case.air_sections import PTOSection
-from jaxsph.case.chambers import FAR
+from jaxsph.case.air_sections import DEVICE_WALLS, PTOSection
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.errors import CaseError
@@ -132,7 +131,7 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     if len(case.chambers) > 1:
         return "there are several chambers"
     for name, chamber in case.chambers.items():
-        if set(chamber.between) != {"device", FAR}:
+        if set(chamber.between) != set(DEVICE_WALLS):
             return f"chamber.{name} is between other walls than a plate and the end wall"
     if case.device is None:
         return "device is not given"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
-from jaxsph.case.sections import DEVICE_CHAMBER, Sections
+from jaxsph.case.sections import Sections
 from jaxsph.case.shapes import ends_at
 from jaxsph.case.speeds import reference_speed, sound_speed
 from jaxsph.waves import theory
@@ -30,8 +30,7 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
         )
     for name, stretch in geometry.stretches.items():
         if stretch.length < CHAMBER * case.dx:
-            of_device = name == DEVICE_CHAMBER and case.pto is not None
-            key = "device.chamber_length" if of_device else f"chamber.{name}"
+            key = "device.chamber_length" if case.is_device_chamber(name) else f"chamber.{name}"
             notes.append(
                 f"{key} = {stretch.length:g} m is only {stretch.length / case.dx:.1f} spacings long: expect "
                 f"an efficiency that is a tenth to a fifth too low ({CHAMBER} or more are usual)"

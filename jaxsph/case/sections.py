@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from jaxsph.case.air_sections import AirSection, ChamberSection, DuctSection, PTOSection
+from jaxsph.case.air_sections import DEVICE_WALLS, AirSection, ChamberSection, DuctSection, PTOSection
 from jaxsph.case.section import (
     MOST_POINTS,
     Coefficient,
@@ -399,8 +399,12 @@ class Sections(Section):
         and whose air is `air`."""
         if self.pto is None:
             return self.chamber
-        own = ChamberSection(between=("device", "far"), pto=self.pto, air=self.air)
+        own = ChamberSection(between=DEVICE_WALLS, pto=self.pto, air=self.air)
         return {DEVICE_CHAMBER: own, **self.chamber}
+
+    def is_device_chamber(self, name: str) -> bool:
+        """Whether a chamber is the device's, whose keys are those of the short form."""
+        return name == DEVICE_CHAMBER and self.pto is not None
 
     @property
     def turbines(self) -> list[PTOSection]:

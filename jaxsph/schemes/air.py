@@ -72,15 +72,11 @@ def meet_laws(model: Model, own: Mapping[str, Any], line: WaterLine, interval: I
 
     `own`: states of the parts at the step's begin.
     """
-    t, dt = interval.t, interval.dt
-    if len(model.chambers) == 1 and not model.ducts:
-        (chamber,) = model.chambers
-        name = chamber.name
-        q, compliance = line.flows[name], line.compliance[name, name]
-        return Met({name: chamber.press(own[name], q, compliance, jnp.zeros_like(q), t, dt)}, {})
-    laws = _Laws(model, own, line, t, dt)
+    if not model.chambers:
+        return Met({}, {})
+    laws = _Laws(model, own, line, interval.t, interval.dt)
     unknown = laws.begin()
-    if len(unknown):
+    if len(unknown) > 1:  # of a chamber alone it is known
         unknown = jax.lax.fori_loop(0, NEWTON, lambda _, x: laws.nearer(x), unknown)
     return laws.met(unknown)
 
@@ -109,7 +105,7 @@ class _Laws(NamedTuple):
         P_a = {c.name: self.own[c.name].P_a for c in self.chambers}
         chambers = [self.line.flows[name] - self.others(name, P_a) for name in P_a]
         ducts = [self.own[d.name].q + self.give(d.between) * self.own[d.name].P_a for d in self.model.ducts]
-        return jnp.stack([*chambers, *ducts]) if chambers else jnp.zeros(0)
+        return jnp.stack([*chambers, *ducts])
 
     @property
     def chambers(self):
