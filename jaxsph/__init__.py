@@ -71,6 +71,7 @@ _ROOMS = {
     "solids.box": ("Box", "FreeSlip", "NoSlip", "Platform", "WallPlate"),
     "solids.composed": ("Difference", "Placed", "Union"),
     "solids.filling": ("DummyParticles", "MirrorImages", "MirrorNodes"),
+    "solids.plate": ("Plate",),
     "solids.shapes": ("AbstractShape", "Block", "Disc", "Polygon"),
     "solids.walls": ("Ghosts",),
     "study.base": ("Derivative",),

@@ -102,7 +102,8 @@ class _Tank:
         water = Sources(columns | {"f": jnp.asarray(field)}, {})
         table = PointNeighbours.of(self.table.indices)
         images = Chosen.of(jnp.zeros(0, jnp.int32), len(self.x), ONE)
-        fit = self.walls.fit(self.walls.node, water, self.smoothing, images, table)
+        weight = jnp.zeros(self.walls.node.shape[1], jnp.float32)  # nothing here asks for a level
+        fit = self.walls.fit(self.walls.node, water, self.smoothing, images, table, weight)
         law = lambda j: j["f"]  # noqa: E731
         seen = fit, self.walls.node, water, self.smoothing, images, table
         return fit, self.walls.carried(law, *seen)

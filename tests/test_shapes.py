@@ -15,7 +15,7 @@ from jaxsph.model.state import Tally
 from jaxsph.output.plot.tank import move
 from jaxsph.parts.body import BodyMotion, RigidBody
 from jaxsph.parts.rotational import FreeHinge, RotationalPTO
-from jaxsph.solids import placement
+from jaxsph.solids import brim
 from jaxsph.solids.composed import Difference, Placed, Union
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon, _along, _apart
 
@@ -262,16 +262,16 @@ def test_a_body_is_held_until_its_release():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
     """To round-off of the order of summation, in parts of some twenty points each."""
-    monkeypatch.setattr(placement, "_PAIRS", 600)
+    monkeypatch.setattr(brim, "PAIRS", 600)
     rng = np.random.default_rng(dim)
     points, water = rng.uniform(0, 1, (50, dim)), rng.uniform(0, 1, (400, dim))
     volume, h = rng.uniform(1e-3, 2e-3, 400), 0.1
     r = np.linalg.norm(points[:, None] - water, axis=-1)
     for kernel in (Gaussian(3.0), WendlandC2(), Semicircle.of(dim)):
         weight = np.where(r < kernel.reach * h, np.asarray(kernel.value(r**2, h, dim)), 0.0)
-        found = placement.kernel_fill(points, water, volume, kernel, h)
+        found = brim.kernel_fill(points, water, volume, kernel, h)
         np.testing.assert_allclose(found, weight @ volume, rtol=1e-5)  # single precision
-        assert not placement.kernel_fill(points, water[:0], volume[:0], kernel, h).any()
+        assert not brim.kernel_fill(points, water[:0], volume[:0], kernel, h).any()
 
 
 def test_where_insets_meet_the_later_points_give_way():

@@ -52,10 +52,8 @@ def main(dx: float = 0.02, t1: float = 10.0) -> None:
 
 def solids(dx: float) -> dict[str, Rest]:
     """The solids by their names."""
-    c, s, length, thick = np.cos(TILT), np.sin(TILT), 0.5, 2.0 * dx
-    along, across = np.array([c, s]) * length, np.array([-s, c]) * thick
-    foot = np.array([0.6, 0.2])
-    plate = [foot, foot + along, foot + along + across, foot + across]
+    c, s, foot, length = np.cos(TILT), np.sin(TILT), (0.6, 0.2), 0.5
+    head = [float(a + length * b) for a, b in zip(foot, (c, s), strict=True)]
     weight, push = RHO * G, 0.5 * RHO * G
     return {
         "bed": Rest(
@@ -80,7 +78,7 @@ def solids(dx: float) -> dict[str, Rest]:
         "plate": Rest(
             "plate of 30 degrees through the surface, two spacings thick",
             1.6,
-            {"polygon": [tuple(float(a) for a in corner) for corner in plate]},
+            {"plate": {"foot": foot, "head": head, "thickness": 2.0 * dx}},
             None,
         ),
     }

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between
-from jaxsph.case.sections import DEVICE_CHAMBER, Device, Sections, SolidSection
+from jaxsph.case.sections import DEVICE_CHAMBER, Device, Sections
+from jaxsph.case.shape_sections import SolidSection
 from jaxsph.case.shapes import (
     Points,
     check_apart,
@@ -30,6 +31,7 @@ from jaxsph.solids.divisions import (
     HorizontalDivision,
     MultiNodeGhosts,
     RegionalGhosts,
+    Regions,
 )
 from jaxsph.solids.shapes import AbstractShape, Block
 from jaxsph.waves import theory
@@ -273,6 +275,15 @@ class Geometry:
             if section.block is not None:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
         check_apart(self.named_shapes(), self.dx)
+        self._check_regions(case)
+
+    def _check_regions(self, case: Sections) -> None:
+        """**Raises** CaseError for more thin plates than regions of water can be told apart."""
+        upright, division = () if self.plate is None else (self.plate,), thin_wall(case.device).division
+        try:
+            Regions.of(upright, division, self.platform, self.solids.values())
+        except ValueError as error:
+            raise CaseError(f"solid: {error}; a wall three spacings thick is a block or a polygon") from None
 
     def _chambers(self, case: Sections) -> None:
         """Stretches of the surface under the air of chambers."""
@@ -297,12 +308,11 @@ class Geometry:
                 for index, corner in enumerate(section.polygon)
             )
             return section.model_copy(update={"polygon": tuple(corners)})
-        if section.block is not None:
-            ends = {
-                end: self._with_walls(f"solid.{name}.block.{end}", getattr(section.block, end), walls)
-                for end in ("low", "high")
-            }
-            return section.model_copy(update={"block": section.block.model_copy(update=ends)})
+        for shape, ends in (("block", ("low", "high")), ("plate", ("foot", "head"))):
+            if (one := getattr(section, shape)) is not None:
+                keys = ((end, f"solid.{name}.{shape}.{end}") for end in ends)
+                moved = {end: self._with_walls(key, getattr(one, end), walls) for end, key in keys}
+                return section.model_copy(update={shape: one.model_copy(update=moved)})
         return section
 
     @property
@@ -390,7 +400,10 @@ def walls_of(case: Sections) -> str:
     return case.tank.walls or ("dummy" if case.body is not None or case.solid else "images")
 
 
-def thin_wall(device: Device) -> AbstractThinWall:
-    """Method by which the ghosts of a device's plate are placed: regional or multi-node, in its division."""
+def thin_wall(device: Device | None) -> AbstractThinWall:
+    """Method by which the ghosts of thin plates are placed: regional or multi-node, in the division that the
+    device says, or where there is none in the default one."""
+    if device is None:
+        return RegionalGhosts()
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()
     return {"regional": RegionalGhosts, "multi_node": MultiNodeGhosts}[device.thin_wall](division)

@@ -10,8 +10,9 @@ import numpy as np
 import shapely
 from shapely.validation import explain_validity
 
-from jaxsph.case.sections import BlockSection, BodySection, ShapeSection
+from jaxsph.case.shape_sections import BlockSection, BodySection, PlateSection, ShapeSection, SolidSection
 from jaxsph.errors import CaseError
+from jaxsph.solids.plate import Plate
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
 
 Points = tuple[tuple[float, ...], ...]
@@ -29,6 +30,8 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
         if least < 0.5 * dx:
             raise CaseError(f"{name}.block: is {least:g} m thin, and must be half a spacing, {0.5 * dx:g} m")
         return Block(section.block.low, section.block.high)
+    if isinstance(section, SolidSection) and section.plate is not None:
+        return _plate(section.plate, name, dx)
     if section.disc is not None:
         if section.disc.radius <= 0.5 * dx:
             raise CaseError(
@@ -39,6 +42,26 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     assert section.polygon is not None
     _check_polygon(section.polygon, name, dx)
     return Polygon(section.polygon)
+
+
+def _plate(section: PlateSection, name: str, dx: float) -> Plate:
+    """Plate of the section `name`.plate.
+
+    **Raises** CaseError for one that is too short or too thin to have ghosts of spacing dx (m) on its faces.
+    """
+    plate = Plate(section.foot, section.head, section.thickness)
+    length = plate.straight().length
+    if length < max(2.0 * dx, section.thickness):
+        raise CaseError(
+            f"{name}.plate: is {length:.4g} m long from foot to head, and must be as long as it is thick and "
+            f"as two spacings of {dx:g} m"
+        )
+    if section.thickness < 0.45 * dx:
+        raise CaseError(
+            f"{name}.plate.thickness = {section.thickness:g} m is less than half a spacing of {dx:g} m: the "
+            f"particles past its ends would not see it; use dx of at most {2 * section.thickness:g} m"
+        )
+    return plate
 
 
 def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: float) -> None:
@@ -87,6 +110,8 @@ def corners_of(body: ShapeSection) -> np.ndarray:
     """Points `[K, D]` (m) of which a shape's extent is made."""
     if body.polygon is not None:
         return np.asarray(body.polygon)
+    if isinstance(body, SolidSection) and body.plate is not None:
+        return np.array([body.plate.foot, body.plate.head])
     if body.disc is not None:
         r = body.disc.radius
         return np.asarray(body.disc.centre) + r * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])

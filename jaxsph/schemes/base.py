@@ -197,7 +197,8 @@ class AbstractParticleScheme(AbstractScheme):
         walls = model.walls
         x, nodes, volume = model.ghosts_at(state.own, state.particles, tables.images)
         water = tables.fluid.slabs.fetch(self.water(state.particles))
-        fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes)
+        weight = self.rho0 * model.g
+        fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes, weight)
         here = fit.wet
         for wall in model.moving:
             # an image is where its particle is along the wall

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Components
-from jaxsph.core.pairs import (
-    Period,
-)
+from jaxsph.core.pairs import Period
 
 
 class FreeSlip(eqx.Module):
@@ -52,6 +52,52 @@ class WallPlate:
         The water on its two sides must then be kept apart (`solids.divisions`).
         """
         return self.thickness <= layers * dx
+
+    def across(self, x: Components) -> jax.Array:
+        """Distance of points x (m) from the plate's middle, m; negative on its left."""
+        return x[0] - self.middle
+
+    def past(self, x: Components) -> jax.Array:
+        """Distance of points x (m) along the plate past its tip, m; negative beside the plate."""
+        return self.tip - x[-1]
+
+
+@dataclass(frozen=True)
+class LeaningPlate:
+    """Plate of any direction in the x-z plane, with water past one end, both or none."""
+
+    foot: tuple[float, float]
+    """Middle (x, z) of one end, m."""
+    head: tuple[float, float]
+    """Middle (x, z) of the other end, m."""
+    thickness: float
+    """Plate thickness, m."""
+
+    @property
+    def length(self) -> float:
+        """Length from the foot to the head, m."""
+        return math.dist(self.foot, self.head)
+
+    @property
+    def along(self) -> tuple[float, float]:
+        """Direction (x, z) from the foot to the head; what is on the right of it has positive distances."""
+        (x0, z0), (x1, z1) = self.foot, self.head
+        return (x1 - x0) / self.length, (z1 - z0) / self.length
+
+    def across(self, x: Components) -> jax.Array:
+        """Distance of points x (m) from the plate's middle, m; negative on its left."""
+        (ex, ez), (x0, z0) = self.along, self.foot
+        return ez * (x[0] - x0) - ex * (x[-1] - z0)
+
+    def past(self, x: Components) -> jax.Array:
+        """Distance of points x (m) along the plate past the nearer of its ends, m; negative beside the
+        plate."""
+        (ex, ez), (x0, z0) = self.along, self.foot
+        return jnp.abs(ex * (x[0] - x0) + ez * (x[-1] - z0) - 0.5 * self.length) - 0.5 * self.length
+
+
+AnyPlate = WallPlate | LeaningPlate
+"""Thin plate that keeps the water on its two sides apart."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ packed into bit masks that the neighbour search applies.
 from __future__ import annotations
 
 import abc
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 import equinox as eqx
@@ -16,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Int, columns
-from jaxsph.solids.box import Platform, WallPlate
+from jaxsph.solids.box import AnyPlate, LeaningPlate, Platform, WallPlate
+from jaxsph.solids.shapes import AbstractShape
 
 PLAIN_BIT = 30
 """Place of the bit of ordinary ghosts; regions and other sets of ghosts have the bits below it."""
@@ -50,7 +52,7 @@ class AbstractDivision(eqx.Module):
     """Regions that the interpolation nodes of each of `SETS` use."""
 
     @abc.abstractmethod
-    def region(self, x: Components, plate: WallPlate) -> Int[Array, " N"]:
+    def region(self, x: Components, plate: AnyPlate) -> Int[Array, " N"]:
         """Region of every particle at x (m), as an index into `regions`."""
 
     def water_mask(self) -> np.ndarray:
@@ -76,10 +78,11 @@ class HorizontalDivision(AbstractDivision):
 
     def region(self, x, plate):
         """See `AbstractDivision`."""
-        side = jnp.where(x[0] < plate.middle, 0, 1)
+        across, past = plate.across(x), plate.past(x)
+        side = jnp.where(across < 0, 0, 1)
         # A particle pressed a little into the tip stays under the tip's ghosts, which push it out.
-        under = (x[0] > plate.x0) & (x[0] < plate.x1) & (x[-1] < plate.tip + plate.thickness)
-        return jnp.where(under | (x[-1] < plate.tip), 2, side).astype(jnp.int32)
+        under = (jnp.abs(across) < 0.5 * plate.thickness) & (past > -plate.thickness)
+        return jnp.where(under | (past > 0), 2, side).astype(jnp.int32)
 
 
 class DiagonalDivision(AbstractDivision):
@@ -92,9 +95,9 @@ class DiagonalDivision(AbstractDivision):
 
     def region(self, x, plate):
         """See `AbstractDivision`."""
-        beside = jnp.abs(x[0] - plate.middle) - 0.5 * plate.thickness
-        side = jnp.where(x[0] < plate.middle, 0, 1)
-        return jnp.where(beside < plate.tip - x[-1], 2, side).astype(jnp.int32)
+        across = plate.across(x)
+        side = jnp.where(across < 0, 0, 1)
+        return jnp.where(jnp.abs(across) - 0.5 * plate.thickness < plate.past(x), 2, side).astype(jnp.int32)
 
 
 class FivePartDivision(AbstractDivision):
@@ -113,9 +116,10 @@ class FivePartDivision(AbstractDivision):
 
     def region(self, x, plate):
         """See `AbstractDivision`."""
-        above = jnp.where(x[0] < plate.middle, 0, 1)
-        below = jnp.where(x[0] < plate.x0, 3, jnp.where(x[0] > plate.x1, 4, 2))
-        return jnp.where(x[-1] < plate.tip, below, above).astype(jnp.int32)
+        across = plate.across(x)
+        side = jnp.where(across < 0, 0, 1)
+        below = jnp.where(jnp.abs(across) < 0.5 * plate.thickness, 2, 3 + side)
+        return jnp.where(plate.past(x) > 0, below, side).astype(jnp.int32)
 
 
 class Regions(eqx.Module):
@@ -136,20 +140,39 @@ class Regions(eqx.Module):
     """Division of the water around each plate."""
     platforms: tuple[Platform, ...] = eqx.field(static=True, default=())
     """Raised bed, one or none."""
+    leaning: tuple[LeaningPlate, ...] = eqx.field(static=True, default=())
+    """Thin plates of any direction."""
+
+    @classmethod
+    def of(
+        cls,
+        plates: Sequence[WallPlate],
+        division: AbstractDivision,
+        platform: Platform | None,
+        shapes: Iterable[AbstractShape],
+    ) -> Regions:
+        """Regions of a tank with these upright plates, platform, and solids of these shapes."""
+        leaning = tuple(plate for shape in shapes for plate in shape.dividers())
+        return cls(tuple(plates), division, () if platform is None else (platform,), leaning)
 
     def __check_init__(self) -> None:
         """Refuses more regions and ghost sets than an integer has bits."""
         bits = self.count + len(self.sets)
         if bits > PLAIN_BIT:
             raise ValueError(
-                f"{len(self.plates)} plates make {self.count} regions and {len(self.sets)} ghost sets, and "
+                f"{len(self.thin)} plates make {self.count} regions and {len(self.sets)} ghost sets, and "
                 f"{PLAIN_BIT} bits are all there are: use fewer plates, or the division (b)"
             )
 
     @property
+    def thin(self) -> tuple[AnyPlate, ...]:
+        """Thin plates of every direction, the upright ones first."""
+        return (*self.plates, *self.leaning)
+
+    @property
     def _parts(self) -> tuple[int, ...]:
         """Number of parts that every divider makes."""
-        return (len(self.division.regions),) * len(self.plates) + (2,) * len(self.platforms)
+        return (len(self.division.regions),) * len(self.thin) + (2,) * len(self.platforms)
 
     @property
     def count(self) -> int:
@@ -159,13 +182,13 @@ class Regions(eqx.Module):
     @property
     def sets(self) -> tuple[tuple[int, str], ...]:
         """Ghost sets of plates and platforms, in the order of their bits: (divider, name of the face)."""
-        plates = [(k, name) for k in range(len(self.plates)) for name in SETS]
-        return (*plates, *((len(self.plates), name) for _ in self.platforms for name in PLATFORM_SETS))
+        plates = [(k, name) for k in range(len(self.thin)) for name in SETS]
+        return (*plates, *((len(self.thin), name) for _ in self.platforms for name in PLATFORM_SETS))
 
     def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
         """Region of every particle at x (m), as a number below `count`."""
         region, stride = jnp.zeros(x.shape[0], jnp.int32), 1
-        for plate in self.plates:
+        for plate in self.thin:
             region = region + stride * self.division.region(columns(x), plate)
             stride *= len(self.division.regions)
         for platform in self.platforms:
@@ -188,7 +211,7 @@ class Regions(eqx.Module):
     def _packed(self) -> np.ndarray:
         """Bits of the particles and ghosts that every region sees."""
         water = np.ones((self.count, self.count), bool)
-        for k in range(len(self.plates)):
+        for k in range(len(self.thin)):
             part = self._part(k)
             water &= self.division.water_mask()[np.ix_(part, part)]
         ghosts = [self._seen(divider, name) for divider, name in self.sets]

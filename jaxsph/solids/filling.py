@@ -24,6 +24,7 @@ from jaxsph.core.pairs import (
 )
 from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.model import laws
+from jaxsph.solids.brim import Brim
 
 
 class NodeFit(NamedTuple):
@@ -59,15 +60,16 @@ class AbstractFilling(eqx.Module):
     def fit(
         self,
         nodes: Float[Array, "G D"],
-        full: Float[Array, " G"],
+        brim: Brim,
         water: Sources,
         smoothing: Smoothing,
         table: PointNeighbours,
+        weight: Float[Array, " D"],
     ) -> NodeFit:
         """Interpolation coefficients at the nodes.
 
-        **Arguments**: `nodes` (m); `full`: the sum V W at the nodes were the tank full; `water`: the fields
-        of the water as sources; `table`: the nodes' neighbours.
+        **Arguments**: `nodes` (m); `brim`: what they would see were the tank full; `water`: the fields of the
+        water as sources; `table`: the nodes' neighbours; `weight`: rho0 g, N/m3.
         """
 
 
@@ -86,7 +88,7 @@ class MirrorNodes(AbstractFilling):
         """See `AbstractFilling`."""
         return mirrored
 
-    def fit(self, nodes, full, water, smoothing, table):
+    def fit(self, nodes, brim, water, smoothing, table, weight):
         """See `AbstractFilling`."""
         dim = nodes.shape[1]
         h = smoothing.h
@@ -102,7 +104,7 @@ class MirrorNodes(AbstractFilling):
         product = outer_upper(mean, mean)
         covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
         determinant, inverse = _flat_inverse(covariance)
-        ratio = zeroth / full
+        ratio = zeroth / brim.full
         # A fully supported Gaussian has a covariance of 1/2 per axis; below a tenth of that determinant, or
         # for a node farther from its water than that water is wide, a slope would be noise extrapolated.
         slope = symmetric_product(inverse, mean)
@@ -128,20 +130,26 @@ class DummyParticles(AbstractFilling):
         """See `AbstractFilling`."""
         return ghosts
 
-    def fit(self, nodes, full, water, smoothing, table):
+    def fit(self, nodes, brim, water, smoothing, table, weight):
         """See `AbstractFilling`."""
         h = smoothing.h
 
         def moments(pair: Pair, i, j):
             w = laws.volume(j) * pair.W
-            return w, tuple(-w * c / h for c in pair.r)
+            return w, tuple(-w * c / h for c in pair.r), w * j["p"]
 
-        zeroth, first = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
+        zeroth, first, pressure = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
         # the bound is far below what a single particle at the kernel's edge gives
         norm = 1.0 / jnp.maximum(zeroth, 1e-6)
-        wet = jnp.clip((zeroth / full - 0.05) / 0.2, 0.0, 1.0)
+        offset = tuple(c * norm * h for c in first)
+        wet = jnp.clip((zeroth / brim.full - 0.05) / 0.2, 0.0, 1.0)
+        heavy = jnp.sqrt(jnp.sum(weight**2) + 1e-30)
+        still = pressure * norm - dot(tuple(weight), offset)
+        below = brim.below_level(offset[-1], still / heavy, h)
+        # without gravity there is no level
+        wet = wet * jnp.where(jnp.sum(weight**2) > 0.0, below, 1.0)
         none = tuple(jnp.zeros_like(norm) for _ in first)
-        return NodeFit(norm, none, tuple(c * norm * h for c in first), wet)
+        return NodeFit(norm, none, offset, wet)
 
 
 class MirrorImages(MirrorNodes):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
-from jaxsph.solids.divisions import PLAIN
+from jaxsph.solids.divisions import region_bits
 from jaxsph.solids.walls import Ghosts
 
 REACH = 3.0
@@ -33,6 +36,15 @@ SLACK = 0.5
 """Reach of the lists of pairs beyond the Gaussian's, in spacings."""
 
 
+class Sight(NamedTuple):
+    """What particles beside thin plates see of each other and of ghosts, as bits (`solids.divisions`)."""
+
+    sees: np.ndarray
+    """Bits of what every free particle sees."""
+    kind: np.ndarray
+    """Kind bits of the free particles, of the others, and of the mirror images of both."""
+
+
 def packed(
     x: np.ndarray, volume: np.ndarray, away: np.ndarray, walls: Ghosts, level: float, dx: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -56,11 +68,8 @@ def packed(
     if not free.any():
         return x, volume
     beside = ~free & (away < (NEAR + REACH + 2 * SLACK) * dx)
-    plain = np.asarray(walls.kind) == PLAIN
-    ghosts, size = (
-        np.asarray(walls.x, float)[plain],
-        np.asarray(walls.volume, float)[plain] / dx ** x.shape[1],
-    )
+    ghosts, size = np.asarray(walls.x, float), np.asarray(walls.volume, float) / dx ** x.shape[1]
+    kind, sees = (np.asarray(a) for a in region_bits(walls.regions, jnp.asarray(x, jnp.float32)))
     # an image stands for a cell, and has no volume while it has no particle
     size = np.concatenate([np.ones(int(beside.sum())), np.where(size > 0.0, size, 1.0)])
     origin = np.append(x[free].mean(axis=0)[:-1], level)
@@ -72,9 +81,11 @@ def packed(
     near = np.all((rest > before.min(axis=0) - NEAR) & (rest < before.max(axis=0) + NEAR), axis=1)
     seen = near & (below > 0)
     rest, below = rest[seen], below[seen]
+    kinds = np.concatenate([kind[free], np.concatenate([kind[beside], np.asarray(walls.kind)])[seen]])
+    sight = Sight(sees[free], np.tile(kinds, 2))
     places = before
     for _ in range(ROUNDS):
-        places, crowding = _settled(places, rest, np.append(np.full(len(places), share), below))
+        places, crowding = _settled(places, rest, np.append(np.full(len(places), share), below), sight)
         share /= crowding
     x, volume = np.array(x), np.array(volume)
     volume[free] *= share
@@ -82,7 +93,9 @@ def packed(
     return x, volume
 
 
-def _settled(free: np.ndarray, rest: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, float]:
+def _settled(
+    free: np.ndarray, rest: np.ndarray, volume: np.ndarray, sight: Sight
+) -> tuple[np.ndarray, float]:
     """Places of free particles among others at rest where C is even, in spacings from the surface; its mean.
 
     `volume`: of the free particles and of the others, in cells of the lattice.
@@ -92,7 +105,7 @@ def _settled(free: np.ndarray, rest: np.ndarray, volume: np.ndarray) -> tuple[np
     for _ in range(ITERATIONS):
         every = _mirrored(free, rest)
         if 2.0 * since > SLACK:
-            (i, j), since = _pairs(free, every), 0.0
+            (i, j), since = _pairs(free, every, sight), 0.0
         r = free[i] - every[j]
         r2 = np.sum(r**2, axis=1)
         W = V[j] * np.where(r2 < REACH**2, np.exp(-r2), 0.0)
@@ -114,7 +127,8 @@ def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return np.concatenate([below, above])
 
 
-def _pairs(free: np.ndarray, every: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the free particles and of what is around each of them."""
+def _pairs(free: np.ndarray, every: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the free particles and of what each of them sees around it."""
     found = KDTree(free).sparse_distance_matrix(KDTree(every), REACH + SLACK, output_type="ndarray")
+    found = found[(sight.sees[found["i"]] & sight.kind[found["j"]]) != 0]
     return found["i"], found["j"]

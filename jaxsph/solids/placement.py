@@ -8,20 +8,15 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import KDTree
-from scipy.special import gamma
 
-from jaxsph.core.kernels import AbstractKernel
-from jaxsph.solids.box import Box, Platform, WallPlate
+from jaxsph.solids.box import Box, LeaningPlate, Platform, WallPlate
 from jaxsph.solids.divisions import (
     PLAIN,
     SETS,
     AbstractThinWall,
     Regions,
 )
-
-_PAIRS = 1_000_000
-"""Number of pairs that `kernel_fill` holds at a time, 24 bytes each."""
+from jaxsph.solids.shapes import AbstractShape
 
 
 def lattice(
@@ -60,6 +55,10 @@ def lattice(
         return x, volume
     order = np.lexsort((x[:, -1], x[:, 0]))
     return x[order], volume[order]
+
+
+HELD = 1e-4
+"""Distance from a wall or a solid within which a plate's end is held by it, m."""
 
 
 class GhostSet(NamedTuple):
@@ -176,7 +175,7 @@ def cut_by_platform(
         (at_bed & ~at_end, x[:, 0] < platform.start + layers * dx, 0, platform.start, "front"),
     ):
         rows = rows & near
-        which = regions.sets.index((len(regions.plates), name))
+        which = regions.sets.index((len(regions.thin), name))
         node[rows, axis] = 2 * face - x[rows, axis]
         # in the end wall's corner the bed was the other mirror, and the platform has taken its place
         mirror[rows, axis] = -1.0
@@ -200,7 +199,7 @@ def platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, l
         node, mirror, which, n = (
             x.copy(),
             np.ones_like(x),
-            regions.sets.index((len(regions.plates), name)),
+            regions.sets.index((len(regions.thin), name)),
             len(x),
         )
         node[:, axis] = 2 * face - x[:, axis]
@@ -259,42 +258,76 @@ def plate_ghosts(
     return GhostSet(*(np.concatenate(a) for a in zip(*parts, strict=True)))
 
 
-def solid_ghosts(x: np.ndarray, volume: np.ndarray) -> GhostSet:
-    """Dummy particles of a solid as ghosts, from their places x (m) and volumes (m^D).
+def solid_ghosts(
+    shape: AbstractShape, regions: Regions, box: Box, others: Sequence[AbstractShape], dx: float, layers: int
+) -> GhostSet:
+    """Dummy particles of a solid as ghosts, `layers` deep at the spacing dx (m).
 
-    They carry the solid's own velocity (mirror factors of 0), and no viscous force holds on to them.
+    They carry the solid's own velocity (mirror factors of 0), and no viscous force holds on to them. Those of
+    a plate that divides the water fill a full depth behind each face, outside the `others` and in the box.
     """
+    parts = [_behind_plate(plate, regions, box, others, dx, layers) for plate in shape.dividers()]
+    return join(parts) if parts else _dummies(*shape.dummies(dx, layers), PLAIN, -1)
+
+
+def _behind_plate(
+    plate: LeaningPlate, regions: Regions, box: Box, others: Sequence[AbstractShape], dx: float, layers: int
+) -> GhostSet:
+    """Dummy particles of a plate as ghosts, a set for each of its faces."""
+    held = [_is_held(end, box, others) for end in (plate.foot, plate.head)]
+    first, parts = len(SETS) * regions.thin.index(plate), []
+    for which in range(len(SETS)):
+        x, volume = _behind_face(plate, which, held, dx, layers)
+        kept = np.all((x > box.low) & (x < box.high), axis=1)
+        for other in others:
+            kept &= np.asarray(other.distance(jnp.asarray(x, jnp.float32))) > 0
+        kind, sees = regions.set_kind(first + which), regions.node_sees(first + which)
+        parts.append(_dummies(x[kept], volume[kept], kind, sees))
+    return join(parts)
+
+
+def _dummies(x: np.ndarray, volume: np.ndarray, kind: int, node_sees: int) -> GhostSet:
+    """Ghosts that carry the velocity of their solid, from places (m), volumes (m^D) and bits."""
     n = len(x)
-    plain = np.full(n, PLAIN, np.int32)
-    return GhostSet(x, x, np.zeros_like(x), plain, np.full(n, -1), np.zeros(n, bool), volume)
+    kinds, sees = np.full(n, kind, np.int32), np.full(n, node_sees)
+    return GhostSet(x, x, np.zeros_like(x), kinds, sees, np.zeros(n, bool), volume)
+
+
+def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]) -> bool:
+    """Whether a plate's end (m) is in a wall of the tank or in another solid, and no water passes it."""
+    at = np.asarray(end)
+    walls = np.stack([at - box.low, np.asarray(box.high) - at], axis=1)
+    if (box.walls & (walls < HELD)).any():
+        return True
+    point = jnp.asarray(at[None], jnp.float32)
+    return any(float(other.distance(point)[0]) < HELD for other in others)
+
+
+def _behind_face(
+    plate: LeaningPlate, which: int, held: Sequence[bool], dx: float, layers: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places `[B, 2]` (m) and volumes `[B]` (m2) of dummies behind one of a plate's `SETS` of faces.
+
+    Those of the two sides go on past an end that is `held`.
+    """
+    rows = max(1, round(plate.length / dx))
+    step = plate.length / rows
+    more = [layers if one else 0 for one in held]
+    along = (np.arange(-more[0], rows + more[1]) + 0.5) * step
+    if which == 2:
+        along = along[more[0] : len(along) - more[1]]
+        along = along[np.minimum(along, plate.length - along) < layers * dx]
+        columns = max(1, round(plate.thickness / dx))
+        across = ((np.arange(columns) + 0.5) / columns - 0.5) * plate.thickness
+        width = plate.thickness / columns
+    else:
+        inward, width = (np.arange(layers) + 0.5) * dx - 0.5 * plate.thickness, dx
+        across = inward if which == 0 else -inward
+    (ex, ez), foot = plate.along, np.asarray(plate.foot)
+    a, c = (grid.reshape(-1, 1) for grid in np.meshgrid(along, across, indexing="ij"))
+    x = foot + a * np.array([ex, ez]) + c * np.array([ez, -ex])
+    return x, np.full(len(x), step * width)
 
 
 def _inner_axes(box: Box) -> list[tuple[float, float]]:
     return [(box.low[k], box.high[k]) for k in range(1, len(box.low) - 1)]
-
-
-def kernel_fill(
-    points: np.ndarray, water: np.ndarray, volume: np.ndarray, kernel: AbstractKernel, h: float
-) -> np.ndarray:
-    """Kernel's sum V W at points (m) in the `water`.
-
-    **Arguments**: positions (m) and volumes (m^D) of the water; the kernel's smoothing length `h`, m.
-    """
-    dim, reach = points.shape[1], kernel.reach
-    tree = KDTree(water)
-    total = np.zeros(len(points))
-    if not len(water):
-        return total
-    # pairs of one point at most
-    most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
-    rows = max(1, int(_PAIRS / most))
-    for start in range(0, len(points), rows):
-        some = KDTree(points[start : start + rows])
-        pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
-        # a pair at the very edge of the support has no weight, whatever its rounding
-        inside = pairs["v"] < (1.0 - 1e-6) * reach * h
-        weight = volume[pairs["j"]] * np.where(
-            inside, kernel.value(jnp.asarray(pairs["v"] ** 2), h, dim), 0.0
-        )
-        total[start : start + some.n] = np.bincount(pairs["i"], weight, some.n)
-    return total

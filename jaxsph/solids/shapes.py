@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from shapely.validation import explain_validity
 
 from jaxsph.core.arrays import Array, Float
+from jaxsph.solids.box import LeaningPlate
 
 SHARP = 0.3
 """Turn of an outline (rad) from which a corner has a particle of its own: a circle of 21 sides turns so."""
@@ -101,6 +102,10 @@ class AbstractShape(eqx.Module):
         x = np.stack([np.bincount(owner, share * a, len(x)) for a in at.T], axis=-1)
         kept = volume > SLIVER * dx**2
         return x[kept] / volume[kept, None], volume[kept]
+
+    def dividers(self) -> tuple[LeaningPlate, ...]:
+        """Thin plates that keep the water on their two sides apart; none in a shape that is thick enough."""
+        return ()
 
     def outline(self) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of the shape in pictures."""

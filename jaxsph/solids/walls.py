@@ -25,6 +25,7 @@ from jaxsph.core.pairs import (
 from jaxsph.core.slabs import Chosen, PointNeighbours, Sources
 from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
+from jaxsph.solids.brim import Brim, Full
 from jaxsph.solids.divisions import (
     AbstractThinWall,
     RegionalGhosts,
@@ -45,8 +46,6 @@ from jaxsph.solids.placement import (
     box_ghosts,
     cut_by_platform,
     join,
-    kernel_fill,
-    lattice,
     plate_ghosts,
     platform_ghosts,
     sliding_velocity,
@@ -74,8 +73,8 @@ class Ghosts(eqx.Module):
     """Factors of the velocity's components: -1 normal to the wall, 1 along it (0 at a thin wall's tip)."""
     shear: Float[Array, "G D"]
     """Factors of the velocity that the viscous force sees: `mirror`, with the slip factor along the wall."""
-    full: Float[Array, " G"]
-    """Kernel's sum V W at the node were the tank full."""
+    brim: Brim
+    """What the nodes would see of the water were the tank full."""
     volume: Float[Array, " G"]
     """Volumes, m^D."""
     kind: Int[Array, " G"]
@@ -129,26 +128,26 @@ class Ghosts(eqx.Module):
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
         thin_wall = RegionalGhosts() if thin_wall is None else thin_wall
-        regions = Regions(tuple(plates), thin_wall.division, () if platform is None else (platform,))
-        filling = MirrorImages() if filling is None else filling
-        if (shapes or fixed_shapes) and not isinstance(filling, DummyParticles):
-            raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
+        every = (*shapes, *fixed_shapes)
+        regions = Regions.of(plates, thin_wall.division, platform, every)
+        filling = _checked(MirrorImages() if filling is None else filling, shapes, every)
         images, tank = _tank(filling, box, regions, dx, layers, float(smoothing.radius))
         fixed = join([tank, *_in_the_tank(box, regions, thin_wall, dx, layers)])
-        every = (*shapes, *fixed_shapes)
-        parts = [fixed, *(_dummies(shape, dx, layers) for shape in every)]
-        parts = _with_walls_behind(parts, box, fixed_shapes)
+        solids = _of_solids(every, regions, box, dx, layers)
+        parts = _with_walls_behind([fixed, *solids], box, fixed_shapes)
         ghosts, owner = _in_order(parts, images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         node_sees = _seen_by_nodes(ghosts, regions)
-        brim = _brimful(box, regions, every, dx, layers)
-        full = np.maximum(_full(ghosts, node_sees, images.count, brim, regions, smoothing), filling.least)
+        at = slice(images.count, None)  # images have no nodes
+        # a shape that moves takes its dummies with it
+        told = isinstance(filling, DummyParticles) & ~np.isin(owner, 1 + np.arange(len(shapes)))
+        full = Full(box, regions, every, dx, (2 * layers - 1) * dx)
         return cls(
             x=jnp.asarray(ghosts.x, dtype),
             node=jnp.asarray(ghosts.node, dtype),
             mirror=jnp.asarray(ghosts.mirror, dtype),
             shear=jnp.asarray(_shear(ghosts, owner, slip), dtype),
-            full=jnp.asarray(full, dtype),
+            brim=Brim.of(ghosts.node[at], node_sees[at], told[at], full, smoothing, filling.least, dtype),
             volume=jnp.asarray(ghosts.volume, dtype),
             kind=jnp.asarray(ghosts.kind, jnp.int32),
             node_sees=jnp.asarray(node_sees, jnp.int32),
@@ -195,17 +194,18 @@ class Ghosts(eqx.Module):
         smoothing: Smoothing,
         images: Chosen,
         table: PointNeighbours,
+        weight: Float[Array, " D"],
     ) -> NodeFit:
         """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours.
 
-        An image needs none, and is wet where it has its particle in `images`.
+        An image needs none, and is wet where it has its particle in `images`; `weight`: rho0 g, N/m3.
         """
         rows, none = self.at_nodes, jnp.zeros(self.images.count, nodes.dtype)
         wet, zeros = images.there.astype(nodes.dtype), (none,) * nodes.shape[1]
         alone = NodeFit(none, zeros, zeros, wet)
         if len(wet) == self.count:
             return alone
-        found = self.filling.fit(nodes[rows], self.full[rows], water, smoothing, table)
+        found = self.filling.fit(nodes[rows], self.brim, water, smoothing, table, weight)
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), alone, found)
 
     def carried(
@@ -321,9 +321,24 @@ def _rows(parts: Sequence[GhostSet]) -> tuple[tuple[int, int], ...]:
     return tuple(itertools.pairwise(ends))
 
 
-def _dummies(shape: AbstractShape, dx: float, layers: int) -> GhostSet:
-    """Dummy particles of a solid."""
-    return solid_ghosts(*shape.dummies(dx, layers))
+def _checked(
+    filling: AbstractFilling, moving: Sequence[AbstractShape], every: Sequence[AbstractShape]
+) -> AbstractFilling:
+    """The filling. **Raises** ValueError for shapes that walls of it cannot have, or that cannot move."""
+    if every and not isinstance(filling, DummyParticles):
+        raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
+    if any(shape.dividers() for shape in moving):
+        raise ValueError("shapes: a thin plate divides the water where it is built, and cannot move")
+    return filling
+
+
+def _of_solids(
+    shapes: Sequence[AbstractShape], regions: Regions, box: Box, dx: float, layers: int
+) -> Iterator[GhostSet]:
+    """Dummy particles of every solid, as ghosts."""
+    for shape in shapes:
+        others = [one for one in shapes if one is not shape]
+        yield solid_ghosts(shape, regions, box, others, dx, layers)
 
 
 def _with_walls_behind(
@@ -362,22 +377,6 @@ def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
 
-def _brimful(
-    box: Box, regions: Regions, shapes: Sequence[AbstractShape], dx: float, layers: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (m) and volumes (m^D) of water that fills the tank to the brim.
-
-    It goes a little beyond every end without a wall, the brim included.
-    """
-    beyond = np.where(box.walls.T, 0.0, (2 * layers - 1) * dx)
-    under, over = tuple(box.low - beyond[0]), tuple(box.high + beyond[1])
-    x, volume = lattice(under, over, dx, regions.plates, regions.platforms)
-    for shape in shapes:
-        outside = np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) > 0
-        x, volume = x[outside], volume[outside]
-    return x, volume
-
-
 def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.ndarray:
     """Factors `[G, D]` of the velocity that the viscous force sees.
 
@@ -386,21 +385,3 @@ def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.n
     tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
     normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]
     return np.where(normal, ghosts.mirror, tangential)
-
-
-def _full(
-    ghosts: GhostSet,
-    node_sees: np.ndarray,
-    images: int,
-    brim: tuple[np.ndarray, np.ndarray],
-    regions: Regions,
-    smoothing: Smoothing,
-) -> np.ndarray:
-    """Kernel's sum V W at every node over the water `brim` that the node sees; 1 for the first `images`."""
-    x, volume = brim
-    full = np.ones(len(ghosts.x))
-    kind = np.asarray(region_bits(regions, jnp.asarray(x, jnp.float32))[0])
-    for mask in np.unique(node_sees[images:]):
-        of, seen = (node_sees == mask) & (np.arange(len(full)) >= images), (kind & mask) != 0
-        full[of] = kernel_fill(ghosts.node[of], x[seen], volume[seen], smoothing.kernel, float(smoothing.h))
-    return full

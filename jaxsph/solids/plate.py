@@ -1,0 +1,65 @@
+"""Thin plate of any direction: a shape that keeps the water on its two sides apart."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import shapely
+
+from jaxsph.core.arrays import Array, Float
+from jaxsph.solids.box import LeaningPlate
+from jaxsph.solids.shapes import AbstractShape, plain_numbers
+
+
+class Plate(AbstractShape):
+    """Straight plate in the x-z plane, which may be thinner than the kernel.
+
+    Each face has a full depth of dummy particles of its own, which only the water on that side sees (Zhu et
+    al. 2020, section 2.4.1), so that the water on the two sides does not see each other.
+    """
+
+    foot: Float[Array, "2"] = eqx.field(converter=plain_numbers)
+    """Middle (x, z) of one end, m."""
+    head: Float[Array, "2"] = eqx.field(converter=plain_numbers)
+    """Middle (x, z) of the other end, m."""
+    thickness: Float[Array, ""] = eqx.field(converter=plain_numbers)
+    """Thickness, m."""
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        foot, head = (jnp.asarray(a, x.dtype) for a in (self.foot, self.head))
+        length = jnp.sqrt(jnp.sum((head - foot) ** 2))
+        e = (head - foot) / length
+        r = x - 0.5 * (foot + head)
+        along, across = r @ e, r[:, 0] * e[1] - r[:, 1] * e[0]
+        half = jnp.stack([0.5 * length, 0.5 * jnp.asarray(self.thickness, x.dtype)])
+        beyond = jnp.abs(jnp.stack([along, across], axis=1)) - half
+        # the guard is for the derivative on an edge
+        outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
+        return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
+
+    def bounds(self):
+        """See `AbstractShape`."""
+        corners = self.outline()
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def region(self):
+        """See `AbstractShape`."""
+        return shapely.Polygon(self.outline())
+
+    def outline(self):
+        """See `AbstractShape`."""
+        foot, head, half = np.asarray(self.foot), np.asarray(self.head), 0.5 * float(self.thickness)
+        ex, ez = np.asarray(self.straight().along)
+        aside = half * np.array([ez, -ex])
+        return np.array([foot + aside, head + aside, head - aside, foot - aside])
+
+    def dividers(self):
+        """See `AbstractShape`."""
+        return (self.straight(),)
+
+    def straight(self) -> LeaningPlate:
+        """The plate in plain numbers."""
+        (x0, z0), (x1, z1) = np.asarray(self.foot).tolist(), np.asarray(self.head).tolist()
+        return LeaningPlate((x0, z0), (x1, z1), float(self.thickness))
