@@ -1,6 +1,7 @@
 """A wavemaker of your own: a piston that pushes once and makes one hump, in the place of regular waves.
 
 A motion that is a function of time says its displacement; its velocity follows from it.
+jaxsph run examples/own_wavemaker.py:hump --set stroke=0.03
 """
 
 import dataclasses
@@ -19,14 +20,15 @@ class Push(js.AbstractGivenMotion):
         return self.stroke * s * s * (3.0 - 2.0 * s)
 
 
-case = js.load_case("owc").replace(
-    {"dx": 0.04, "tank.length": 1.2, "device.wall_thickness": 0.04, "probes": {"gauges": [0.5]}}
-)
-model, state = js.build(case)
-paddle = dataclasses.replace(model.moving[0], motion=Push(jnp.float32(0.05), jnp.float32(0.6)))
-model = dataclasses.replace(model, moving=(paddle,))
-probes = js.make_probes(case, model, state)
-solution = js.march(model, state, 1.2, case.output.sample_dt, probes)
-crest = solution["eta"][:, 0].argmax()
-print(f"paddle at {1e3 * solution['paddle'][-1]:.1f} mm")
-print(f"crest of {1e3 * solution['eta'][crest, 0]:.1f} mm at the gauge at t = {solution.t[crest]:.2f} s")
+def hump(stroke: float = 0.05, duration: float = 0.6, t1: float = 1.2) -> js.Problem:
+    owc = {"dx": 0.04, "tank.length": 1.2, "device.wall_thickness": 0.04, "probes": {"gauges": [0.5]}}
+    problem = js.load_case("owc").replace(owc).problem()
+    motion = Push(jnp.float32(stroke), jnp.float32(duration))
+    return problem.with_parts(moving=[dataclasses.replace(problem.model.moving[0], motion=motion)], t1=t1)
+
+
+if __name__ == "__main__":
+    solution = js.run(js.Program(hump, {}), out="runs/own_wavemaker.h5", overwrite=True)
+    crest = solution["eta"][:, 0].argmax()
+    print(f"paddle at {1e3 * solution['paddle'][-1]:.1f} mm")
+    print(f"crest of {1e3 * solution['eta'][crest, 0]:.1f} mm at the gauge at t = {solution.t[crest]:.2f} s")

@@ -73,6 +73,7 @@ def test_a_batch_is_the_single_runs_and_one_that_fails_does_not_spoil_it(tmp_pat
     assert not np.allclose(done.members[0,]["loss_diffusive"], alone["loss_diffusive"], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_batch_goes_on_where_its_members_were(tmp_path):
     """One was a chunk ahead when the sweep was stopped, and waits for the other; a third had ended."""
     cases = [CASE.replace({"scheme.delta": a, "output.snapshot_dt": 0.05}) for a in (0.1, 0.05)]

@@ -38,7 +38,7 @@ QUICK = {
     "README.md": {'"dx": 0.02': COARSE, "t1=12.0": "t1=3.6"},
     "run.py": {"t1=6.0": "t1=2.4"},
     "sweep.py": {"[150.0, 300.0, 600.0]": "[300.0]"},
-    "own_pto.py": {"state, 2.4,": "state, 0.6,"},
+    "own_pto.py": {"t1: float = 2.4": "t1: float = 0.6"},
     "control.py": {"state, 2.4,": "state, 0.6,", "n_steps=20": "n_steps=4"},
     "own_fluid.py": {"n, nu, rho = 25,": "n, nu, rho = 16,"},
 }
@@ -105,8 +105,13 @@ def test_code_of_pages_runs(page, execute):
 
 SLOW = (
     "control",
+    "own_damper",
     "own_fluid",
+    "own_probe",
+    "own_scheme",
+    "own_shape",
     "own_solid",
+    "own_viscosity",
     "own_wavemaker",
     "run",
     "slope",

@@ -364,7 +364,9 @@ def test_what_does_not_fit_is_refused(change, message):
 
 # The bar is 0.1 mm of level; the spacing is 40 mm. Looked at g dt^2/2 too low, a tank rose by 0.3 mm (1 mm in
 # 3-D); started with the surface's rows on the lattice it sinks by 0.05 mm (rises by 0.25 mm).
-@pytest.mark.parametrize("width", [{}, {"width": 0.16}], ids=["2-D", "3-D"])
+@pytest.mark.parametrize(
+    "width", [{}, pytest.param({"width": 0.16}, marks=pytest.mark.slow)], ids=["2-D", "3-D"]
+)
 def test_still_water_stays_at_its_level_from_the_first_step_on(width):
     """A tank at rest keeps its mean level and takes no energy from the projection."""
     tank = {"length": 0.4, "depth": 0.48, "height": 0.8}

@@ -161,6 +161,7 @@ def test_an_assembled_problem_has_a_file_and_goes_on(tmp_path):
         js.sweep(problem, {"amplitude": [1.0]}, tmp_path / "s.h5", progress=False)
 
 
+@pytest.mark.slow
 def test_exact_slope_of_a_function_is_that_of_its_case(own):
     of_case = js.derivative(OWC, "pto.K_dm", "energy_pto", js.Exact(), progress=False)
     arguments = {"K_dm": OWC.pto.K_dm, "wall": OWC.device.wall_thickness}

@@ -24,6 +24,7 @@ from jaxsph.model.interfaces import (
     AbstractForce,
     ExactTangents,
     Model,
+    check_parts,
     own_states,
 )
 from jaxsph.model.solids import AbstractBody, AbstractWall
@@ -121,7 +122,7 @@ def assemble(
         z0=leaf(x[:, -1]),
         search=_search(walls, x, scheme.smoothing, skin, block, chambers, settings, search_by),
     )
-    _check_parts(model)
+    check_parts(model)
     state = State(
         particles=scheme.with_pressure(_particles(x, u, m, dtype), leaf(np.zeros(n) if p is None else p)),
         own=own_states(model, dtype),
@@ -167,26 +168,6 @@ def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
     if walls.sides[-1] != "spill":
         return ()
     return (Rim((*(a + 0.5 * dx for a in walls.low[:-1]), walls.high[-1])),)
-
-
-def _check_parts(model: Model) -> None:
-    """Raises ValueError for parts that share a name, or do not go with the walls' ghosts."""
-    names = [part.name for part in model.parts]
-    energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
-    for given, what in ((names, "names"), (energies, "energies in the ledger")):
-        twice = sorted({name for name in given if given.count(name) > 1})
-        if twice:
-            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each a name of its own")
-    ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
-    if ends:
-        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: there are no chambers of these names")
-    given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
-    needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
-    if given != needed:
-        raise ValueError(
-            f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle "
-            "for a box with one, and a body or a driven solid for each of the walls' shapes (`dummies`)"
-        )
 
 
 def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:

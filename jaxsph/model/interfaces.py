@@ -406,3 +406,23 @@ def own_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
     """States of all parts that evolve, at t = 0, by name."""
     parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
     return {part.name: part.start(dtype) for part in parts}
+
+
+def check_parts(model: Model) -> None:
+    """**Raises** ValueError for parts that share a name, or do not go with the walls' ghosts."""
+    names = [part.name for part in model.parts]
+    energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
+    for given, what in ((names, "names"), (energies, "energies in the ledger")):
+        twice = sorted({name for name in given if given.count(name) > 1})
+        if twice:
+            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each a name of its own")
+    ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
+    if ends:
+        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: there are no chambers of these names")
+    given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
+    needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
+    if given != needed:
+        raise ValueError(
+            f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle "
+            "for a box with one, and a body or a driven solid for each of the walls' shapes (`dummies`)"
+        )

@@ -11,7 +11,11 @@ from jaxsph.probes.energy import EnergyProbe
 from jaxsph.probes.noise import NoiseProbe
 from jaxsph.probes.parts import PartProbe
 
-__all__ = ["default_probes"]
+__all__ = ["DEFAULT", "default_probes"]
+
+
+DEFAULT = (EnergyProbe, NoiseProbe, PartProbe)
+"""Classes of the default probes."""
 
 
 def default_probes(model: Model, state: State, sample_dt: float) -> tuple[AbstractProbe, ...]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from jaxsph.errors import CaseError
-from jaxsph.model.interfaces import Model
+from jaxsph.model.interfaces import Model, check_parts, own_states
 from jaxsph.model.meaning import Label
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.solution import Solution
-from jaxsph.model.state import State
-from jaxsph.probes.default import default_probes
+from jaxsph.model.state import State, Tally
+from jaxsph.probes.default import DEFAULT, default_probes
 from jaxsph.probes.joined import described
 from jaxsph.problem.record import (
     AbstractAveraging,
@@ -84,6 +87,32 @@ class Problem:
         except ValueError as error:
             raise CaseError(str(error)) from None
 
+    def with_parts(
+        self,
+        *,
+        probes: Sequence[AbstractProbe] = (),
+        results: Sequence[Result] = (),
+        t1: float | None = None,
+        **parts: Any,
+    ) -> Problem:
+        """The same problem with other parts of its model, and with further probes and results.
+
+        **Arguments**: `parts`: whole fields of `Model` by name, such as `chambers`, `dampers`, `moving` or
+        `scheme`; the water begins with the pressures that it had. `t1`: another end, s.
+        **Raises** CaseError for no such field, parts that do not go together, and a scheme that is not stable
+        at the model's time step.
+        """
+        changed = copy.copy(self)
+        changed.model = _with_parts(self.model, parts)
+        changed.state = _begun(changed.model, self.model, self.state)
+        kept = (probe for probe in self.probes if not isinstance(probe, DEFAULT))
+        changed.probes = (*default_probes(changed.model, changed.state, self.sample_dt), *kept, *probes)
+        energy = energy_result(changed.model, not isinstance(self.averaging, WholeRecord))
+        changed.results = (energy, *self.results[1:], *results)
+        changed.t1 = self.t1 if t1 is None else float(t1)
+        changed._check()
+        return changed
+
     @property
     def sample_every(self) -> int:
         """Number of time steps between two samples; the time step divides the sampling interval."""
@@ -113,6 +142,44 @@ class Problem:
         if not harvested(self.model):
             raise CaseError(f"of = {of!r}: the model has no power take-off")
         return energy_of_power(self.sample_dt)
+
+
+def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
+    """A model with other parts. **Raises** CaseError for what is none of its fields, or does not fit."""
+    fields = [field.name for field in dataclasses.fields(Model)]
+    for name in parts:
+        if name not in fields:
+            raise CaseError(f"{name}: is no part of a model, which has {', '.join(fields)}")
+    given = {name: tuple(value) if isinstance(value, list) else value for name, value in parts.items()}
+    changed = dataclasses.replace(model, **given)
+    try:
+        check_parts(changed)
+    except ValueError as error:
+        raise CaseError(str(error)) from None
+    g, dt = float(np.linalg.norm(changed.g)), float(changed.dt)
+    stable = changed.scheme.stable_dt(g, len(changed.g))
+    if dt > 1.001 * stable:
+        raise CaseError(
+            f"scheme: is stable with steps of at most {stable:.3g} s, and the model's are {dt:.3g} s: make "
+            "the problem with a smaller scheme.cfl"
+        )
+    return changed
+
+
+def _begun(model: Model, before: Model, state: State) -> State:
+    """The state that a model begins with, from that of the model before."""
+    dtype = state.particles.x.dtype
+    old, new = own_states(before, dtype), own_states(model, dtype)
+    # a part that begins as it did keeps what the problem made of its beginning
+    same = [name for name in new if name in old and eqx.tree_equal(new[name], old[name]) is True]
+    own = new | {name: state.own[name] for name in same}
+    ledger = {name: state.ledger.get(name, Tally.zero(dtype)) for name in model.entries()}
+    limits = {name: state.limits.get(name, Tally.zero(dtype)) for name in model.scheme.limiters()}
+    particles = state.particles
+    if model.scheme is not before.scheme:
+        particles = model.scheme.with_pressure(particles, before.scheme.pressure(particles))
+    parts = (particles, own, ledger, limits)
+    return eqx.tree_at(lambda s: (s.particles, s.own, s.ledger, s.limits), state, parts)
 
 
 def energy_of_power(sample_dt: float) -> MeanOfRecord:

@@ -1,0 +1,102 @@
+"""Parts of a user's own, each in one file of at most 40 lines, from the command line."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import kill_with_two_checkpoints
+from typer.testing import CliRunner
+
+import jaxsph as js
+from jaxsph.cli.app import app
+from jaxsph.errors import CaseError
+from jaxsph.output.run_file import RunFile
+
+EXAMPLES = Path(js.__file__).parents[1] / "examples"
+AS_HERE = os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
+PARTS = {
+    "own_pto:one_way": ("c", "energy_pto", 0.3),
+    "own_shape:bob": ("density", "energy_hyperviscosity", 0.2),
+    "own_solid:plunger": ("stroke", "energy_hyperviscosity", 0.2),
+    "own_probe:steep": ("amplitude", "steepest", 0.2),
+    "own_viscosity:thick": ("nu", "energy_hyperviscosity", 0.2),
+    "own_wavemaker:hump": ("stroke", "energy_hyperviscosity", 0.2),
+    "own_damper:screened": ("drag", "energy_hyperviscosity", 0.2),
+    "own_scheme:tait": ("c0", "squeezed", 0.1),
+}
+"""An argument of each part, a result over which it has a slope, and the end of the shortest run, s."""
+
+
+def _command(*arguments, code=0):
+    done = CliRunner().invoke(app, [str(one) for one in arguments])
+    assert done.exit_code == code, done.output
+    return done.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_is_run_killed_resumed_swept_and_differentiated(part, tmp_path):
+    """Its file is copied, as another user would have it; the resumed run is the whole one to the bit."""
+    key, of, t1 = PARTS[part]
+    name, function = part.split(":")
+    own = shutil.copy(EXAMPLES / f"{name}.py", tmp_path)
+    assert len(Path(own).read_text(encoding="utf-8").splitlines()) <= 40
+    program = f"{own}:{function}"
+    whole, killed, sweep = (tmp_path / file for file in ("whole.h5", "killed.h5", "sweep.h5"))
+
+    _command("run", program, "--set", f"t1={t1}", "--out", whole, "--no-plot", "--quiet")
+    page = whole.with_suffix(".html").read_text(encoding="utf-8")
+    assert page.startswith("<!doctype html>") and len(page) > 100_000
+
+    command = [sys.executable, "-m", "jaxsph", "run", program, "--set", "t1=30", "--out", str(killed)]
+    process = subprocess.Popen([*command, "--quiet", "--no-report", "--no-plot"], env=AS_HERE)
+    kill_with_two_checkpoints(process, killed)
+    done = RunFile.open(killed)
+    later = max(t1, round(done.snapshot_times()[-1] + 0.1, 2))
+    _command("resume", killed, "--program", program, "--t1", later, "--quiet", "--no-report", "--no-plot")
+    series = RunFile.open(killed).series()
+    for reading, values in RunFile.open(whole).series().items():
+        np.testing.assert_array_equal(series[reading][: len(values)], values, err_msg=reading)
+
+    value = js.Program.load(program).arguments[key]
+    grid = f"{key}={value},{1.1 * value:g}"
+    _command("sweep", program, "--grid", grid, "--set", f"t1={t1}", "--out", sweep, "--workers", 1)
+    found = js.read_sweep(sweep)
+    assert not found.failures and sweep.with_suffix(".html").exists()
+
+    told = ("--over", key, "--of", of, "--set", f"t1={t1}", "--members", 5)
+    assert "recorded in" in _command("slope", program, *told, "--out", tmp_path / "slope.h5")
+
+
+@pytest.fixture(scope="module")
+def tank():
+    """A coarse tank at rest as a problem."""
+    return js.load_case("hydrostatic").replace({"dx": 0.1, "scheme.kind": "incompressible"}).problem()
+
+
+def test_parts_of_a_problem_are_changed_whole(tank):
+    """The ledger, the state and the probes are those of the new parts, the case's own probes stay."""
+    sponge = js.Sponge(0.5, 1.0, 5.0)
+    changed = tank.with_parts(dampers=[sponge], t1=0.25)
+    assert changed.model.dampers == (sponge,) and not tank.model.dampers
+    assert "sponge" in changed.state.ledger and "sponge" not in tank.state.ledger
+    assert "power_sponge" in changed.units and "power_sponge" not in tank.units
+    assert set(tank.units) <= set(changed.units)
+    assert (changed.t1, tank.t1) != (tank.t1, changed.t1) and changed.name == tank.name
+
+
+def test_parts_that_do_not_fit_are_refused(tank):
+    """By name, or by what they have in common, or because the time step is too long for them."""
+    sponge = js.Sponge(0.5, 1.0, 5.0)
+    with pytest.raises(CaseError, match="damper: is no part of a model, which has scheme, walls"):
+        tank.with_parts(damper=[sponge])
+    with pytest.raises(CaseError, match="parts share the names sponge"):
+        tank.with_parts(dampers=[sponge, sponge])
+    with pytest.raises(CaseError, match="scheme: is stable with steps of at most .* smaller scheme.cfl"):
+        tank.with_parts(scheme=js.DeltaSPH.of(0.1, 100.0))
+    with pytest.raises(CaseError, match=r"t1 = -1.0 s: must be a positive time"):
+        tank.with_parts(t1=-1.0)
