@@ -18,6 +18,11 @@ SECRET = "hunter2"
 REST = {
     "waves": "dx = 0.1\nt1 = 1.0\n[tank]\nlength = 4.0\ndepth = 0.5\n[waves]\nkind = 'recorded'\n",
     "pto": js.load_case("owc").to_toml().split("[pto]")[0] + "[pto]\n",
+    "chamber": "dx = 0.02\nt1 = 1.0\n[tank]\nlength = 4.0\ndepth = 0.5\n"
+    "[solid.front.block]\nlow = [3.2, 0.3]\nhigh = [3.3, 0.8]\n"
+    "[chamber.air]\nbetween = ['front', 'far']\n[chamber.air.pto]\n",
+    "solid": "dx = 0.1\nt1 = 1.0\n[tank]\nlength = 4.0\ndepth = 0.5\n[solid.bed]\n",
+    "body": "dx = 0.1\nt1 = 1.0\n[tank]\nlength = 4.0\ndepth = 0.5\n[body]\n",
 }
 """A case up to the section that names a file."""
 
@@ -34,9 +39,35 @@ def of_case(section):
     return read
 
 
-READERS = {"waves.file": of_case("waves"), "pto.file": of_case("pto"), "--table": js.ScatterTable.read}
+READERS = {
+    "waves.file": of_case("waves"),
+    "pto.file": of_case("pto"),
+    "chamber.air.pto.file": of_case("chamber"),
+    "solid.bed.file": of_case("solid"),
+    "body.file": of_case("body"),
+    "--table": js.ScatterTable.read,
+}
 """Everything that reads a data file by its name."""
-HEADERS = {"waves.file": "t,eta", "pto.file": "q,P_a", "--table": "Hs,Tp,share"}
+HEADERS = {
+    "waves.file": "t,eta",
+    "pto.file": "q,P_a",
+    "chamber.air.pto.file": "q,P_a",
+    "solid.bed.file": "x,z",
+    "body.file": "x,z",
+    "--table": "Hs,Tp,share",
+}
+
+
+def test_a_shape_and_a_curve_come_from_files(tmp_path):
+    """Of a solid, a body and a named chamber; the case then has their numbers, and no name of a file."""
+    corners, curve = [[2.0, 0.0], [3.0, 0.3], [3.0, 0.0]], [[-0.1, -100.0], [0.0, 0.0], [0.1, 100.0]]
+    path, other = tmp_path / "shape.csv", tmp_path / "curve.csv"
+    path.write_text("x (m),z (m)\n" + "".join(f"{x},{z}\n" for x, z in corners))
+    other.write_text("q,P_a\n" + "".join(f"{q},{P_a}\n" for q, P_a in curve))
+    solid, body = of_case("solid")(path), of_case("body")(path)
+    assert solid.solid["bed"].polygon == body.body.polygon == tuple(map(tuple, corners))
+    assert of_case("chamber")(other).chamber["air"].pto.curve == tuple(map(tuple, curve))
+    assert "shape.csv" not in solid.to_toml()
 
 
 def refusal(key, path):

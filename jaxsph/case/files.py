@@ -5,12 +5,15 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.errors import CaseError
+
+Reader = Callable[[Path], dict[str, Any]]
 
 
 def built_in_cases() -> dict[str, str]:
@@ -47,31 +50,54 @@ def load_case(name: str | Path) -> Case:
 
 
 def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Keys of a case with the contents of its CSV files, `waves.file` and `pto.file`, in their place.
+    """Keys of a case with the contents of the CSV files that its sections name (`file`) in their place.
 
     Their names start from the case's own folder. A run's file then has all that the run needs.
     """
-    data, waves, pto = dict(data), data.get("waves"), data.get("pto")
-    if isinstance(waves, dict) and "file" in waves:
-        if waves.get("kind") != "recorded":
-            raise CaseError('waves.file: belongs to waves.kind = "recorded"')
-        data["waves"] = read_series(_named("waves", waves, folder)) | _without_file(waves)
-    if isinstance(pto, dict) and "file" in pto:
-        columns = read_columns(_named("pto", pto, folder), {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
-        points = zip(columns["q"], columns["P_a"], strict=True)
-        data["pto"] = {"curve": [list(point) for point in points]} | _without_file(pto)
+    data = dict(data)
+    waves = data.get("waves")
+    if isinstance(waves, dict) and "file" in waves and waves.get("kind") != "recorded":
+        raise CaseError('waves.file: belongs to waves.kind = "recorded"')
+    for place, read in READ.items():
+        _put(data, place.split("."), "", read, folder)
     return data
 
 
-def _named(section: str, keys: dict[str, Any], folder: Path) -> Path:
-    """Path of the data file that a section names. **Raises** CaseError where that is no name."""
-    if not isinstance(keys["file"], str):
-        raise CaseError(f"{section}.file: must be the name of a CSV file, as text in quotes")
-    return folder / keys["file"]
+def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder: Path) -> None:
+    """Puts what a file holds into the section at a place below `key`; NAME stands for every name."""
+    if not place:
+        file = data.pop("file", None)
+        if file is not None and not isinstance(file, str):
+            raise CaseError(f"{key}.file: must be the name of a CSV file, as text in quotes")
+        data |= {} if file is None else read(folder / file)
+        return
+    for name in list(data) if place[0] == "NAME" else place[:1]:
+        if isinstance(data.get(name), dict):
+            data[name] = dict(data[name])
+            _put(data[name], place[1:], f"{key}.{name}".lstrip("."), read, folder)
 
 
-def _without_file(section: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in section.items() if key != "file"}
+def _read_curve(path: Path) -> dict[str, Any]:
+    """Characteristic curve of a turbine: columns q (m2/s) and P_a (Pa)."""
+    columns = read_columns(path, {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
+    return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
+
+
+def _read_polygon(path: Path) -> dict[str, Any]:
+    """Corners of a shape in their order around it: columns x and z (m)."""
+    columns = read_columns(path, {"x": "m", "z": "m"}, [{"x", "z"}])
+    return {"polygon": [list(point) for point in zip(columns["x"], columns["z"], strict=True)]}
+
+
+READ: dict[str, Reader] = {
+    "waves": read_series,
+    "pto": _read_curve,
+    "chamber.NAME.pto": _read_curve,
+    "duct.NAME.pto": _read_curve,
+    "body": _read_polygon,
+    "solid.NAME": _read_polygon,
+}
+"""Sections that may name a file, `NAME` for every name, and what makes their keys of it."""
 
 
 def _parsed(path: Path, text: str) -> dict[str, Any]:
