@@ -91,9 +91,13 @@ def test_walls_stand_where_the_sides_say(side):
     assert model.walls.period == (((0, pytest.approx(1.2)),) if side == "periodic" else ())
     if not (low or high):
         # where no wall ends it the water goes on: nodes of one height all have the same of it before them
+        box = js.Box((0.0, 0.0), (1.2, 1.2), sides=(side, "walls"))
+        walls = js.Ghosts.build(box, DX, model.scheme.smoothing, js.FreeSlip(), filling=js.MirrorNodes())
+        x = np.asarray(walls.x)
         for z in np.unique(x[:, 1]):
-            full = np.asarray(model.walls.full)[x[:, 1] == z]
+            full = np.asarray(walls.brim.full)[x[:, 1] == z]
             np.testing.assert_allclose(full, full[0], rtol=1e-5)  # float32
+            assert 0.3 < full[0] < 1.1  # half of a kernel or more is in the water
 
 
 def test_unknown_side_and_impossible_slide_are_refused():

@@ -100,7 +100,7 @@ class Brim(eqx.Module):
         # a node of which no level is told is below it
         heights = np.tile([-NOWHERE, -NOWHERE, NOWHERE], (len(nodes), 1))
         fine = water.finer() if told.any() else water
-        for mask in np.unique(sees):
+        for mask in np.unique(sees).tolist():
             here = sees == mask
             full[here] = kernel_fill(nodes[here], *water.seen(mask), smoothing.kernel, float(smoothing.h))
             here = here & told
