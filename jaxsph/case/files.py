@@ -69,7 +69,7 @@ def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder:
         file = data.pop("file", None)
         if file is not None and not isinstance(file, str):
             raise CaseError(f"{key}.file: must be the name of a CSV file, as text in quotes")
-        data |= {} if file is None else read(folder / file)
+        data.update({} if file is None else read(folder / file) | data)
         return
     for name in list(data) if place[0] == "NAME" else place[:1]:
         if isinstance(data.get(name), dict):

@@ -401,8 +401,7 @@ def walls_of(case: Sections) -> str:
 
 
 def thin_wall(device: Device | None) -> AbstractThinWall:
-    """Method by which the ghosts of thin plates are placed: regional or multi-node, in the division that the
-    device says, or where there is none in the default one."""
+    """Method that places the ghosts of thin plates: the device's, or the default where there is no device."""
     if device is None:
         return RegionalGhosts()
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()

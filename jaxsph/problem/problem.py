@@ -145,7 +145,10 @@ class Problem:
 
 
 def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
-    """A model with other parts. **Raises** CaseError for what is none of its fields, or does not fit."""
+    """The model with some of its parts exchanged.
+
+    **Raises** CaseError for a name that a model does not have, and for parts that do not go together.
+    """
     fields = [field.name for field in dataclasses.fields(Model)]
     for name in parts:
         if name not in fields:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -35,7 +37,8 @@ FEW = 1.0e-4
 """Kernel's sum V W below which there is no water to speak of."""
 
 
-class Full(NamedTuple):
+@dataclass(frozen=True)
+class Full:
     """Water that fills a tank to the brim, and a little beyond every end without a wall."""
 
     box: Box
@@ -49,18 +52,23 @@ class Full(NamedTuple):
 
     def finer(self) -> Full:
         """The same on half the spacing, where a level cuts a slanting wall's cells better; in 2-D alone."""
-        return self._replace(side=0.5 * self.side) if len(self.box.low) == 2 else self
+        return replace(self, side=0.5 * self.side) if len(self.box.low) == 2 else self
 
     def seen(self, bits: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions (m) and volumes (m^D) of the water whose kind is among the bits."""
+        x, volume, kind = self._particles
+        return x[(kind & bits) != 0], volume[(kind & bits) != 0]
+
+    @functools.cached_property
+    def _particles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions (m), volumes (m^D) and kind bits of all the water."""
         over = np.where(self.box.walls.T, 0.0, self.beyond)
         ends = tuple(self.box.low - over[0]), tuple(self.box.high + over[1])
         x, volume = lattice(*ends, self.side, self.regions.plates, self.regions.platforms)
         for shape in self.shapes:
             outside = np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) > 0
             x, volume = x[outside], volume[outside]
-        kind = np.asarray(region_bits(self.regions, jnp.asarray(x, jnp.float32))[0])
-        return x[(kind & bits) != 0], volume[(kind & bits) != 0]
+        return x, volume, np.asarray(region_bits(self.regions, jnp.asarray(x, jnp.float32))[0])
 
 
 class Brim(eqx.Module):

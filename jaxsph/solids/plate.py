@@ -9,7 +9,7 @@ import shapely
 
 from jaxsph.core.arrays import Array, Float
 from jaxsph.solids.box import LeaningPlate
-from jaxsph.solids.shapes import AbstractShape, plain_numbers
+from jaxsph.solids.shapes import AbstractShape, box_distance, plain_numbers
 
 
 class Plate(AbstractShape):
@@ -34,10 +34,7 @@ class Plate(AbstractShape):
         r = x - 0.5 * (foot + head)
         along, across = r @ e, r[:, 0] * e[1] - r[:, 1] * e[0]
         half = jnp.stack([0.5 * length, 0.5 * jnp.asarray(self.thickness, x.dtype)])
-        beyond = jnp.abs(jnp.stack([along, across], axis=1)) - half
-        # the guard is for the derivative on an edge
-        outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
-        return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
+        return box_distance(jnp.abs(jnp.stack([along, across], axis=1)) - half)
 
     def bounds(self):
         """See `AbstractShape`."""

@@ -125,9 +125,7 @@ class Block(AbstractShape):
         """See `AbstractShape`."""
         low, high = jnp.asarray(self.low, x.dtype), jnp.asarray(self.high, x.dtype)
         beyond = jnp.maximum(low - x, x - high)
-        # the guard is for the derivative on an edge
-        outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
-        return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
+        return box_distance(beyond)
 
     def bounds(self):
         """See `AbstractShape`."""
@@ -228,6 +226,16 @@ class Disc(AbstractShape):
         area = float(np.pi * float(self.radius) ** 2)
         x, z = np.asarray(self.centre)
         return area, (float(x), float(z)), 0.5 * area * float(self.radius) ** 2
+
+
+def box_distance(beyond: Float[Array, "N D"]) -> Float[Array, " N"]:
+    """Distance of points from a box's surface, m, negative inside.
+
+    `beyond`: how far they are beyond its faces along each of its axes, m.
+    """
+    # the guard is for the derivative on an edge
+    outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
+    return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
 
 
 def box_corners(low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
