@@ -196,7 +196,10 @@ class AbstractParticleScheme(AbstractScheme):
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
         x, nodes, volume = model.ghosts_at(state.own, state.particles, tables.images)
-        water = tables.fluid.slabs.fetch(self.water(state.particles))
+        water = self.water(state.particles)
+        if model.chambers and walls.dummies:
+            water = Sources(water.water | {"over_air": model.pressure_over_air(state)}, water.ghosts)
+        water = tables.fluid.slabs.fetch(water)
         weight = self.rho0 * model.g
         fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes, weight)
         here = fit.wet
