@@ -243,6 +243,32 @@ def test_parts_that_are_off_are_no_branches():
     assert branches == []
 
 
+def test_keys_of_a_case_are_named_by_cases_alone():
+    """What a part or a problem says to a user names no TOML key: whoever put it together may have none."""
+    sections = "air|device|fluid|kernel|output|pto|scheme|search|tank|waves"
+    key = re.compile(rf"(?<![\w.`])({sections})\.[a-z]\w*(?!\w*\()")
+    found = []
+    for file, tree in TREES.items():
+        if _room(file) in (*TRACED, "problem"):
+            docs = {
+                id(node.body[0].value)
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+                and node.body
+                and isinstance(node.body[0], ast.Expr)
+            }
+            found += [
+                f"{file}: {node.value}"
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and id(node) not in docs
+                and key.search(node.value)
+                and not node.value.startswith("jaxsph")
+            ]
+    assert found == []
+
+
 def _words(texts):
     return Counter(word for text in texts for word in re.findall(r"\w+", text))
 

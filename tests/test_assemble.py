@@ -136,7 +136,9 @@ def test_central_force_is_minus_the_gradient_of_its_potential():
     force = CentralForce(jnp.float32(1.5), jnp.float32([0.2, -0.1]))
     x = jnp.asarray(np.random.default_rng(0).normal(size=(20, 2)), jnp.float32)
     slope = jax.grad(lambda x: jnp.sum(force.potential(x)))(x)
-    np.testing.assert_allclose(force.acceleration(x), -slope, atol=1e-5)  # float32, values of some units
+    np.testing.assert_allclose(
+        force.acceleration(x, jnp.float32(0.0)), -slope, atol=1e-5
+    )  # float32, values of some units
 
 
 def test_periodic_step_is_the_shifted_one(vortex):

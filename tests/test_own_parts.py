@@ -1,17 +1,20 @@
 """Parts of a user's own, each in one file of at most 40 lines, from the command line."""
 
+import importlib
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import kill_with_two_checkpoints
 from typer.testing import CliRunner
 
 import jaxsph as js
+from jaxsph.analysis.energy import energy_budget
 from jaxsph.cli.app import app
 from jaxsph.errors import CaseError
 from jaxsph.output.run_file import RunFile
@@ -26,6 +29,7 @@ PARTS = {
     "own_viscosity:thick": ("nu", "energy_hyperviscosity", 0.2),
     "own_wavemaker:hump": ("stroke", "energy_hyperviscosity", 0.2),
     "own_damper:screened": ("drag", "energy_hyperviscosity", 0.2),
+    "own_force:shaken": ("amplitude", "energy_hyperviscosity", 0.2),
     "own_scheme:tait": ("c0", "squeezed", 0.1),
 }
 """An argument of each part, a result over which it has a slope, and the end of the shortest run, s."""
@@ -72,6 +76,45 @@ def test_a_part_is_run_killed_resumed_swept_and_differentiated(part, tmp_path):
     assert "recorded in" in _command("slope", program, *told, "--out", tmp_path / "slope.h5")
 
 
+def _sloshing(t, x, amplitude, omega, length, depth):
+    """Elevation (m) at x (m) in a tank that is shaken from rest by amplitude sin(omega t) (m/s2).
+
+    Linear theory of inviscid water: a sum of the odd modes, each an oscillator under its share of the force.
+    """
+    eta = np.zeros_like(t)
+    for n in range(1, 41, 2):
+        k = n * np.pi / length
+        pull, own = (
+            4.0 * amplitude * np.tanh(k * depth) / (length * k),
+            np.sqrt(9.81 * k * np.tanh(k * depth)),
+        )
+        swing = np.sin(omega * t) - omega / own * np.sin(own * t)
+        eta += pull / (own**2 - omega**2) * swing * np.cos(k * x)
+    return eta
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["incompressible", "weakly_compressible"])
+def test_water_in_a_shaken_tank_sloshes_as_in_linear_theory(kind, monkeypatch):
+    """To 12 % (RMS) of waves of up to one and a half spacings, whose steepness theory leaves out.
+
+    With a third of the force and half the spacing they are 4 % off, with the one 6 %. What the force gives is
+    in the water, to 1e-4 of the kinetic energy, and to 1 % with sound in it.
+    """
+    monkeypatch.syspath_prepend(EXAMPLES)
+    shaken = importlib.import_module("own_force").shaken
+    problem = shaken(dx=0.025, t1=4.0)
+    if kind == "weakly_compressible":
+        case = js.load_case("hydrostatic").replace({"dx": 0.025, "probes.gauges": [0.1]})
+        problem = case.problem().with_parts(forces=problem.model.forces)
+    series = js.march(problem.model, problem.state, 4.0, problem.sample_dt, problem.probes).series
+    expected = _sloshing(series["time"], 0.1, 0.3, 4.0, 1.0, 1.0)
+    assert np.linalg.norm(series["eta"][:, 0] - expected) < 0.12 * np.linalg.norm(expected)
+    budget = energy_budget(series)
+    assert np.max(series["kinetic"]) > 1.0
+    assert abs(budget["residual_share"]) < (1e-4 if kind == "incompressible" else 1e-2)
+
+
 @pytest.fixture(scope="module")
 def tank():
     """A coarse tank at rest as a problem."""
@@ -96,7 +139,13 @@ def test_parts_that_do_not_fit_are_refused(tank):
         tank.with_parts(damper=[sponge])
     with pytest.raises(CaseError, match="parts share the names sponge"):
         tank.with_parts(dampers=[sponge, sponge])
-    with pytest.raises(CaseError, match="scheme: is stable with steps of at most .* smaller scheme.cfl"):
+    with pytest.raises(CaseError, match="scheme: is stable with steps of at most .* shorter time steps"):
         tank.with_parts(scheme=js.DeltaSPH.of(0.1, 100.0))
+    pull, ball = (
+        js.CentralForce(jnp.float32(1.0), jnp.zeros(2)),
+        js.load_case("flap_2d").replace({"dx": 0.08}),
+    )
+    with pytest.raises(CaseError, match="body forces act on the water alone, and body can move"):
+        ball.problem().with_parts(forces=[pull])
     with pytest.raises(CaseError, match=r"t1 = -1.0 s: must be a positive time"):
         tank.with_parts(t1=-1.0)

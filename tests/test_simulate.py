@@ -25,6 +25,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.results import SettledPeriods, case_results, flume_gauges
 from jaxsph.case.results import mean_of_power as result_of_power
+from jaxsph.case.scheme import remedies
 from jaxsph.case.settling import settled_periods
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.model.meaning import Entry, Exchange
@@ -239,17 +240,18 @@ def test_settings_go_straight_to_what_was_needed(hydrostatic):
 
 
 def test_too_few_images_name_the_walls_that_need_none(hydrostatic):
-    _, model, state = hydrostatic
+    case, model, state = hydrostatic
     full = eqx.tree_at(lambda s: s.status.bits, state, jnp.asarray(int(Failure.NEIGHBOUR_OVERFLOW)))
     assert chunks.better_settings(model, full.status) is None  # no table would be enough if it grew
-    assert 'set tank.walls = "mirror"' in str(chunks.failure_error("dense", model, full))
+    words = str(chunks.failure_error(model, full, "dense", remedies(case)))
+    assert 'set tank.walls = "mirror"' in words
 
 
 def test_a_table_outrun_in_one_step_names_what_makes_steps_shorter(hydrostatic):
-    _, model, state = hydrostatic
+    case, model, state = hydrostatic
     stale = eqx.tree_at(lambda s: s.status.bits, state, jnp.asarray(int(Failure.STALE_TABLE)))
-    error = chunks.failure_error("fast", model, stale)
-    assert "outruns its neighbour table" in str(error) and model.scheme.too_fast[1] in str(error)
+    error = str(chunks.failure_error(model, stale, "fast", remedies(case)))
+    assert "outruns its neighbour table" in error and "raise fluid.c0" in error
 
 
 @pytest.mark.parametrize("field", ["u", "rho"])
@@ -689,15 +691,20 @@ def test_whatever_goes_wrong_in_a_result_is_a_notice():
 
 
 def test_failures_have_their_remedies(hydrostatic):
-    _, model, state = hydrostatic
+    """A case names its keys; a problem that has none of them says what to change about its parts."""
+    case, model, state = hydrostatic
     status = eqx.tree_at(lambda s: (s.bits, s.where), state.status, (8, jnp.asarray([0.5, 1e3])))
     top = float(model.walls.high[-1])
-    words = str(chunks.failure_error("it", model, eqx.tree_at(lambda s: s.status, state, status)))
+    failed = eqx.tree_at(lambda s: s.status, state, status)
+    words = str(chunks.failure_error(model, failed, "it", remedies(case)))
     assert f"over the rim of the tank, which is {top:g} m high" in words
     assert "jaxsph resume FILE --set tank.height=" in words
     status = eqx.tree_at(lambda s: (s.bits, s.residual), status, (64, jnp.asarray(0.25)))
-    words = str(chunks.failure_error("it", model, eqx.tree_at(lambda s: s.status, state, status)))
+    failed = eqx.tree_at(lambda s: s.status, state, status)
+    words = str(chunks.failure_error(model, failed, "it", remedies(case)))
     assert "did not converge (residual 0.25" in words and "raise scheme.tolerance" in words
+    words = str(chunks.failure_error(model, failed, "it", {}))
+    assert "What to change: take shorter time steps" in words and "scheme." not in words
 
 
 # --- interruptions

@@ -16,6 +16,7 @@ from jaxsph.case.limits import check_limits
 from jaxsph.case.notices import limit_notices
 from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
+from jaxsph.case.scheme import remedies
 from jaxsph.case.section import NAME, Section, by_name, kind_of
 from jaxsph.case.sections import DEVICE_CHAMBER, KINDS, Sections
 from jaxsph.errors import CaseError
@@ -107,6 +108,7 @@ class Case(Sections):
             description=self.description,
             averaging=WholeRecord() if self.waves is None else SettledPeriods(self),
             mean_of_power=functools.partial(mean_of_power, self),
+            remedies=remedies(self),
         )
 
     def value(self, name: str) -> Any:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import difflib
 import importlib.resources
+import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns, read_series, read_text
+from jaxsph.case.drawings import DRAWINGS, read_outline
 from jaxsph.errors import CaseError
 
-Reader = Callable[[Path], dict[str, Any]]
+Reader = Callable[[Path, dict[str, Any]], dict[str, Any]]
+"""Keys of a section by a file, from its path and the section; what it uses of the section it takes out."""
 
 
 def built_in_cases() -> dict[str, str]:
@@ -50,7 +55,7 @@ def load_case(name: str | Path) -> Case:
 
 
 def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Keys of a case with the contents of the CSV files that its sections name (`file`) in their place.
+    """Keys of a case with the contents of the data files that its sections name (`file`) in their place.
 
     Their names start from the case's own folder. A run's file then has all that the run needs.
     """
@@ -68,8 +73,13 @@ def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder:
     if not place:
         file = data.pop("file", None)
         if file is not None and not isinstance(file, str):
-            raise CaseError(f"{key}.file: must be the name of a CSV file, as text in quotes")
-        data.update({} if file is None else read(folder / file) | data)
+            raise CaseError(f"{key}.file: must be the name of a data file, such as a CSV, as text in quotes")
+        if file is not None:
+            try:
+                found = read(folder / file, data)
+            except ValueError as error:
+                raise CaseError(f"{key}.{error}") from None
+            data.update(found | data)
         return
     for name in list(data) if place[0] == "NAME" else place[:1]:
         if isinstance(data.get(name), dict):
@@ -77,20 +87,49 @@ def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder:
             _put(data[name], place[1:], f"{key}.{name}".lstrip("."), read, folder)
 
 
-def _read_curve(path: Path) -> dict[str, Any]:
+def _read_series(path: Path, section: dict[str, Any]) -> dict[str, Any]:
+    """Series of waves, see `read_series`."""
+    del section
+    return read_series(path)
+
+
+def _read_curve(path: Path, section: dict[str, Any]) -> dict[str, Any]:
     """Characteristic curve of a turbine: columns q (m2/s) and P_a (Pa)."""
+    del section
     columns = read_columns(path, {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
     return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
 
 
-def _read_polygon(path: Path) -> dict[str, Any]:
-    """Corners of a shape in their order around it: columns x and z (m)."""
-    columns = read_columns(path, {"x": "m", "z": "m"}, [{"x", "z"}])
-    return {"polygon": [list(point) for point in zip(columns["x"], columns["z"], strict=True)]}
+def _read_polygon(path: Path, section: dict[str, Any]) -> dict[str, Any]:
+    """Corners of a shape in their order around it: columns x and z (m), or the outline in a drawing.
+
+    The section's `scale` multiplies them, and `at` is where their origin is in the tank, m. **Raises**
+    ValueError for a value of these that cannot be used.
+    """
+    scale, at = section.pop("scale", None), section.pop("at", [0.0, 0.0])
+    if scale is not None and not (_is_number(scale) and scale > 0.0):
+        raise ValueError(f"scale = {scale!r}: must be a positive number")
+    if not (isinstance(at, list) and len(at) == 2 and all(map(_is_number, at))):
+        raise ValueError(f"at = {at!r}: must be a place [x, z], m")
+    if path.suffix.lower() in DRAWINGS:
+        corners = read_outline(path, scale)
+    elif path.suffix.lower() != ".csv":
+        raise CaseError(
+            f"{path}: must be a CSV file whose name ends in .csv, or a drawing whose name ends in "
+            f"{' or '.join(DRAWINGS)}"
+        )
+    else:
+        columns = read_columns(path, {"x": "m", "z": "m"}, [{"x", "z"}])
+        corners = np.stack([columns["x"], columns["z"]], axis=1) * (1.0 if scale is None else scale)
+    return {"polygon": (corners + at).tolist()}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 READ: dict[str, Reader] = {
-    "waves": read_series,
+    "waves": _read_series,
     "pto": _read_curve,
     "chamber.NAME.pto": _read_curve,
     "duct.NAME.pto": _read_curve,

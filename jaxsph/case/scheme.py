@@ -9,6 +9,7 @@ from jaxsph.case.speeds import projection_speed, sound_speed
 from jaxsph.model.background import Background
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import AbstractViscosity, ArtificialViscosity, PhysicalViscosity
+from jaxsph.problem.trouble import Remedies, Trouble
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.schemes.incompressible import ISPH
 from jaxsph.schemes.integrators import AbstractIntegrator, PredictorCorrector, SymplecticEuler
@@ -47,6 +48,29 @@ def shortest_limit(case: Sections) -> str:
         given = "fluid.nu" if getattr(case.scheme, "alpha", None) is None else "scheme.alpha"
         return f"the viscosity, {_kinematic_viscosity(case):.3g} m2/s: change {given} or dx"
     return "gravity on the scale of a spacing: change dx"
+
+
+def remedies(case: Sections) -> Remedies:
+    """Keys of a case to change where a run of it fails."""
+    rim = "raise tank.height and go on: jaxsph resume FILE --set tank.height={higher}; "
+    found = {
+        Trouble.OVER_RIM: rim + 'or let it go: tank.rim = "open"',
+        Trouble.THROUGH_WALL: "a smaller scheme.cfl or dx",
+        Trouble.NOT_CONVERGED: (
+            'raise scheme.tolerance, reduce scheme.cfl, or set scheme.solver = "explicit"'
+        ),
+        Trouble.TOO_DENSE: 'set tank.walls = "mirror"',
+        Trouble.NO_TABLES: "reduce scheme.cfl or dx",
+    }
+    if isinstance(case.scheme, Incompressible):
+        fast, unsteady = (
+            "raise scheme.speed, or reduce scheme.cfl",
+            "reduce scheme.cfl, or raise scheme.speed",
+        )
+    else:
+        fast = "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which"
+        unsteady = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
+    return found | {Trouble.TOO_FAST: fast, Trouble.NOT_FINITE: unsteady}
 
 
 def _stable_dt(case: Sections, nu: float, g: float) -> float:

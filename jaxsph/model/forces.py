@@ -2,13 +2,51 @@
 
 from __future__ import annotations
 
+import abc
+
+import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.interfaces import AbstractForce
+
+FORCES = "forces"
+"""Name in the ledger of the energy that body forces give."""
 
 
-class CentralForce(AbstractForce):
+class AbstractForce(eqx.Module):
+    """A body force beside the uniform gravity, given by a field of acceleration that may change in time."""
+
+    @abc.abstractmethod
+    def acceleration(self, x: Float[Array, "N D"], t: Scalar) -> Float[Array, "N D"]:
+        """Acceleration by the body force at x (m) and the time t (s), m/s2."""
+
+    def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Potential energy per unit mass at x (m), J/kg: none, since the force's work is booked."""
+        return jnp.zeros_like(x[:, 0])
+
+    def given(self, m: Float[Array, " N"], x: Array, u: Array, t: Scalar, dt: Scalar) -> Scalar:
+        """Energy that the force gives over a step of dt (s), J (J/m in 2-D).
+
+        **Arguments**: masses (kg; kg/m in 2-D), positions (m) and velocities (m/s) of the water in the middle
+        of the step, at the time t (s).
+        """
+        return dt * jnp.sum(m * jnp.sum(self.acceleration(x, t) * u, axis=1))
+
+
+class AbstractConservativeForce(AbstractForce):
+    """A body force at rest, whose work is kept as potential energy."""
+
+    @abc.abstractmethod
+    def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
+
+    def given(self, m, x, u, t, dt):
+        """See `AbstractForce`: nothing, since the potential energy is counted."""
+        del m, x, u, t
+        return jnp.zeros_like(dt)
+
+
+class CentralForce(AbstractConservativeForce):
     """Central body force: an acceleration -omega^2 (x - centre) towards a centre.
 
     It holds a drop together in Monaghan and Rafiee 2013, section 5.1.
@@ -19,8 +57,9 @@ class CentralForce(AbstractForce):
     centre: Float[Array, " D"]
     """Centre of the force, m."""
 
-    def acceleration(self, x):
+    def acceleration(self, x, t):
         """See `AbstractForce`."""
+        del t
         return -(self.omega**2) * (x - self.centre)
 
     def potential(self, x):

@@ -23,7 +23,8 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Chosen, Sources
 from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, AirCoupling, Given, Pressed
-from jaxsph.model.meaning import Entry
+from jaxsph.model.forces import FORCES, AbstractForce
+from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.part import AbstractPart
 from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Tables
@@ -45,18 +46,6 @@ __all__ = [
 # --------------------------------------------------------------------------- the water
 
 
-class AbstractForce(eqx.Module):
-    """A body force beside the uniform gravity, given by a field of acceleration."""
-
-    @abc.abstractmethod
-    def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Acceleration by the body force at x (m), m/s2."""
-
-    @abc.abstractmethod
-    def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
-
-
 class Dissipation(NamedTuple):
     """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
 
@@ -75,10 +64,8 @@ class AbstractScheme(eqx.Module):
     """Form in which the scheme puts the air of a chamber on the water."""
     rho0: eqx.AbstractVar[Scalar]
     """Density of water at zero gauge pressure, kg/m3."""
-    too_fast: eqx.AbstractClassVar[tuple[str, str]]
-    """Message for a particle beyond `fastest`: the failure, and the keys of a case to change."""
-    steadier: eqx.AbstractClassVar[str]
-    """Message for values that are no longer finite: the keys of a case to change."""
+    too_fast: eqx.AbstractClassVar[str]
+    """What has happened where a particle is beyond `fastest`, in words."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:
@@ -370,11 +357,11 @@ class Model(eqx.Module):
         x = x.at[:count].set(jnp.where(there[:, None], x[:count], self.walls.x[:count]))
         return x, nodes, self.walls.volume.at[:count].set(share)
 
-    def acceleration(self, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Acceleration by the body forces beside g at x (m), m/s2."""
+    def acceleration(self, x: Float[Array, "N D"], t: Scalar) -> Float[Array, "N D"]:
+        """Acceleration by the body forces beside g at x (m) and the time t (s), m/s2."""
         total = jnp.zeros_like(x)
         for force in self.forces:
-            total = total + force.acceleration(x)
+            total = total + force.acceleration(x, t)
         return total
 
     def pressure(self, state: State) -> Float[Array, " N"]:
@@ -402,6 +389,8 @@ class Model(eqx.Module):
         found: dict[str, Entry] = {}
         for part in (*self.parts, self.scheme):
             found |= part.entries()
+        if self.forces:
+            found[FORCES] = Entry("work of body forces", Exchange.GIVEN)
         return found
 
     def time(self, state: State) -> Scalar:
@@ -426,6 +415,12 @@ def check_parts(model: Model) -> None:
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
         raise ValueError(f"ducts end at {', '.join(sorted(ends))}: there are no chambers of these names")
+    at_last = jnp.asarray(jnp.inf)
+    afloat = [body.name for body in model.bodies if model.forces and np.any(body.movable(at_last))]
+    if afloat:
+        raise ValueError(
+            f"body forces act on the water alone, and {', '.join(afloat)} can move: leave out one"
+        )
     given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
     needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
     if given != needed:

@@ -88,7 +88,7 @@ class EnergyProbe(AbstractProbe):
         """See `AbstractProbe`."""
         energy, power = per_metre("J", self.dim), per_metre("W", self.dim)
         mean = "mean since the last sample"
-        given = "power of paddles and of driven bodies on the water"
+        given = "power of paddles, driven bodies and body forces on the water"
         return {
             "kinetic": Reading(energy, "kinetic energy", group="energy"),
             "potential": Reading(energy, "potential energy over the initial state", group="energy"),

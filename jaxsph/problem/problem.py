@@ -29,6 +29,7 @@ from jaxsph.problem.record import (
     harvested,
 )
 from jaxsph.problem.results import energy_result, noise_result
+from jaxsph.problem.trouble import Remedies
 
 
 class Problem:
@@ -54,7 +55,7 @@ class Problem:
         the record beside its energy balance and noise. By name, too: `snapshot_dt`, time between two
         snapshots, s, by default five samples; `name`, after which files are called; `description`;
         `averaging`, which part of the record means are taken over; `mean_of_power`, results that slopes may
-        be taken of.
+        be taken of; `remedies`, what to change where a run of it fails.
         **Raises** CaseError for times that do not fit, and for two probes with a reading of one name.
         """
         self.model, self.state = model, state
@@ -66,6 +67,7 @@ class Problem:
         self.averaging: AbstractAveraging = more.pop("averaging", WholeRecord())
         averaged = not isinstance(self.averaging, WholeRecord)
         self.results = (energy_result(model, averaged), noise_result, *results)
+        self.remedies: Remedies = more.pop("remedies", {})
         self.mean_of_power: Callable[[str], MeanOfRecord] = more.pop("mean_of_power", self._energy_of)
         if more:
             raise TypeError(f"Problem has no argument {', '.join(more)}")
@@ -164,7 +166,7 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
     if dt > 1.001 * stable:
         raise CaseError(
             f"scheme: is stable with steps of at most {stable:.3g} s, and the model's are {dt:.3g} s: make "
-            "the problem with a smaller scheme.cfl"
+            "the problem with shorter time steps"
         )
     return changed
 

@@ -15,6 +15,7 @@ from jaxsph.core.slabs import Slabs
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Failure, State, Status
+from jaxsph.problem.trouble import Remedies, Trouble
 
 REPLAYS = 6
 """Times that one chunk is replayed with larger tables before the run gives up."""
@@ -41,20 +42,21 @@ def sample_times(like: np.ndarray, every: float) -> np.ndarray:
 
 
 def advance_chunk(
-    name: str,
     model: Model,
     advance: Callable[[Model], tuple[State, Any]],
     say: Callable[[str], None],
+    name: str,
+    remedies: Remedies,
 ) -> tuple[Model, State, Any]:
     """Advances a run by one chunk, replayed with larger neighbour tables where those were too small.
 
-    **Arguments**: `advance(model)` gives the new state and whatever else; `say` tells of a replay.
-    **Returns** the model with the tables that the chunk took, and what `advance` gave. **Raises**
-    SimulationError for a failure that no larger table mends.
+    **Arguments**: `advance(model)` gives the new state and whatever else; `say` tells of a replay; `name` of
+    the problem and its `remedies`, for the error. **Returns** the model with the tables that the chunk took,
+    and what `advance` gave. **Raises** SimulationError for a failure that no larger table mends.
     """
     model, new, found = replay_chunk(model, advance, say)
     if int(new.status.bits):
-        raise failure_error(name, model, new)
+        raise failure_error(model, new, name, remedies)
     return model, new, found
 
 
@@ -110,45 +112,44 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
 
 
-def failure_error(name: str, model: Model, state: State) -> SimulationError:
-    """Error for a run's first failure: what it was, where (m) and when (s), and what to change."""
+def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> SimulationError:
+    """Error for a run's first failure: what it was, where (m) and when (s), and what to change.
+
+    **Arguments**: `name` of the problem, and what its maker can change.
+    """
     step = int(state.status.step)
     t = float(model.t0) + step * float(model.dt)
     where = tuple(float(a) for a in state.status.where)
     place = ", ".join(f"{a:.3f}" for a in where)
-    what, remedy = _cause(model, state.status)
+    what, cause = _cause(model, state.status)
+    if isinstance(cause, Trouble):
+        higher = max(1.25 * float(model.walls.high[-1]), where[-1] + 0.25 * float(model.walls.high[-1]))
+        cause = remedies.get(cause, cause.value).format(higher=f"{higher:.3g}")
     return SimulationError(
         f"case {name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
-        f"What to change: {remedy}.",
+        f"What to change: {cause}.",
         step=step,
         time=t,
         where=where,
     )
 
 
-def _cause(model: Model, status: Status) -> tuple[str, str]:
-    """What has failed, and what to change."""
+def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
+    """What has failed, and the trouble of the problem's maker, or what else to do."""
     failed = Failure(int(status.bits))
-    top, z = float(model.walls.high[-1]), float(status.where[-1])
-    if failed & Failure.THROUGH_WALL and z >= top:
-        higher = f"{max(1.25 * top, z + 0.25 * top):.3g}"
-        return (
-            f"a particle has left over the rim of the tank, which is {top:g} m high",
-            f"raise tank.height and go on: jaxsph resume FILE --set tank.height={higher}; "
-            'or let it go: tank.rim = "open"',
-        )
+    top = float(model.walls.high[-1])
+    if failed & Failure.THROUGH_WALL and float(status.where[-1]) >= top:
+        return f"a particle has left over the rim of the tank, which is {top:g} m high", Trouble.OVER_RIM
     if failed & Failure.THROUGH_WALL:
-        return "a particle has gone through a wall", "a smaller scheme.cfl or dx"
+        return "a particle has gone through a wall", Trouble.THROUGH_WALL
     if failed & Failure.TOO_FAST:
-        return model.scheme.too_fast
+        return model.scheme.too_fast, Trouble.TOO_FAST
     if failed & Failure.NON_FINITE:
-        return "a value is no longer finite", model.scheme.steadier
+        return "a value is no longer finite", Trouble.NOT_FINITE
     if failed & Failure.NOT_CONVERGED:
         residual = float(status.residual)
-        return (
-            f"a linear solution for the pressure did not converge (residual {residual:.2g} of its source)",
-            'raise scheme.tolerance, reduce scheme.cfl, or set scheme.solver = "explicit"',
-        )
+        what = f"a linear solution for the pressure did not converge (residual {residual:.2g} of its source)"
+        return what, Trouble.NOT_CONVERGED
     if int(status.most["halo"]) >= NARROW:
         return (
             f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
@@ -156,8 +157,8 @@ def _cause(model: Model, status: Status) -> tuple[str, str]:
         )
     if failed & Failure.NEIGHBOUR_OVERFLOW and better_settings(model, status) is None:
         # images are the only table whose needs are not counted, and which does not grow
-        return "water at a wall is denser than its images have room for", 'set tank.walls = "mirror"'
+        return "water at a wall is denser than its images have room for", Trouble.TOO_DENSE
     if failed & Failure.STALE_TABLE:
         # they are searched at every step by now, and a particle still leaves them within one
-        return "a particle outruns its neighbour table in a single step", model.scheme.too_fast[1]
-    return f"the neighbour tables cannot be kept ({failed.name})", "reduce scheme.cfl or dx"
+        return "a particle outruns its neighbour table in a single step", Trouble.TOO_FAST
+    return f"the neighbour tables cannot be kept ({failed.name})", Trouble.NO_TABLES

@@ -185,7 +185,9 @@ def _drive(
             advance = functools.partial(
                 simulate_chunk, state=state, probes=probes, n_steps=n_steps, sample_every=every
             )
-            model, state, readings = advance_chunk(start.problem.name, model, advance, bar.write)
+            model, state, readings = advance_chunk(
+                model, advance, bar.write, start.problem.name, start.problem.remedies
+            )
             own = with_settings(own, search_settings(model))
             series = recorder.record(own, gather(state, count), whole(readings))
             bar.update(n_steps)
@@ -236,7 +238,7 @@ def march(
     advance = functools.partial(
         simulate_chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every
     )
-    model, state, readings = advance_chunk(name, model, advance, bar.write)
+    model, state, readings = advance_chunk(model, advance, bar.write, name, {})
     bar.close()
     series = {k: np.asarray(v) for k, v in readings.items()}
     series["time"] = sample_times(series["time"], sample_dt)

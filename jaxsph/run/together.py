@@ -96,7 +96,7 @@ def _advance(
         state, read = jax.tree.map(lambda a, k=k: a[k], (states, readings))
         model = eqx.tree_at(lambda m: m.search, lane.model, like.search)
         if int(state.status.bits):
-            lane.failure = failure_error(lane.problem.name, model, state)
+            lane.failure = failure_error(model, state, lane.problem.name, lane.problem.remedies)
             if lane.recorder.file is not None:
                 lane.recorder.file.fold()
             continue

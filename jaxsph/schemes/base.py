@@ -246,7 +246,7 @@ class AbstractParticleScheme(AbstractScheme):
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
         for field in model.forces:
-            force = force + self.rho0 * field.acceleration(0.5 * (ghosts.x + ghosts.nodes))
+            force = force + self.rho0 * field.acceleration(0.5 * (ghosts.x + ghosts.nodes), interval.middle)
         for wall in model.moving:
             rows = slice(*wall.rows)
             motion = interval.before[wall.name], interval.after[wall.name]

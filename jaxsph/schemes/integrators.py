@@ -25,6 +25,7 @@ from jaxsph.schemes.step import (
     book,
     damp,
     drift,
+    force_work,
     move_walls,
     wall_work,
 )
@@ -116,12 +117,12 @@ class SymplecticEuler(AbstractIntegrator):
         dx = dt * u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
-        x_old, p = p.x, drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
+        new = drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
         own = {**interval.after, **bodies, **airs}
-        ledger = book(state.ledger, taken | work | exchanged)
+        ledger = book(state.ledger, taken | work | exchanged | force_work(model, p, new, interval))
         limits = book(state.limits, rates.limited)
-        state = State(p, own, ledger, limits, state.step + 1, state.status)
-        return scheme.check(model, state, tables, x_old, p.x)
+        state = State(new, own, ledger, limits, state.step + 1, state.status)
+        return scheme.check(model, state, tables, p.x, new.x)
 
 
 class PredictorCorrector(AbstractIntegrator):
@@ -153,10 +154,11 @@ class PredictorCorrector(AbstractIntegrator):
         dx = dt * p.u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
+        new = drift(new, dx)
         own = {**interval.after, **bodies, **airs}
-        ledger = book(start.ledger, taken | work | exchanged)
+        ledger = book(start.ledger, taken | work | exchanged | force_work(model, p0, new, interval))
         limits = book(start.limits, rates.limited)
-        return State(drift(new, dx), own, ledger, limits, start.step, start.status)
+        return State(new, own, ledger, limits, start.step, start.status)
 
 
 class _Accelerated(NamedTuple):
@@ -187,7 +189,7 @@ def _accelerate(
     ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts)
     sources = scheme.sources(ghosts, ghosts.u_shear)
     rates = scheme.momentum(model, p, sources, tables)
-    u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x))
+    u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x, interval.middle))
     # positions and sources of the air's force are of one time, that of the rates
     u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
     u, damped = damp(model, p0, u, interval)

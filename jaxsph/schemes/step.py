@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar, columns, dot
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
+from jaxsph.model.forces import FORCES
 from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.meaning import Exchange
 from jaxsph.model.solids import AbstractBody
@@ -27,6 +28,7 @@ __all__ = [
     "book",
     "damp",
     "drift",
+    "force_work",
     "move_walls",
     "wall_work",
 ]
@@ -75,6 +77,11 @@ class Interval(NamedTuple):
     dt: Scalar
     """Length of the interval, s."""
 
+    @property
+    def middle(self) -> Scalar:
+        """Time in the middle of the interval, s."""
+        return self.t + 0.5 * self.dt
+
 
 class Changes(NamedTuple):
     """Velocities at the end of a step, and their changes within it, m/s."""
@@ -99,6 +106,18 @@ def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
 def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
     """Tallies with one step's `amounts` added by name: energies (J, J/m in 2-D), or numbers of particles."""
     return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
+
+
+def force_work(model: Model, before: Particles, after: Particles, interval: Interval) -> dict[str, Scalar]:
+    """Energy that the body forces give to the water over an interval, J (J/m in 2-D), by its name.
+
+    **Arguments**: particles at both ends.
+    """
+    if not model.forces:
+        return {}
+    x, u = 0.5 * (before.x + after.x), 0.5 * (before.u + after.u)
+    given = [f.given(after.m, x, u, interval.middle, interval.dt) for f in model.forces]
+    return {FORCES: sum(given, jnp.zeros_like(interval.dt))}
 
 
 def move_walls(scheme: AbstractScheme, model: Model, state: State, dt: Scalar) -> Interval:

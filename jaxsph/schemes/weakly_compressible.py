@@ -44,11 +44,7 @@ from jaxsph.schemes.time_step import stable_dt
 class DeltaSPH(AbstractRateScheme):
     """Weakly compressible delta-SPH scheme: Eq. 17 with its closures, advanced by an integrator."""
 
-    too_fast: ClassVar[tuple[str, str]] = (
-        "a particle is faster than a third of the speed of sound",
-        "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which",
-    )
-    steadier: ClassVar[str] = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
+    too_fast: ClassVar[str] = "a particle is faster than a third of the speed of sound"
     grip: ClassVar[AbstractGrip] = SurfaceGrip()
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""

@@ -73,7 +73,9 @@ class _ThroughLoop(AbstractMethod):
                     n_steps=n_steps,
                     sample_every=sample_every,
                 )
-                model, state, (d_state, read, slope) = advance_chunk(problem.name, model, advance, bar.write)
+                model, state, (d_state, read, slope) = advance_chunk(
+                    model, advance, bar.write, problem.name, problem.remedies
+                )
                 readings.append({k: np.asarray(v) for k, v in read.items()})
                 slopes.append({k: np.asarray(v) for k, v in slope.items()})
                 t = float(model.time(state))

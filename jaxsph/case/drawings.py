@@ -1,0 +1,137 @@
+"""Outlines of solids from drawings, DXF and SVG, by libraries of the extra `drawings`."""
+
+from __future__ import annotations
+
+import importlib
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsph.case.data_files import read_text
+from jaxsph.errors import CaseError
+
+Corners = NDArray[np.float64]
+
+FINE = 1.0e-4
+"""Largest distance between a curve and its chords over the extent of the drawing."""
+PIXEL = 0.0254 / 96.0
+"""Length of a pixel in a drawing that says its size in millimetres or the like, m."""
+
+
+def read_outline(path: Path, scale: float | None) -> Corners:
+    """Corners `[K, 2]` of the one closed outline in a drawing, x to the right and z upwards, m.
+
+    **Arguments**: `scale`: what the drawing's lengths are multiplied by, or m per unit where it has no unit.
+    **Raises** CaseError for a drawing that cannot be read, has no unit and no scale, or another number of
+    closed outlines; what it holds is in no message.
+    """
+    text = read_text(path, "drawing", "give the name of a DXF or SVG file, from the case's own folder")
+    read = _DRAWINGS[path.suffix.lower()]
+    try:
+        outlines, unit = read(text)
+    except CaseError as error:
+        raise CaseError(f"{path}: {error}") from None
+    except Exception:  # whatever the library makes of a file of a stranger
+        raise CaseError(
+            f"{path}: cannot be read as a drawing; save it again as {path.suffix[1:].upper()}"
+        ) from None
+    if unit is None and scale is None:
+        raise CaseError(f"{path}: says no unit of its lengths: give scale, in m for each of them")
+    if len(outlines) != 1:
+        raise CaseError(
+            f"{path}: has {len(outlines)} closed outlines: must have one, a single closed polyline, path or "
+            "circle; give each solid a drawing of its own"
+        )
+    return outlines[0] * (1.0 if unit is None else unit) * (1.0 if scale is None else scale)
+
+
+def _dxf(text: str) -> tuple[list[Corners], float | None]:
+    """Closed outlines of a DXF drawing, and the length of its unit, m; None where it says none."""
+    ezdxf, units, path = (_library(f"ezdxf{part}") for part in ("", ".units", ".path"))
+    drawing = ezdxf.read(io.StringIO(text))
+    paths = [path.make_path(one) for one in drawing.modelspace() if one.dxftype() in CLOSED]
+    outlines = []
+    for one in paths:
+        if one.is_closed:
+            rough = np.array([(v.x, v.y) for v in one.control_vertices()])
+            fine = [(v.x, v.y) for v in one.flattening(FINE * float(np.max(np.ptp(rough, axis=0))))]
+            outlines.append(_without_repeats(np.array(fine)))
+    return outlines, units.conversion_factor(drawing.units, units.M) if drawing.units else None
+
+
+CLOSED = ("LWPOLYLINE", "POLYLINE", "CIRCLE", "ELLIPSE", "SPLINE")
+"""Entities of a DXF drawing that can be a closed outline."""
+
+
+def _svg(text: str) -> tuple[list[Corners], float | None]:
+    """Closed outlines of an SVG drawing, from its lower left corner, and the length of its unit, m.
+
+    None for that where the drawing's size is in no unit.
+    """
+    library = _library("svgelements")
+    drawing = library.SVG.parse(io.StringIO(text))
+    outlines = []
+    for element in drawing.elements():
+        if isinstance(element, library.Shape):
+            path = library.Path(element)
+            path.reify()
+            for part in path.as_subpaths():
+                outlines += _closed(library, library.Path(part))
+    if drawing.viewbox is None and "height" not in drawing.values:
+        raise CaseError("a drawing in SVG needs a height or a viewBox: its lower left corner is the origin")
+    size = str(drawing.values.get("height", ""))
+    unit = PIXEL if size.endswith(("mm", "cm", "in", "pt", "pc")) else None
+    return [np.array([0.0, float(drawing.height)]) + one * [1.0, -1.0] for one in outlines], unit
+
+
+def _closed(library: ModuleType, path) -> Iterator[Corners]:
+    """Corners of a path of SVG if it is closed, with chords for its curves."""
+    box = path.bbox()
+    if box is None or not (isinstance(path[-1], library.Close) or path.first_point == path.current_point):
+        return
+    close = FINE * max(box[2] - box[0], box[3] - box[1])
+    corners = [np.array([path.first_point])]
+    for part in path[1:]:
+        straight = isinstance(part, library.Line | library.Close)
+        corners.append(np.array([part.end]) if straight else _chords(part.npoint, close)[1:])
+    yield _without_repeats(np.concatenate(corners).astype(float))
+
+
+def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
+    """Points on a curve over 0 to 1, so many that no chord between two is farther from it than `close`."""
+    number = 4
+    while True:
+        points = curve(np.linspace(0.0, 1.0, 2 * number + 1))
+        ends, middles = points[::2], points[1::2]
+        if number > MOST or np.max(np.abs(middles - 0.5 * (ends[1:] + ends[:-1]))) < close:
+            return ends
+        number *= 2
+
+
+MOST = 500
+"""Most chords of one curve: a polygon has at most a thousand corners."""
+
+
+def _without_repeats(corners: Corners) -> Corners:
+    """Corners without those that are where the one before is, the last beside the first among them."""
+    apart = np.max(np.abs(corners - np.roll(corners, 1, axis=0)), axis=1)
+    return corners[apart > 1e-9 * np.max(np.ptp(corners, axis=0))]
+
+
+def _library(name: str) -> ModuleType:
+    """A library of the extra `drawings`. **Raises** CaseError where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise CaseError(
+            f"a drawing needs {name.split('.')[0]}, which is not installed: pip install 'jaxsph[drawings]'"
+        ) from None
+
+
+_DRAWINGS = {".dxf": _dxf, ".svg": _svg}
+DRAWINGS = tuple(_DRAWINGS)
+"""Endings of the names of drawings."""
