@@ -20,9 +20,9 @@ LAYERS = (
     ("probes",),
     ("problem",),
     ("case",),
+    ("output",),
     ("run",),
     ("study",),
-    ("output",),
     ("report",),
     ("cli",),
 )
@@ -30,11 +30,6 @@ LAYERS = (
 LEAVES = {"errors", "analysis"}
 """A file and a room that anyone above `model` may import; `errors` imports nothing of the package, and
 `analysis` the theory of waves."""
-RECORDS = {
-    "run": {"output.run_file", "output.hdf5"},
-    "study": {"output.run_file", "output.sweep_file", "output.hdf5"},
-}
-"""Files know nothing of the physics, so those who run may write them."""
 DATA_FILES = {
     f"output.{name}"
     for name in ("hdf5", "run_file", "run_groups", "run_reader", "run_view", "sweep_file", "vtk")
@@ -90,8 +85,6 @@ def _allowed(file, imported):
         return imported == "waves.theory" or other == room
     if room == other:
         return room not in LEAVES
-    if imported in RECORDS.get(room, ()):
-        return True
     if file in DATA_FILES:
         return False
     return HEIGHT[other] < HEIGHT[room]

@@ -224,7 +224,7 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
 
 def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
     """A line per sea state, and one of the year where there is a scatter table."""
-    unit, rows = "W/m" if done.sweep.case.tank.width is None else "W", []
+    unit, rows = done.unit, []
     for i, height in enumerate(done.Hs):
         for j, period in enumerate(done.Tp):
             linear = done.linear[i, j]

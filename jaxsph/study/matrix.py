@@ -75,6 +75,11 @@ class PowerMatrix:
     sweep: Sweep
     """The runs."""
 
+    @property
+    def unit(self) -> str:
+        """Unit of the powers: W, and W/m in two dimensions."""
+        return "W/m" if self.sweep.case.tank.width is None else "W"
+
     def annual(self, table: ScatterTable) -> Mean:
         """Mean power over a year of a scatter table and its standard error, W (W/m in 2-D).
 

@@ -3,15 +3,52 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from jaxsph.output.plot.style import STYLE, WIDTH, in_style
-from jaxsph.study.matrix import PowerMatrix
+
+Table = NDArray[np.float64]
 
 
-def plot_matrix(matrix: PowerMatrix, folder: str | Path) -> Path:
+class MeanPower(Protocol):
+    """Mean power over sea states, as `jaxsph.PowerMatrix` has it."""
+
+    @property
+    def Hs(self) -> Table:
+        """Significant wave heights, m."""
+        ...
+
+    @property
+    def Tp(self) -> Table:
+        """Peak periods, s."""
+        ...
+
+    @property
+    def P(self) -> Table:
+        """Mean power, `[Hs, Tp]`; NaN where no run ended."""
+        ...
+
+    @property
+    def error(self) -> Table:
+        """Standard error of the mean power, `[Hs, Tp]`."""
+        ...
+
+    @property
+    def linear(self) -> Table:
+        """Mean power by linear theory, `[Hs, Tp]`; NaN where the theory does not cover the case."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Unit of the powers."""
+        ...
+
+
+def plot_matrix(matrix: MeanPower, folder: str | Path) -> Path:
     """Writes the picture of a power matrix into a folder and returns its path."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -21,12 +58,11 @@ def plot_matrix(matrix: PowerMatrix, folder: str | Path) -> Path:
 
 
 @in_style
-def draw_matrix(matrix: PowerMatrix) -> Figure:
+def draw_matrix(matrix: MeanPower) -> Figure:
     """Mean power with its standard error, and, where linear theory covers the case, its prediction."""
     panels = [("mean power", matrix.P, matrix.error)]
     if np.any(np.isfinite(matrix.linear)):
         panels.append(("linear theory", matrix.linear, np.zeros(matrix.linear.shape)))
-    unit = "W/m" if matrix.sweep.case.tank.width is None else "W"
     figure = Figure(figsize=(0.6 * WIDTH * len(panels), 4.0), layout="constrained")
     known = [values[np.isfinite(values)] for _, values, _ in panels]
     most = max((float(np.max(values)) for values in known if values.size), default=1.0)
@@ -41,6 +77,6 @@ def draw_matrix(matrix: PowerMatrix) -> Figure:
             ax.text(j, i, text, ha="center", va="center", color="w" if dark else "k")
         ax.set_xticks(range(len(matrix.Tp)), [f"{T:g}" for T in matrix.Tp])
         ax.set_yticks(range(len(matrix.Hs)), [f"{H:g}" for H in matrix.Hs])
-        ax.set(xlabel="Tp, s", ylabel="Hs, m", title=f"{title}, {unit}")
+        ax.set(xlabel="Tp, s", ylabel="Hs, m", title=f"{title}, {matrix.unit}")
         ax.grid(visible=False)
     return figure
