@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import shapely
-from scipy.spatial import KDTree
+from scipy.spatial import KDTree, Voronoi
 from shapely.validation import explain_validity
 
 from jaxsph.core.arrays import Array, Float
@@ -21,7 +21,7 @@ SHARP = 0.3
 """Turn of an outline (rad) from which a corner has a particle of its own: a circle of 21 sides turns so."""
 
 PARTS = 4
-"""Parts of a spacing in which the volumes of dummy particles are counted."""
+"""Parts of a spacing in which a place without dummy particles is looked for."""
 
 ALONE = 0.8
 """Distance in spacings from the nearest place in the layers beyond which a part of a shape needs its own; a
@@ -94,14 +94,14 @@ class AbstractShape(eqx.Module):
             for part in _parts(_inset(whole, (layer + 0.5) * dx)):
                 found += [_along(ring, dx) for ring in (part.exterior, *part.interiors)]
         x = _apart(np.concatenate(found), 0.6 * dx)
-        at, share = _small_parts(whole.difference(_inset(whole, layers * dx)), dx)
+        behind = whole.difference(_inset(whole, layers * dx))
+        at = _small_parts(behind, dx)
         alone = at[KDTree(x).query(at)[0] > ALONE * dx] if len(x) else at
         x = np.concatenate([x, dx * (np.unique(np.floor(alone / dx), axis=0) + 0.5)])
-        _, owner = KDTree(x).query(at)
-        volume = np.bincount(owner, share, len(x))
-        x = np.stack([np.bincount(owner, share * a, len(x)) for a in at.T], axis=-1)
+        cells = _nearest(x, behind)
+        volume = shapely.area(cells)
         kept = volume > SLIVER * dx**2
-        return x[kept] / volume[kept, None], volume[kept]
+        return shapely.get_coordinates(shapely.centroid(cells[kept])), volume[kept]
 
     def dividers(self) -> tuple[LeaningPlate, ...]:
         """Thin plates that keep the water on their two sides apart; none in a shape that is thick enough."""
@@ -289,8 +289,18 @@ def _boxes(low: np.ndarray, side: float) -> Any:
     return shapely.box(x0, z0, x1, z1)
 
 
-def _small_parts(region: Any, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centroids `[K, 2]` (m) and areas `[K]` (m2) of a region's parts in cells of dx / `PARTS` (m)."""
+def _nearest(x: np.ndarray, region: Any) -> np.ndarray:
+    """Parts of a region of `shapely` that are nearest to each of the points `[K, 2]` (m)."""
+    low, high = np.reshape(region.bounds, (2, 2))
+    # four points far away make the cells of all others finite
+    far = 0.5 * (low + high) + 10.0 * np.max(high - low) * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    diagram = Voronoi(np.concatenate([x, far]))
+    corners = (diagram.vertices[diagram.regions[k]] for k in diagram.point_region[: len(x)])
+    return shapely.intersection(np.array([shapely.Polygon(one) for one in corners]), region)
+
+
+def _small_parts(region: Any, dx: float) -> np.ndarray:
+    """Centroids `[K, 2]` (m) of a region's parts in cells of dx / `PARTS` (m)."""
     low, high = np.reshape(region.bounds, (2, 2))
     cells = np.stack(np.meshgrid(*_cells(low, high, dx), indexing="ij"), -1).reshape(-1, 2)
     shapely.prepare(region)
@@ -302,7 +312,7 @@ def _small_parts(region: Any, dx: float) -> tuple[np.ndarray, np.ndarray]:
     cut = ~shapely.contains_properly(region, part)
     part[cut] = shapely.intersection(part[cut], region)
     part = part[shapely.area(part) > 0.0]
-    return shapely.get_coordinates(shapely.centroid(part)), shapely.area(part)
+    return shapely.get_coordinates(shapely.centroid(part))
 
 
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:

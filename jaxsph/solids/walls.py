@@ -287,13 +287,16 @@ class Ghosts(eqx.Module):
 def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarray]:
     """Ghosts of the walls (first) and of solids, and for each the place of its part.
 
-    The paddle's come first, then the walls' by column, the solids' last: gathers from near memory cost less.
+    The paddle's come first, then the walls' by column, the solids' last as they are: gathers from near memory
+    cost less.
     The first `kept` stay in their order.
     """
     ghosts = join(parts)
     owner = np.repeat(np.arange(len(parts)), [len(part.x) for part in parts])
     first = np.minimum(np.arange(len(owner)), kept)
-    order = np.lexsort((ghosts.x[:, -1], ghosts.x[:, 0], ~ghosts.moves, owner, first))
+    # those of solids go on around them: of two in one column either could be first
+    column, row = (np.where(owner > 0, 0.0, ghosts.x[:, axis]) for axis in (0, -1))
+    order = np.lexsort((row, column, ~ghosts.moves, owner, first))
     return GhostSet(*(a[order] for a in ghosts)), owner[order]
 
 

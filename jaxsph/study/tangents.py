@@ -202,13 +202,18 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     def floats(made: Problem) -> Any:
         return eqx.filter((with_settings(made.model, settings), made.state), eqx.is_inexact_array)
 
-    here, more, less = (floats(made) for made in (problem, ahead.problem(), behind.problem()))
-    leaves, structure = jax.tree.flatten(here)
-    beside = [jax.tree.leaves(one) for one in (more, less)]
+    made = [floats(one) for one in (problem, ahead.problem(), behind.problem())]
+    (leaves, structure), *others = (jax.tree.flatten(one) for one in made)
+    beside = [found for found, _ in others]
     shapes = [[leaf.shape for leaf in one] for one in (leaves, *beside)]
     if not shapes[0] == shapes[1] == shapes[2]:
         raise CaseError(f"{parameter} changes the number of ghosts here: compare runs with js.sweep")
     if isinstance(source, Program):
+        if any(other != structure for _, other in others):
+            raise CaseError(
+                f"{parameter} changes what the compiled loop holds fixed, such as the ends of a tank or a "
+                "thin plate: take method=js.Ensemble(), which builds every member anew"
+            )
         _check_smooth(parameter, leaves, *beside)
     slopes = [(a - b) / (2 * step) for a, b in zip(*beside, strict=True)]
     d_model, d_state = jax.tree.unflatten(structure, slopes)
