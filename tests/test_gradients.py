@@ -96,7 +96,7 @@ def test_a_slope_over_what_a_loop_holds_fixed_is_refused(tmp_path):
         '    chamber = {"between": ["screen", "far"], "pto": {"K_dm": 10.0}}\n'
         '    parts = {"solid": {"screen": {"plate": plate}}, "chamber": {"column": chamber}}\n'
         '    tank = {"length": 1.0, "depth": 0.4, "height": 0.6}\n'
-        '    case = {"name": "own", "dx": 0.04, "t1": 0.1, "scheme": {"kind": "incompressible"}, "tank": tank}\n'
+        '    case = {"name": "own", "dx": 0.04, "t1": 0.1, "tank": tank}\n'
         "    return js.Case.from_dict(case | parts).problem()\n"
     )
     program = js.Program.load(f"{tmp_path / 'own.py'}:screened")

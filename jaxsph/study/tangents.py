@@ -130,7 +130,7 @@ LOST = {"weakly_compressible": 0.7, "incompressible": 0.25}
 """Share of the water's response that the filter may take, by scheme.
 
 Measured in the OWC at dx = 0.02 m at three dampings: 0.33 to 0.67 weakly compressible, with artificial
-viscosity and for nine periods; 0.11 to 0.20 incompressible (`python -m experiments run filter_study`).
+viscosity and for nine periods; 0.10 to 0.15 incompressible (`python -m experiments run filter_study`).
 """
 
 
