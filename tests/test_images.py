@@ -16,6 +16,7 @@ from jaxsph.core.pairs import Smoothing
 from jaxsph.parts.paddle import Paddle
 from jaxsph.schemes.incompressible import ISPH
 from jaxsph.solids.box import Box, FreeSlip, Platform
+from jaxsph.solids.filling import MirrorNodes
 from jaxsph.solids.images import Images
 
 DX = 0.05
@@ -88,10 +89,10 @@ def test_paddle_is_mirrored_in_where_it_is(X, seed):
     assert all(one.moves for one in walls.images.sets if one.rows[1] <= walls.paddle[1])
 
 
-def _walls(paddle=False, platform=None):
+def _walls(paddle=False, platform=None, filling=None):
     smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
     box = Box((0.0, 0.0), (1.0, 0.8), paddle, stroke=2 * DX if paddle else 0.0)
-    return js.Ghosts.build(box, DX, smoothing, FreeSlip(), platform=platform)
+    return js.Ghosts.build(box, DX, smoothing, FreeSlip(), platform=platform, filling=filling)
 
 
 @settings(max_examples=20, deadline=None)
@@ -111,6 +112,20 @@ def test_more_water_than_images_is_a_failure_not_a_leak():
     state = eqx.tree_at(lambda s: s.particles.x, state, heap)
     state, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     assert int(state.status.bits) != 0
+
+
+def test_a_platform_s_corners_are_full_beside_images():
+    """Under the end of the bed and behind that of the end wall stand a tank's ghosts without images.
+
+    Without them water came through the corner of platform and end wall.
+    """
+    found = []
+    for filling in (None, MirrorNodes()):
+        x = np.asarray(_walls(platform=Platform(0.5, 0.2), filling=filling).x)
+        behind = x[(x[:, 0] > 0.5) & (x[:, 1] < 0.2)]
+        found.append(behind[np.lexsort(behind.T)])
+    assert np.any(found[0][:, 0] > 1.0) and np.any(found[0][:, 1] < 0.0)
+    np.testing.assert_array_equal(*found)
 
 
 def test_walls_that_end_in_a_platform_have_no_corner_behind_it():

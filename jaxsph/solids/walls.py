@@ -132,7 +132,7 @@ class Ghosts(eqx.Module):
         regions = Regions.of(plates, thin_wall.division, platform, every)
         filling = _checked(MirrorImages() if filling is None else filling, shapes, every)
         images, tank = _tank(filling, box, regions, dx, layers, float(smoothing.radius))
-        fixed = join([tank, *_in_the_tank(box, regions, thin_wall, dx, layers)])
+        fixed = join([tank, *_in_the_tank(box, regions, thin_wall, dx, layers, images.count > 0)])
         solids = _of_solids(every, regions, box, dx, layers)
         parts = _with_walls_behind([fixed, *solids], box, fixed_shapes)
         ghosts, owner = _in_order(parts, images.count)
@@ -361,14 +361,18 @@ def _with_walls_behind(
 
 
 def _in_the_tank(
-    box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int
+    box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int, imaged: bool
 ) -> Iterator[GhostSet]:
-    """Ghosts of the platform and of the plates in a tank.
+    """Ghosts of the platform and of the plates in a tank, and of the platform's corners with it if `imaged`.
 
     **Raises** ValueError for a plate that is too thin.
     """
     for platform in regions.platforms:
         yield platform_ghosts(box, platform, regions, dx, layers)
+        if imaged:  # what images would have to be images of is a lattice
+            whole = cut_by_platform(box_ghosts(box, dx, layers), box, platform, regions, dx, layers)
+            behind = (whole.x[:, 0] > platform.start) & (whole.x[:, -1] < platform.height)
+            yield GhostSet(*(a[behind] for a in whole))
     for plate in regions.plates:
         yield plate_ghosts(box, plate, thin_wall, regions, dx, layers)
 
