@@ -23,21 +23,16 @@ def column(
     tip = [tank - length - draught * lean, level - draught]
     head = [tip[0] + (top - tip[1]) * lean, top]
     front = [[tip[0] - thickness, tip[1]], tip, head, [head[0] - thickness, top]]
-    case = js.Case.from_dict(
-        {
-            "name": "leaning_column",
-            "dx": dx,
-            "t1": t1,
-            "precision": precision,
-            "tank": {"length": tank, "depth": level, "height": top},
-            "start": {"amplitude": 0.02},
-            "scheme": {"kind": "incompressible", "tolerance": 1e-10 if precision == "float64" else 1e-4},
-            "solid": {"front": {"polygon": front}},
-            "chamber": {"column": {"between": ["front", "far"], "pto": {"K_dm": 100.0}}},
-            "output": {"sample_dt": 0.01},
-        }
-    )
-    return case.problem()
+    parts = {
+        "tank": {"length": tank, "depth": level, "height": top},
+        "start": {"amplitude": 0.02},
+        "scheme": {"kind": "incompressible", "tolerance": 1e-10 if precision == "float64" else 1e-4},
+        "solid": {"front": {"polygon": front}},
+        "chamber": {"column": {"between": ["front", "far"], "pto": {"K_dm": 100.0}}},
+        "output": {"sample_dt": 0.01},
+    }
+    run = {"name": "leaning_column", "dx": dx, "t1": t1, "precision": precision}
+    return js.Case.from_dict(run | parts).problem()
 
 
 if __name__ == "__main__":

@@ -105,9 +105,12 @@ def test_code_of_pages_runs(page, execute):
 
 SLOW = (
     "control",
+    "leaning_column",
     "own_damper",
     "own_fluid",
+    "own_force",
     "own_probe",
+    "own_pto",
     "own_scheme",
     "own_shape",
     "own_solid",
