@@ -699,6 +699,10 @@ def test_failures_have_their_remedies(hydrostatic):
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
     assert f"over the rim of the tank, which is {top:g} m high" in words
     assert "jaxsph resume FILE --set tank.height=" in words
+    inside = eqx.tree_at(lambda s: s.where, status, jnp.asarray([0.5, 0.1]))
+    failed = eqx.tree_at(lambda s: s.status, state, inside)
+    words = str(chunks.failure_error(model, failed, "it", remedies(case)))
+    assert "gone through a wall" in words and "What to change: a smaller scheme.cfl or dx" in words
     status = eqx.tree_at(lambda s: (s.bits, s.residual), status, (64, jnp.asarray(0.25)))
     failed = eqx.tree_at(lambda s: s.status, state, status)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))

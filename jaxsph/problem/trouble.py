@@ -6,6 +6,7 @@ import enum
 from collections.abc import Mapping
 
 
+@enum.unique
 class Trouble(enum.Enum):
     """Why a run had to stop. The values say what to change in a problem that someone has put together; a case
     knows its keys for it."""
@@ -22,7 +23,7 @@ class Trouble(enum.Enum):
     """A solution for the pressure did not converge."""
     TOO_DENSE = "build the walls with another filling, such as MirrorNodes"
     """The images of the water at a wall have no room."""
-    NO_TABLES = "take shorter time steps, or a smaller spacing"
+    NO_TABLES = "take a smaller spacing, or shorter time steps"
     """The neighbour tables cannot be kept."""
 
 

@@ -123,8 +123,9 @@ def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> 
     place = ", ".join(f"{a:.3f}" for a in where)
     what, cause = _cause(model, state.status)
     if isinstance(cause, Trouble):
-        higher = max(1.25 * float(model.walls.high[-1]), where[-1] + 0.25 * float(model.walls.high[-1]))
-        cause = remedies.get(cause, cause.value).format(higher=f"{higher:.3g}")
+        top = float(model.walls.high[-1])
+        higher = f"{max(1.25 * top, where[-1] + 0.25 * top):.3g}"
+        cause = remedies.get(cause, cause.value).replace("{higher}", higher)
     return SimulationError(
         f"case {name!r} stopped at t = {t:.4f} s (step {step}): {what}, near ({place}) m.\n"
         f"What to change: {cause}.",

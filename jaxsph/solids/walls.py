@@ -288,8 +288,7 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
     """Ghosts of the walls (first) and of solids, and for each the place of its part.
 
     The paddle's come first, then the walls' by column, the solids' last as they are: gathers from near memory
-    cost less.
-    The first `kept` stay in their order.
+    cost less. The first `kept` stay in their order.
     """
     ghosts = join(parts)
     owner = np.repeat(np.arange(len(parts)), [len(part.x) for part in parts])
