@@ -239,7 +239,7 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
 
     **Arguments**: positions x (m) of the water; `radius` of the kernel's support and margin `skin`, m.
     """
-    kind, sees = (np.asarray(a) for a in region_bits(walls.regions, jnp.asarray(x, walls.x.dtype)))
+    kind, sees = region_bits(walls.regions, x, walls.x.dtype)
     images, there = _first_images(walls.images, jnp.asarray(x, walls.x.dtype), radius, skin)
     behind, at_nodes = walls.kind[: len(there)], walls.at_nodes
     sources = np.concatenate([x, np.asarray(images, float)[there], np.asarray(walls.x, float)[at_nodes]])

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
@@ -29,6 +30,7 @@ from jaxsph.case.parts import (
 from jaxsph.case.scheme import make_scheme, stable_time_step
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import search_speed
+from jaxsph.core.points import at_points
 from jaxsph.core.search import jax_md
 from jaxsph.core.search.base import AbstractSearch
 from jaxsph.core.search.cells import Cells
@@ -73,7 +75,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     walls = _walls(case, geometry, scheme)
     bodies = make_bodies(case, geometry, walls, leaf)
     x, volume = water(geometry, case.dx)
-    away = [np.asarray(body.distance(body.start(dtype), jnp.asarray(x, dtype))) for body in bodies]
+    away = [at_points(Partial(body.distance, body.start(dtype)), x, dtype) for body in bodies]
     level = geometry.depth if geometry.column == geometry.length else None
     x, volume = around_solids(x, volume, away, _at_start(walls, bodies), level, case.dx)
     if level is not None and case.scheme.kind == "incompressible":
@@ -109,12 +111,16 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     )
 
 
+_placed = eqx.filter_jit(RigidBody.place)
+"""Places of a body's ghosts and nodes (m), compiled whole."""
+
+
 def _at_start(walls: Ghosts, bodies: Iterable[RigidBody]) -> Ghosts:
     """Ghosts where they stand at the start: those of a body that leans, not those of it upright."""
     x = walls.x
     for body in bodies:
         rows = slice(*body.rows)
-        there, _ = body.place(body.start(x.dtype), x[rows], walls.node[rows])
+        there, _ = _placed(body, body.start(x.dtype), x[rows], walls.node[rows])
         x = x.at[rows].set(there)
     return eqx.tree_at(lambda ghosts: ghosts.x, walls, x)
 

@@ -8,7 +8,7 @@ import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,14 @@ from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.case.drawings import DRAWINGS, read_outline
 from jaxsph.errors import CaseError
 
-Reader = Callable[[Path, dict[str, Any]], dict[str, Any]]
-"""Keys of a section by a file, from its path and the section; what it uses of the section it takes out."""
+
+class Reader(NamedTuple):
+    """How a section's keys are read from the file that it names."""
+
+    read: Callable[..., dict[str, Any]]
+    """Keys by the file's path, and by the section's `options` that are given; these are no keys of a case."""
+    options: tuple[str, ...] = ()
+    """Keys beside `file` that say how it is read."""
 
 
 def built_in_cases() -> dict[str, str]:
@@ -63,12 +69,12 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     waves = data.get("waves")
     if isinstance(waves, dict) and "file" in waves and waves.get("kind") != "recorded":
         raise CaseError('waves.file: belongs to waves.kind = "recorded"')
-    for place, read in READ.items():
-        _put(data, place.split("."), "", read, folder)
+    for place, reader in READ.items():
+        _put(data, place.split("."), "", reader, folder)
     return data
 
 
-def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder: Path) -> None:
+def _put(data: dict[str, Any], place: list[str], key: str, reader: Reader, folder: Path) -> None:
     """Puts what a file holds into the section at a place below `key`; NAME stands for every name."""
     if not place:
         file = data.pop("file", None)
@@ -76,7 +82,8 @@ def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder:
             raise CaseError(f"{key}.file: must be the name of a data file, such as a CSV, as text in quotes")
         if file is not None:
             try:
-                found = read(folder / file, data)
+                options = {name: data.pop(name) for name in reader.options if name in data}
+                found = reader.read(folder / file, **options)
             except ValueError as error:
                 raise CaseError(f"{key}.{error}") from None
             data.update(found | data)
@@ -84,32 +91,24 @@ def _put(data: dict[str, Any], place: list[str], key: str, read: Reader, folder:
     for name in list(data) if place[0] == "NAME" else place[:1]:
         if isinstance(data.get(name), dict):
             data[name] = dict(data[name])
-            _put(data[name], place[1:], f"{key}.{name}".lstrip("."), read, folder)
+            _put(data[name], place[1:], f"{key}.{name}".lstrip("."), reader, folder)
 
 
-def _read_series(path: Path, section: dict[str, Any]) -> dict[str, Any]:
-    """Series of waves, see `read_series`."""
-    del section
-    return read_series(path)
-
-
-def _read_curve(path: Path, section: dict[str, Any]) -> dict[str, Any]:
+def _read_curve(path: Path) -> dict[str, Any]:
     """Characteristic curve of a turbine: columns q (m2/s) and P_a (Pa)."""
-    del section
     columns = read_columns(path, {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
     return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
 
 
-def _read_polygon(path: Path, section: dict[str, Any]) -> dict[str, Any]:
+def _read_polygon(path: Path, scale: Any = None, at: Any = (0.0, 0.0)) -> dict[str, Any]:
     """Corners of a shape in their order around it: columns x and z (m), or the outline in a drawing.
 
-    The section's `scale` multiplies them, and `at` is where their origin is in the tank, m. **Raises**
-    ValueError for a value of these that cannot be used.
+    `scale` multiplies them, and `at` is where their origin is in the tank, m. **Raises** ValueError for a
+    value of these that cannot be used.
     """
-    scale, at = section.pop("scale", None), section.pop("at", [0.0, 0.0])
     if scale is not None and not (_is_number(scale) and scale > 0.0):
         raise ValueError(f"scale = {scale!r}: must be a positive number")
-    if not (isinstance(at, list) and len(at) == 2 and all(map(_is_number, at))):
+    if not (isinstance(at, list | tuple) and len(at) == 2 and all(map(_is_number, at))):
         raise ValueError(f"at = {at!r}: must be a place [x, z], m")
     if path.suffix.lower() in DRAWINGS:
         corners = read_outline(path, scale)
@@ -129,12 +128,12 @@ def _is_number(value: Any) -> bool:
 
 
 READ: dict[str, Reader] = {
-    "waves": _read_series,
-    "pto": _read_curve,
-    "chamber.NAME.pto": _read_curve,
-    "duct.NAME.pto": _read_curve,
-    "body": _read_polygon,
-    "solid.NAME": _read_polygon,
+    "waves": Reader(read_series),
+    "pto": Reader(_read_curve),
+    "chamber.NAME.pto": Reader(_read_curve),
+    "duct.NAME.pto": Reader(_read_curve),
+    "body": Reader(_read_polygon, ("scale", "at")),
+    "solid.NAME": Reader(_read_polygon, ("scale", "at")),
 }
 """Sections that may name a file, `NAME` for every name, and what makes their keys of it."""
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.core.kernels import AbstractKernel, Gaussian, Polynomial, Semicircle, WendlandC2
+from jaxsph.core.points import at_points
 from jaxsph.solids.packing import packed
 from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
@@ -123,7 +123,7 @@ def still_water(
     level (m), around its plates, over its platform and around solids of these shapes."""
     regions = walls.regions
     x, volume = lattice(walls.low, (*walls.high[:-1], level), dx, regions.plates, regions.platforms)
-    away = [np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) for shape in shapes]
+    away = [at_points(shape.distance, x) for shape in shapes]
     return around_solids(x, volume, away, walls, level, dx)
 
 

@@ -10,7 +10,6 @@ import os
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import shapely
 
@@ -20,6 +19,7 @@ from jaxsph.case.scheme import shortest_limit, stable_time_step
 from jaxsph.case.sections import DEVICE_CHAMBER, Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
+from jaxsph.core.points import at_points
 from jaxsph.errors import CaseError
 from jaxsph.solids.images import Images
 from jaxsph.solids.shapes import AbstractShape
@@ -373,9 +373,8 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
         return "plate"
     if platform is not None and x > platform.start + slack and z < platform.height - slack:
         return "platform"
-    at = jnp.asarray([point], jnp.float32)
     for name, shape in geometry.shapes.items():
-        if float(shape.distance(at)[0]) < -slack:
+        if at_points(shape.distance, np.asarray([point]))[0] < -slack:
             return name
     return None
 

@@ -372,13 +372,6 @@ class Model(eqx.Module):
             p = p + chamber.water_pressure(own, self.scheme.grip, state.particles.x)
         return p
 
-    def pressure_over_air(self, state: State) -> Float[Array, " N"]:
-        """Gauge pressure of every particle over that of the air on its surface, Pa."""
-        p = self.pressure(state)
-        for chamber in self.chambers:
-            p = p - state.own[chamber.name].P_a * chamber.weight(columns(state.particles.x))
-        return p
-
     @property
     def parts(self) -> tuple[AbstractPart, ...]:
         """Parts that exchange energy with the water or are read."""

@@ -192,13 +192,17 @@ class AbstractParticleScheme(AbstractScheme):
         fields = {"x": columns(p.x), "V": self.volume(p), "p": self.pressure(p), "u": columns(p.u)}
         return Sources(fields, {})
 
+    def over_air(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
+        """Field "over_air" of the water: pressure (Pa) over the air's on its surface; none where it is p."""
+        del model, state
+        return {}
+
     def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
         x, nodes, volume = model.ghosts_at(state.own, state.particles, tables.images)
         water = self.water(state.particles)
-        if model.chambers and walls.dummies:
-            water = Sources(water.water | {"over_air": model.pressure_over_air(state)}, water.ghosts)
+        water = Sources(water.water | self.over_air(model, state), water.ghosts)
         water = tables.fluid.slabs.fetch(water)
         weight = self.rho0 * model.g
         fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes, weight)

@@ -165,6 +165,15 @@ class DeltaSPH(AbstractRateScheme):
         water = super().water(p).water
         return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
 
+    def over_air(self, model, state):
+        """See `AbstractParticleScheme`: for dummies alone, which tell the level of the water from it."""
+        if not (model.chambers and model.walls.dummies):
+            return {}
+        p = self.pressure(state.particles)
+        for chamber in model.chambers:
+            p = p - state.own[chamber.name].P_a * chamber.weight(columns(state.particles.x))
+        return {"over_air": p}
+
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
         """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see.
 

@@ -10,12 +10,14 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 from scipy.spatial import KDTree
 from scipy.special import gamma
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.pairs import Smoothing
+from jaxsph.core.points import at_points
 from jaxsph.solids.box import Box
 from jaxsph.solids.divisions import Regions, region_bits
 from jaxsph.solids.placement import lattice
@@ -66,9 +68,9 @@ class Full:
         ends = tuple(self.box.low - over[0]), tuple(self.box.high + over[1])
         x, volume = lattice(*ends, self.side, self.regions.plates, self.regions.platforms)
         for shape in self.shapes:
-            outside = np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) > 0
+            outside = at_points(shape.distance, x) > 0
             x, volume = x[outside], volume[outside]
-        return x, volume, np.asarray(region_bits(self.regions, jnp.asarray(x, jnp.float32))[0])
+        return x, volume, region_bits(self.regions, x)[0]
 
 
 class Brim(eqx.Module):
@@ -180,10 +182,15 @@ def _weights(
     # pairs of one point at most
     most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
     rows = max(1, int(PAIRS / most))
+    law = Partial(_value, kernel, jnp.asarray(h), dim)
     for start in range(0, len(points), rows):
         some = KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
         # a pair at the very edge of the support has no weight, whatever its rounding
         inside = pairs["v"] < (1.0 - 1e-6) * reach * h
-        value = np.asarray(kernel.value(jnp.asarray(pairs["v"] ** 2), h, dim))
+        value = at_points(law, pairs["v"] ** 2, float)
         yield pairs["i"] + start, pairs["j"], volume[pairs["j"]] * np.where(inside, value, 0.0)
+
+
+def _value(kernel: AbstractKernel, h: Scalar, dim: int, r2: Float[Array, " N"]) -> Float[Array, " N"]:
+    return kernel.value(r2, h, dim)

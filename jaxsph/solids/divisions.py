@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Iterable, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 
 from jaxsph.core.arrays import Array, Components, Float, Int, columns
+from jaxsph.core.points import at_points
 from jaxsph.solids.box import AnyPlate, LeaningPlate, Platform, WallPlate
 from jaxsph.solids.shapes import AbstractShape
 
@@ -240,9 +241,12 @@ class Regions(eqx.Module):
         return int(used @ (1 << np.arange(self.count)))
 
 
-@jax.jit
-def region_bits(regions: Regions, x: Float[Array, "N D"]) -> tuple[Int[Array, " N"], Int[Array, " N"]]:
-    """Kind bit of particles at x (m), and the bits of what they see; compiled whole, for use on the host."""
+def region_bits(regions: Regions, x: np.ndarray, dtype: Any = jnp.float32) -> tuple[np.ndarray, np.ndarray]:
+    """Kind bit of particles at x (m), and the bits of what they see, found on the host."""
+    return at_points(Partial(_bits, regions), x, dtype)
+
+
+def _bits(regions: Regions, x: Float[Array, "N D"]) -> tuple[Int[Array, " N"], Int[Array, " N"]]:
     region = regions.index(x)
     return regions.kind(region), regions.sees(region)
 

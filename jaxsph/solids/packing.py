@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -76,7 +75,7 @@ def packed(
         return x, volume
     beside = ~free & (away < (NEAR + REACH + 2 * SLACK) * dx)
     ghosts, size = np.asarray(walls.x, float), np.asarray(walls.volume, float) / dx ** x.shape[1]
-    kind, sees = (np.asarray(a) for a in region_bits(walls.regions, jnp.asarray(x, jnp.float32)))
+    kind, sees = region_bits(walls.regions, x)
     # an image stands for a cell, and has no volume while it has no particle
     size = np.concatenate([np.ones(int(beside.sum())), np.where(size > 0.0, size, 1.0)])
     origin = np.append(x[free].mean(axis=0)[:-1], level)

@@ -6,9 +6,9 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.core.points import at_points
 from jaxsph.solids.box import Box, LeaningPlate, Platform, WallPlate
 from jaxsph.solids.divisions import (
     PLAIN,
@@ -280,7 +280,7 @@ def _behind_plate(
         x, volume = _behind_face(plate, which, held, dx, layers)
         kept = np.all((x > box.low) & (x < box.high), axis=1)
         for other in others:
-            kept &= np.asarray(other.distance(jnp.asarray(x, jnp.float32))) > 0
+            kept &= at_points(other.distance, x) > 0
         kind, sees = regions.set_kind(first + which), regions.node_sees(first + which)
         parts.append(_dummies(x[kept], volume[kept], kind, sees))
     return join(parts)
@@ -299,8 +299,7 @@ def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]
     walls = np.stack([at - box.low, np.asarray(box.high) - at], axis=1)
     if (box.walls & (walls < HELD)).any():
         return True
-    point = jnp.asarray(at[None], jnp.float32)
-    return any(float(other.distance(point)[0]) < HELD for other in others)
+    return any(at_points(other.distance, at[None])[0] < HELD for other in others)
 
 
 def _behind_face(

@@ -15,6 +15,7 @@ from scipy.spatial import KDTree, Voronoi
 from shapely.validation import explain_validity
 
 from jaxsph.core.arrays import Array, Float
+from jaxsph.core.points import at_points
 from jaxsph.solids.box import LeaningPlate
 
 SHARP = 0.3
@@ -61,7 +62,7 @@ class AbstractShape(eqx.Module):
         margin = 0.02 * np.max(high - low)
         ends = [np.linspace(a - margin, b + margin, FINE + 1) for a, b in zip(low, high, strict=True)]
         points = np.stack(np.meshgrid(*ends, indexing="ij"), -1)
-        away = np.asarray(self.distance(jnp.asarray(points.reshape(-1, 2)))).reshape(points.shape[:2])
+        away = at_points(self.distance, points.reshape(-1, 2)).reshape(points.shape[:2])
         found: Any = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
         whole = shapely.Polygon()
         for line in sorted((shapely.Polygon(one) for one in found), key=lambda one: -one.area):

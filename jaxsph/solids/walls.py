@@ -22,6 +22,7 @@ from jaxsph.core.pairs import (
     Period,
     Smoothing,
 )
+from jaxsph.core.points import at_points
 from jaxsph.core.slabs import Chosen, PointNeighbours, Sources
 from jaxsph.model.solids import AbstractSolid
 from jaxsph.solids.box import Box, FreeSlip, NoSlip, Platform, WallPlate
@@ -353,7 +354,7 @@ def _with_walls_behind(
         tank = parts[0]
         on_wall = np.clip(tank.x, box.low, box.high)
         behind = (np.abs(on_wall - tank.x).max(axis=1) > 0) & ~tank.moves
-        behind &= np.asarray(shape.distance(jnp.asarray(on_wall, jnp.float32))) < AT_WALL
+        behind &= at_points(shape.distance, on_wall) < AT_WALL
         parts[0] = GhostSet(*(a[~behind] for a in tank))
         parts[k] = join([parts[k], GhostSet(*(a[behind] for a in tank))])
     return parts
@@ -378,8 +379,8 @@ def _in_the_tank(
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
     """Bits of the particles that every node uses: those of its ghost set, or those its own region sees."""
-    _, sees = region_bits(regions, jnp.asarray(ghosts.node, jnp.float32))
-    plain = np.asarray(sees) & ((1 << regions.count) - 1)
+    _, sees = region_bits(regions, ghosts.node)
+    plain = sees & ((1 << regions.count) - 1)
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
 

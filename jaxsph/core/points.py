@@ -1,0 +1,28 @@
+"""Values at points on the host, as a problem is built: without compiling again for every number of points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def at_points(law: Callable[[jax.Array], Any], x: np.ndarray, dtype: Any = jnp.float32) -> Any:
+    """Values `[N, ...]` of a law, in its own unit, at points x `[N]` or `[N, D]` on the host.
+
+    The law is compiled whole, once for all N between two powers of two. It is a method of a module, or a
+    `jax.tree_util.Partial`: arrays in it are arguments, everything else is compiled in.
+    """
+    count = len(x)
+    padded = np.zeros((1 << max(count - 1, 0).bit_length(), *x.shape[1:]))
+    padded[:count] = x
+    return jax.tree.map(lambda a: np.asarray(a)[:count], _values(law, jnp.asarray(padded, dtype)))
+
+
+@eqx.filter_jit
+def _values(law: Callable[[jax.Array], Any], x: jax.Array) -> Any:
+    return law(x)
