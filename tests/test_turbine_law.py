@@ -71,6 +71,7 @@ def test_a_valve_holds_the_pressure_and_the_turbine_the_law(swinging):
     assert float(end.ledger["relief"].total) > 0.0
 
 
+@pytest.mark.slow
 def test_a_closed_chamber_holds_its_water(swinging):
     """Of a flow of some 0.06 m2/s at the start next to nothing is left after one step."""
     _, _, open_ = _run(swinging, {"pto": {"K_dm": 0.0}}, samples=4)
@@ -121,6 +122,7 @@ class _Meter(js.PneumaticPTO):
         return {"rotor": Entry(f"rotor of the {whose}", Exchange.HARVESTED)}
 
 
+@pytest.mark.slow
 def test_a_power_take_off_has_a_ledger_name_of_its_own(swinging):
     case, state = swinging
     model, _ = js.build(case)
@@ -134,6 +136,7 @@ def test_a_power_take_off_has_a_ledger_name_of_its_own(swinging):
     assert named == "rotor" and float(end.ledger["rotor"].total) > 0.0
 
 
+@pytest.mark.slow
 def test_two_chambers_obey_their_laws_at_once():
     """A plate of one spacing between them: the pressure of one changes the flow of the other."""
     dx, depth, length, tip, sample = 0.04, 0.4, 1.2, 0.28, 0.02
@@ -160,6 +163,7 @@ def test_two_chambers_obey_their_laws_at_once():
         assert P_a == pytest.approx(K**2 * np.abs(q) * q, abs=1e-4 * np.abs(P_a).max())
 
 
+@pytest.mark.slow
 def test_slopes_through_the_air_s_pressure_are_differences(swinging):
     """In float64: the energy that a damped swing gives the turbine, over its damping."""
     with enable_x64():
