@@ -20,7 +20,7 @@ _ROOMS = {
     "case.report": ("check",),
     "core.design": ("least_stress",),
     "core.kernels": ("AbstractKernel", "Gaussian", "Polynomial", "Semicircle", "WendlandC2"),
-    "core.lattice": ("LatticeStress", "lattice_stress"),
+    "core.lattice": ("LatticeStress", "lattice_stress", "surface_stiffness"),
     "errors": ("CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"),
     "model.air": ("AbstractPTO",),
     "model.forces": ("AbstractConservativeForce", "AbstractForce", "CentralForce"),

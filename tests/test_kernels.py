@@ -10,7 +10,13 @@ from conftest import enable_x64
 
 from jaxsph.core.design import least_stress
 from jaxsph.core.kernels import Gaussian, Polynomial, Semicircle, WendlandC2, support
-from jaxsph.core.lattice import lattice_points, lattice_stress, shear_stiffness, shear_waves
+from jaxsph.core.lattice import (
+    lattice_points,
+    lattice_stress,
+    shear_stiffness,
+    shear_waves,
+    surface_stiffness,
+)
 from jaxsph.schemes.kernels import POLYNOMIAL, SEMICIRCLE, SUPPORT, usual_length
 
 H = 0.03
@@ -172,6 +178,19 @@ def test_only_the_polynomial_leaves_a_lattice_stable():
             kernel = kernels[dim]
             stiffness = lattice_stress(kernel, usual_length(kernel, dim), dim).stiffness
             assert (stiffness > -1e-6) if stable else (stiffness < -5e-4)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_second_row_under_a_surface_is_soft_by_what_the_first_is_stiff(dim):
+    """Pairs across the surface, of a row and of the mirror image of another, would cancel both; what is left
+    is the lattice's own stiffness, which grows with the depth.
+    """
+    kernel = POLYNOMIAL[dim]
+    first, second, *deep = surface_stiffness(kernel, usual_length(kernel, dim), dim)
+    assert first > 0.1 and second < -0.1
+    own = np.abs(deep).max()
+    assert own < 0.15 * first
+    assert first + second == pytest.approx(0.0, abs=own)
 
 
 # Furthest corners of the first zones of square, cubic, triangular and body-centred lattices, in pi a spacing.

@@ -12,7 +12,7 @@ from scipy import linalg, special
 
 from jaxsph.core.kernels import AbstractKernel
 
-__all__ = ["LatticeStress", "lattice_points", "lattice_stress"]
+__all__ = ["LatticeStress", "lattice_points", "lattice_stress", "surface_stiffness"]
 
 Lattice = Literal["cubic", "close"]
 """Square or cubic, or triangular in two and body-centred in three dimensions; of one particle per dx^D."""
@@ -155,6 +155,34 @@ def shear_stiffness(
     sum_j V (1 - cos k r_j) grad grad W(r_j), in spacings, between vectors perpendicular to the wave; what is
     left beside it compresses the lattice, which the pressure itself forbids.
     """
+    near, curvature = _curvature(kernel, h_over_dx, points)
+    stiffness = np.einsum("kn,nab->kab", 1.0 - np.cos(waves @ near.T), curvature)
+    across = transverse(waves)
+    return across @ stiffness @ across
+
+
+def surface_stiffness(
+    kernel: AbstractKernel, h_over_dx: float, dim: int, rows: int = 4, k: float = np.pi
+) -> NDArray[np.float64]:
+    """Stiffness `[rows]` (-) of the rows under a free surface against waves along it that lift and sink them.
+
+    Times g/dx it is the square of the frequency of a row in still water, were the others to move as it does:
+    sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 over rho g dx. `k`: wavenumber in spacings, rad. Deep in the
+    water it is the lattice's own. What the first row has too much the second has too little, since the rows
+    that are missing over the surface would have pressures below zero.
+    """
+    points = lattice_points("cubic", dim, kernel.reach * h_over_dx)
+    near, curvature = _curvature(kernel, h_over_dx, points)
+    weight = (1.0 - np.cos(k * near[:, 0])) * curvature[:, -1, -1]
+    depth = np.arange(rows)[:, None] + 0.5
+    other = depth - near[:, -1]
+    return np.sum(np.where(other > 0.0, depth + other, 0.0) * weight, axis=1)
+
+
+def _curvature(
+    kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points `[K, D]` that a particle at the origin sees, V grad grad W `[K, D, D]` there, in spacings."""
     dim, r2 = points.shape[1], np.sum(points**2, axis=1)
     near, r2 = points[r2 < (kernel.reach * h_over_dx) ** 2], r2[r2 < (kernel.reach * h_over_dx) ** 2]
 
@@ -162,10 +190,7 @@ def shear_stiffness(
         return kernel.slope(r2, h_over_dx, dim)
 
     F, dF = jax.vmap(jax.value_and_grad(slope))(jnp.asarray(r2))  # grad grad W = F 1 + 2 F' r r
-    curvature = np.einsum("n,ab->nab", F, np.eye(dim)) + 2.0 * np.einsum("n,na,nb->nab", dF, near, near)
-    stiffness = np.einsum("kn,nab->kab", 1.0 - np.cos(waves @ near.T), curvature)
-    across = transverse(waves)
-    return across @ stiffness @ across
+    return near, np.einsum("n,ab->nab", F, np.eye(dim)) + 2.0 * np.einsum("n,na,nb->nab", dF, near, near)
 
 
 def _transform(kernel: AbstractKernel, h: float, dim: int) -> tuple[float, float]:
