@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from conftest import enable_x64
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -128,6 +129,14 @@ class Ellipse(AbstractShape):
 
     def bounds(self):
         return np.array([0.1, 0.2]), np.array([0.5, 0.4])
+
+
+def test_the_outline_of_a_distance_has_its_precision():
+    """A disc's, grown by 1e-9 m, which single precision does not resolve."""
+    with enable_x64():
+        small, large = (AbstractShape.region(Disc((0.3, 0.3), r)).area for r in (0.1, 0.1 + 1e-9))
+    # to the error of a polygon of so many corners
+    assert large - small == pytest.approx(2.0 * np.pi * 0.1 * 1e-9, rel=1e-3)
 
 
 def test_a_shape_is_known_by_its_distance():

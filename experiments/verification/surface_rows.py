@@ -56,8 +56,7 @@ def growth(dx: float, t1: float, changes: dict[str, Any]) -> tuple[float, float]
         "tank": {"length": LENGTH, "depth": DEPTH},
     }
     model, state = js.build(js.Case.from_dict(still).replace(changes))
-    order = np.argsort(np.asarray(state.particles.id))
-    z = np.asarray(state.particles.x)[order, -1]
+    z = heights(state)
     second = (z < DEPTH - dx) & (z > DEPTH - 2.0 * dx)
     shift = np.random.default_rng(1).uniform(-1.0, 1.0, state.particles.x.shape)
     state = eqx.tree_at(
@@ -65,11 +64,15 @@ def growth(dx: float, t1: float, changes: dict[str, Any]) -> tuple[float, float]
     )
     steps = round(0.5 / float(model.dt) / model.search.rebuild_every) * model.search.rebuild_every
     go_on = jax.jit(lambda state: js.simulate(model, state, n_steps=steps, sample_every=steps)[0])
-    times, heights = [], []
+    times, spread = [], []
     while float(state.step) * float(model.dt) < t1 - 0.1:
         state = go_on(state)
-        order = np.argsort(np.asarray(state.particles.id))
         times.append(float(state.step) * float(model.dt))
-        heights.append(np.std(np.asarray(state.particles.x)[order, -1][second]))
+        spread.append(np.std(heights(state)[second]))
     settled = np.array(times) > 0.9
-    return float(model.dt), float(np.polyfit(np.array(times)[settled], np.log(heights)[settled], 1)[0])
+    return float(model.dt), float(np.polyfit(np.array(times)[settled], np.log(spread)[settled], 1)[0])
+
+
+def heights(state: js.State) -> np.ndarray:
+    """Heights of the particles by their ids, m."""
+    return np.asarray(state.particles.x)[np.argsort(np.asarray(state.particles.id)), -1]

@@ -12,7 +12,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import Partial
 
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
@@ -75,7 +74,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     walls = _walls(case, geometry, scheme)
     bodies = make_bodies(case, geometry, walls, leaf)
     x, volume = water(geometry, case.dx)
-    away = [at_points(Partial(body.distance, body.start(dtype)), x, dtype) for body in bodies]
+    away = [at_points(eqx.Partial(body.distance, body.start(dtype)), x, dtype) for body in bodies]
     level = geometry.depth if geometry.column == geometry.length else None
     x, volume = around_solids(x, volume, away, _at_start(walls, bodies), level, case.dx)
     if level is not None and case.scheme.kind == "incompressible":

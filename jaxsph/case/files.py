@@ -100,15 +100,16 @@ def _read_curve(path: Path) -> dict[str, Any]:
     return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
 
 
-def _read_polygon(path: Path, scale: Any = None, at: Any = (0.0, 0.0)) -> dict[str, Any]:
+def _read_polygon(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
     """Corners of a shape in their order around it: columns x and z (m), or the outline in a drawing.
 
     `scale` multiplies them, and `at` is where their origin is in the tank, m. **Raises** ValueError for a
     value of these that cannot be used.
     """
+    at = [0.0, 0.0] if at is None else at
     if scale is not None and not (_is_number(scale) and scale > 0.0):
         raise ValueError(f"scale = {scale!r}: must be a positive number")
-    if not (isinstance(at, list | tuple) and len(at) == 2 and all(map(_is_number, at))):
+    if not (isinstance(at, list) and len(at) == 2 and all(map(_is_number, at))):
         raise ValueError(f"at = {at!r}: must be a place [x, z], m")
     if path.suffix.lower() in DRAWINGS:
         corners = read_outline(path, scale)

@@ -14,8 +14,8 @@ import numpy as np
 def at_points(law: Callable[[jax.Array], Any], x: np.ndarray, dtype: Any = jnp.float32) -> Any:
     """Values `[N, ...]` of a law, in its own unit, at points x `[N]` or `[N, D]` on the host.
 
-    The law is compiled whole, once for all N between two powers of two. It is a method of a module, or a
-    `jax.tree_util.Partial`: arrays in it are arguments, everything else is compiled in.
+    The law is compiled whole, once for all N between two powers of two. It is a method of a module, or an
+    `eqx.Partial` of one or of a function: arrays in it are arguments, everything else is compiled in.
     """
     count = len(x)
     padded = np.zeros((1 << max(count - 1, 0).bit_length(), *x.shape[1:]))

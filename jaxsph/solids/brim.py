@@ -10,7 +10,6 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import Partial
 from scipy.spatial import KDTree
 from scipy.special import gamma
 
@@ -182,7 +181,7 @@ def _weights(
     # pairs of one point at most
     most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
     rows = max(1, int(PAIRS / most))
-    law = Partial(_value, kernel, jnp.asarray(h), dim)
+    law = eqx.Partial(kernel.value, h=jnp.asarray(h), dim=dim)
     for start in range(0, len(points), rows):
         some = KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
@@ -190,7 +189,3 @@ def _weights(
         inside = pairs["v"] < (1.0 - 1e-6) * reach * h
         value = at_points(law, pairs["v"] ** 2, float)
         yield pairs["i"] + start, pairs["j"], volume[pairs["j"]] * np.where(inside, value, 0.0)
-
-
-def _value(kernel: AbstractKernel, h: Scalar, dim: int, r2: Float[Array, " N"]) -> Float[Array, " N"]:
-    return kernel.value(r2, h, dim)

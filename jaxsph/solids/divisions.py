@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.tree_util import Partial
 
 from jaxsph.core.arrays import Array, Components, Float, Int, columns
 from jaxsph.core.points import at_points
@@ -243,7 +242,7 @@ class Regions(eqx.Module):
 
 def region_bits(regions: Regions, x: np.ndarray, dtype: Any = jnp.float32) -> tuple[np.ndarray, np.ndarray]:
     """Kind bit of particles at x (m), and the bits of what they see, found on the host."""
-    return at_points(Partial(_bits, regions), x, dtype)
+    return at_points(eqx.Partial(_bits, regions), x, dtype)
 
 
 def _bits(regions: Regions, x: Float[Array, "N D"]) -> tuple[Int[Array, " N"], Int[Array, " N"]]:

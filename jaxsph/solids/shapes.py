@@ -62,7 +62,7 @@ class AbstractShape(eqx.Module):
         margin = 0.02 * np.max(high - low)
         ends = [np.linspace(a - margin, b + margin, FINE + 1) for a, b in zip(low, high, strict=True)]
         points = np.stack(np.meshgrid(*ends, indexing="ij"), -1)
-        away = at_points(self.distance, points.reshape(-1, 2)).reshape(points.shape[:2])
+        away = at_points(self.distance, points.reshape(-1, 2), float).reshape(points.shape[:2])
         found: Any = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
         whole = shapely.Polygon()
         for line in sorted((shapely.Polygon(one) for one in found), key=lambda one: -one.area):
