@@ -16,8 +16,10 @@ from jaxsph.model import laws
 from jaxsph.model.state import Failure
 from jaxsph.probes.parts import PartProbe
 from jaxsph.report.labels import LABELS
+from jaxsph.schemes.incompressible import ISPH
+from jaxsph.schemes.kernels import NAMED
 from jaxsph.schemes.poisson import BiCGStab, Explicit
-from jaxsph.schemes.projection import RELAXATION
+from jaxsph.schemes.projection import RELAXATION, undoing
 from jaxsph.solids.contact import touch_force
 
 TANK = {
@@ -203,6 +205,44 @@ def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
     found = np.asarray(divergence_(model, after, tables))[deep].mean()
     rate = RELAXATION * np.sqrt(9.81 / float(model.scheme.smoothing.h))
     np.testing.assert_allclose(found, 0.02 * rate, rtol=0.15)
+
+
+def _undoing(scheme, filled, head, dt):
+    """Rate (1/s) at which particles with this kernel sum and pressure head in spacings expand."""
+    frequency = np.sqrt(9.81 / float(scheme.smoothing.h))
+    spacing = scheme.dx / scheme.smoothing.h
+    filled, head = jnp.asarray([filled]), jnp.asarray([head])
+    rate, _ = undoing(filled, head, scheme.lacks, scheme.relaxation, frequency, dt, spacing)
+    return float(rate[0])
+
+
+@pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian"])
+def test_second_row_is_held_the_firmer_the_longer_the_step(kernel):
+    """At rest it lacks what the lattice above it would give, and the rows about it are as in any water."""
+    scheme = ISPH.of(0.02, 1.0, dim=2, kernel=NAMED[2][kernel])
+    usual = RELAXATION * np.sqrt(9.81 / float(scheme.smoothing.h))
+
+    def rate(head, dt):
+        fill = 1.0 - float(scheme.lacks)
+        return (_undoing(scheme, fill + 0.01, head, dt) - _undoing(scheme, fill, head, dt)) / 0.01
+
+    np.testing.assert_allclose(rate(1.5, 1e-4), usual, rtol=1e-3)
+    assert rate(1.5, 0.003) > 1.2 * usual
+    np.testing.assert_allclose(rate(1.5, 0.004) / rate(1.5, 0.003), 4.0 / 3.0, rtol=1e-3)
+    for head in (-1.0, 0.0, 0.5, 2.5, 20.0):
+        np.testing.assert_allclose(rate(head, 0.004), usual, rtol=1e-3)
+    for dt in (0.004, 0.01):  # a step never undoes more than there is
+        assert rate(1.5, dt) * dt < 1.0
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_second_row_is_not_crowded_at_rest(dim):
+    """With the default kernels, at the steps that runs take, it rests where the lattice has it."""
+    scheme = ISPH.of(0.02, 1.0, dim=dim)
+    fill = 1.0 - float(scheme.lacks)
+    assert 0.005 < scheme.lacks < 0.02
+    firm = (_undoing(scheme, fill + 0.01, 1.5, 0.005) - _undoing(scheme, fill, 1.5, 0.005)) / 0.01
+    assert abs(_undoing(scheme, fill, 1.5, 0.005)) < 1e-3 * firm
 
 
 def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):

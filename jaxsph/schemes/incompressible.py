@@ -35,7 +35,7 @@ from jaxsph.schemes.projection import (
     PressureEquation,
     Projection,
     checked_solution,
-    crowding_of,
+    undoing,
 )
 from jaxsph.schemes.step import (
     Changes,
@@ -71,6 +71,8 @@ class ISPH(AbstractParticleScheme):
     """Kernel's sum V W on the lattice."""
     full_weights: Scalar
     """Sum of the Laplacian's weights on the lattice, times h^2."""
+    lacks: Scalar
+    """Share of the kernel's sum that the second row under a flat surface does not have."""
     viscosity: AbstractViscosity
     """Law of the viscous force."""
     solver: AbstractSolver
@@ -124,7 +126,7 @@ class ISPH(AbstractParticleScheme):
         def leaf(a):
             return jnp.asarray(a, dtype)
 
-        full, full_weights = lattice_sums(kernel, h_over_dx, dim)
+        full, full_weights, lacks = lattice_sums(kernel, h_over_dx, dim)
         return cls(
             smoothing=Smoothing(kernel, leaf(h_over_dx * dx), period),
             dx=leaf(dx),
@@ -132,6 +134,7 @@ class ISPH(AbstractParticleScheme):
             speed=leaf(speed),
             full=leaf(full),
             full_weights=leaf(full_weights),
+            lacks=leaf(lacks),
             viscosity=jax.tree.map(leaf, viscosity),
             solver=BiCGStab() if solver is None else solver,
             surface=jax.tree.map(leaf, surface),
@@ -421,11 +424,12 @@ class ISPH(AbstractParticleScheme):
             # a periodic box has no surface, though disorder may lower the kernel's sums
             free, extra = jnp.ones_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
-        # crowding is undone in gravity's own time, sqrt(h/g), whatever the time step is
-        rate = self.relaxation * (jnp.sum(model.g**2) + 1e-12) ** 0.25 / jnp.sqrt(h)
-        crowding, held = crowding_of(filled)
-        gain = scale * self.rho0 / model.dt
-        both = gain * shrinking, gain * rate * crowding
+        # crowding is undone in gravity's own time, sqrt(h/g)
+        g, dt = jnp.sqrt(jnp.sum(model.g**2) + 1e-12), model.dt
+        head = p.p / (self.rho0 * g * self.dx)
+        spread, held = undoing(filled, head, self.lacks, self.relaxation, jnp.sqrt(g / h), dt, self.dx / h)
+        gain = scale * self.rho0 / dt
+        both = gain * shrinking, gain * spread
         return Poisson(weights, tables.fluid, scale, diagonal, extra, free, *both, held)
 
     # ---------------------------------------------------------------- diagnostics

@@ -61,12 +61,16 @@ def usual_length(kernel: AbstractKernel, dim: int) -> float:
     return 1.2 * kernel.width
 
 
-def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float]:
-    """Kernel's sum V W, the particle itself included, and h^2 times the Laplacian's weights, on a lattice."""
+def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float, float]:
+    """Sums over a lattice: the kernel's, V W, the particle itself included, and h^2 times the Laplacian's
+    weights; and the share of the first sum that the second row under a flat surface lacks."""
     reach = int(np.ceil(kernel.reach * h_over_dx))
     axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
     r2 = np.sum([a**2 for a in axes], axis=0)
-    r2 = jnp.asarray(r2[r2 < (kernel.reach * h_over_dx) ** 2])
+    near = r2 < (kernel.reach * h_over_dx) ** 2
+    above = jnp.asarray(axes[-1][near] > 1.5)
+    r2 = jnp.asarray(r2[near])
     pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
     weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
-    return float(jnp.sum(pair.W)), float(jnp.sum(weights)) * h_over_dx**2
+    full = float(jnp.sum(pair.W))
+    return full, float(jnp.sum(weights)) * h_over_dx**2, float(jnp.sum(pair.W * above)) / full

@@ -29,6 +29,24 @@ still water is restless.
 """
 
 
+SECOND_ROW = 42.0
+"""Rate at which crowding of the second row under a free surface is undone, over dt g/h.
+
+In a step of dt such a rate is a spring of as much g/h. It stands against pressure, which pushes that row
+away from where it is (`surface_stiffness`); with `RELAXATION` alone the spring would be weaker the longer the
+step. With 60 the row is not held much better; where the third row is held too, a standing wave blows up.
+"""
+
+MOST = 0.5
+"""Largest share of the second row's crowding that a step undoes (-)."""
+
+STEADY = 0.9
+"""Largest share of the kernel's sum that the second row may lack, over dx dt g/h^2 and the rate (-).
+
+The row is told by its pressure, which answers to its crowding in the next step. With twice as much lacking
+(the Gaussian lacks 0.03) that answer swings, and the water jumps off the bed.
+"""
+
 LEFT_OVER = 0.5
 """Share of the divergence left over from the step before that a projection takes out.
 
@@ -160,13 +178,32 @@ def checked_solution(state: State, projected: Projection) -> Status:
     return status.flag(Failure.NOT_CONVERGED, failed, state.step, jnp.zeros_like(status.where))
 
 
-def crowding_of(filled: Float[Array, " N"]) -> tuple[Float[Array, " N"], Scalar]:
-    """Crowding, the relative excess of the particles' density, and the number of particles at its limits.
+def undoing(
+    filled: Float[Array, " N"],
+    head: Float[Array, " N"],
+    lacks: Scalar,
+    relaxation: Scalar,
+    frequency: Scalar,
+    dt: Scalar,
+    spacing: Scalar,
+) -> tuple[Float[Array, " N"], Scalar]:
+    """Rate of expansion that undoes crowding, 1/s, and the number of particles at the limits of crowding.
 
-    It is negative where particles are too loose; the limits hold it within what disorder makes. Particles
-    whose kernel is filled to less than 0.8 are at the surface and have none.
+    Crowding, the relative excess of the particles' density, is negative where they are too loose; the limits
+    hold it within what disorder makes. Particles whose kernel is filled to less than 0.8 are at the surface
+    and have none. The second row under the surface, told by its pressure, is at rest with what `lacks`
+    leaves, and is held the firmer the longer the step is.
+
+    **Arguments**: `filled`: the kernel's sum over that of a lattice; `head`: pressure head of the step
+    before, in spacings; `lacks`: `schemes.kernels.lattice_sums`; `relaxation`: see `RELAXATION`; `frequency`:
+    sqrt(g/h), 1/s; time step dt, s; `spacing`: dx/h.
     """
+    second = jnp.clip((0.75 - jnp.abs(head - 1.5)) / 0.5, 0.0, 1.0)
     inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
-    excess = filled - 1.0
+    firm = jnp.minimum(SECOND_ROW * dt * frequency**2, MOST / dt)
+    rate = jnp.maximum(relaxation * frequency, second * firm)
+    steady = STEADY * spacing * dt * frequency**2 / jnp.maximum(rate, firm)
+    excess = filled + second * jnp.minimum(lacks, steady) - 1.0
     within = jnp.clip(excess, -0.05, 0.2)
-    return inside * within, jnp.sum((inside == 1.0) & (within != excess)).astype(filled.dtype)
+    limited = jnp.sum((inside == 1.0) & (within != excess))
+    return rate * inside * within, limited.astype(filled.dtype)
