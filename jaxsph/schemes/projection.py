@@ -34,7 +34,7 @@ SECOND_ROW = 42.0
 
 In a step of dt such a rate is a spring of as much g/h. It stands against pressure, which pushes that row
 away from where it is (`surface_stiffness`); with `RELAXATION` alone the spring would be weaker the longer the
-step. With 60 the row is not held much better; where the third row is held too, a standing wave blows up.
+step. With 60 the row is not held much better, nor with the third row held too.
 """
 
 MOST = 0.5
@@ -200,9 +200,10 @@ def undoing(
     """
     second = jnp.clip((0.75 - jnp.abs(head - 1.5)) / 0.5, 0.0, 1.0)
     inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
+    usual = relaxation * frequency
     firm = jnp.minimum(SECOND_ROW * dt * frequency**2, MOST / dt)
-    rate = jnp.maximum(relaxation * frequency, second * firm)
-    steady = STEADY * spacing * dt * frequency**2 / jnp.maximum(rate, firm)
+    rate = jnp.maximum(usual, second * firm)
+    steady = STEADY * spacing * dt * frequency**2 / jnp.maximum(usual, firm)
     excess = filled + second * jnp.minimum(lacks, steady) - 1.0
     within = jnp.clip(excess, -0.05, 0.2)
     limited = jnp.sum((inside == 1.0) & (within != excess))
