@@ -207,42 +207,59 @@ def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
     np.testing.assert_allclose(found, 0.02 * rate, rtol=0.15)
 
 
-def _undoing(scheme, filled, head, dt):
-    """Rate (1/s) at which particles with this kernel sum and pressure head in spacings expand."""
-    frequency = np.sqrt(9.81 / float(scheme.smoothing.h))
-    spacing = scheme.dx / scheme.smoothing.h
-    filled, head = jnp.asarray([filled]), jnp.asarray([head])
-    rate, _ = undoing(filled, head, scheme.lacks, scheme.relaxation, frequency, dt, spacing)
+def _undoing(scheme, filled, edge, dt):
+    """Rate (1/s) of a particle with this sum of the kernel and this slope of it, under gravity."""
+    frequency = jnp.sqrt(9.81 / scheme.smoothing.h)
+    filled, edge = jnp.asarray([filled]), jnp.asarray([edge])
+    rate, _ = undoing(filled, edge, scheme.lattice, scheme.relaxation, frequency, dt)
     return float(rate[0])
 
 
-@pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian"])
+@pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian", "wendland"])
 def test_second_row_is_held_the_firmer_the_longer_the_step(kernel):
     """At rest it lacks what the lattice above it would give, and the rows about it are as in any water."""
     scheme = ISPH.of(0.02, 1.0, dim=2, kernel=NAMED[2][kernel])
     usual = RELAXATION * np.sqrt(9.81 / float(scheme.smoothing.h))
+    first, second = map(float, scheme.lattice.edges)
 
-    def rate(head, dt):
-        fill = 1.0 - float(scheme.lacks)
-        return (_undoing(scheme, fill + 0.01, head, dt) - _undoing(scheme, fill, head, dt)) / 0.01
+    def rate(edge, dt):
+        fill = 1.0 - float(scheme.lattice.lacks) * (edge == second)
+        return (_undoing(scheme, fill + 0.01, edge, dt) - _undoing(scheme, fill, edge, dt)) / 0.01
 
-    np.testing.assert_allclose(rate(1.5, 1e-4), usual, rtol=1e-3)
-    assert rate(1.5, 0.003) > 1.2 * usual
-    np.testing.assert_allclose(rate(1.5, 0.004) / rate(1.5, 0.003), 4.0 / 3.0, rtol=1e-3)
-    for head in (-1.0, 0.0, 0.5, 2.5, 20.0):
-        np.testing.assert_allclose(rate(head, 0.004), usual, rtol=1e-3)
-    for dt in (0.004, 0.01):  # a step never undoes more than there is
-        assert rate(1.5, dt) * dt < 1.0
+    np.testing.assert_allclose(rate(second, 1e-4), usual, rtol=1e-3)
+    assert rate(second, 0.004) > 1.2 * usual
+    np.testing.assert_allclose(rate(second, 0.005) / rate(second, 0.004), 5.0 / 4.0, rtol=1e-3)
+    for edge in (0.0, 0.25 * second, first):
+        np.testing.assert_allclose(rate(edge, 0.005), usual, rtol=1e-3)
+    for dt in (0.005, 0.01):  # a step never undoes more than there is
+        assert rate(second, dt) * dt < 1.0
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian", "wendland"])
+def test_rows_under_a_surface_are_told_by_the_slope_of_the_kernels_sum(kernel, dim):
+    """The second row's is far from the third's, 0 in deep water and at a wall, and from the first's."""
+    scheme = ISPH.of(0.02, 1.0, dim=dim, kernel=NAMED[dim][kernel])
+    reach = np.arange(-6.0, 7.0)
+    axes = np.meshgrid(*(reach,) * dim)
+    r2, h = jnp.asarray(sum(a**2 for a in axes)), float(scheme.smoothing.h) / 0.02
+    slope = np.asarray(NAMED[dim][kernel].slope(r2, h, dim)) * axes[-1]
+    slope = slope * np.asarray(r2 < (NAMED[dim][kernel].reach * h) ** 2)
+    first, second, third = (slope[axes[-1] < row + 0.5].sum() for row in range(3))
+    np.testing.assert_allclose(scheme.lattice.edges, (first, second), rtol=1e-4)
+    assert -1e-6 <= third < 0.25 * second < 0.125 * first
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_second_row_is_not_crowded_at_rest(dim):
-    """With the default kernels, at the steps that runs take, it rests where the lattice has it."""
+    """With the default kernels it rests where the lattice has it, and without relaxation nothing holds it."""
     scheme = ISPH.of(0.02, 1.0, dim=dim)
-    fill = 1.0 - float(scheme.lacks)
-    assert 0.005 < scheme.lacks < 0.02
-    firm = (_undoing(scheme, fill + 0.01, 1.5, 0.005) - _undoing(scheme, fill, 1.5, 0.005)) / 0.01
-    assert abs(_undoing(scheme, fill, 1.5, 0.005)) < 1e-3 * firm
+    fill, second = 1.0 - float(scheme.lattice.lacks), float(scheme.lattice.edges[1])
+    assert 0.005 < scheme.lattice.lacks < 0.02
+    firm = (_undoing(scheme, fill + 0.01, second, 0.005) - _undoing(scheme, fill, second, 0.005)) / 0.01
+    assert abs(_undoing(scheme, fill, second, 0.005)) < 1e-3 * firm
+    free = ISPH.of(0.02, 1.0, dim=dim, relaxation=0.0)
+    assert _undoing(free, fill + 0.01, second, 0.005) == 0.0
 
 
 def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):

@@ -26,7 +26,7 @@ from jaxsph.parts.body import advance_body
 from jaxsph.parts.chamber import BodyForceGrip
 from jaxsph.schemes.air import couple_airs, finish_airs, meet_laws, water_line
 from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, lattice_sums, usual_length
+from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, LatticeSums, lattice_sums, usual_length
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.schemes.projection import (
     LEFT_OVER,
@@ -67,12 +67,8 @@ class ISPH(AbstractParticleScheme):
     """Density of water, kg/m3."""
     speed: Scalar
     """Largest speed to expect, m/s."""
-    full: Scalar
-    """Kernel's sum V W on the lattice."""
-    full_weights: Scalar
-    """Sum of the Laplacian's weights on the lattice, times h^2."""
-    lacks: Scalar
-    """Share of the kernel's sum that the second row under a flat surface does not have."""
+    lattice: LatticeSums
+    """Sums of the kernel over a lattice."""
     viscosity: AbstractViscosity
     """Law of the viscous force."""
     solver: AbstractSolver
@@ -126,15 +122,12 @@ class ISPH(AbstractParticleScheme):
         def leaf(a):
             return jnp.asarray(a, dtype)
 
-        full, full_weights, lacks = lattice_sums(kernel, h_over_dx, dim)
         return cls(
             smoothing=Smoothing(kernel, leaf(h_over_dx * dx), period),
             dx=leaf(dx),
             rho0=leaf(rho0),
             speed=leaf(speed),
-            full=leaf(full),
-            full_weights=leaf(full_weights),
-            lacks=leaf(lacks),
+            lattice=jax.tree.map(leaf, lattice_sums(kernel, h_over_dx, dim)),
             viscosity=jax.tree.map(leaf, viscosity),
             solver=BiCGStab() if solver is None else solver,
             surface=jax.tree.map(leaf, surface),
@@ -411,23 +404,24 @@ class ISPH(AbstractParticleScheme):
 
         def law(pair: Pair, i, j):
             w = laws.laplacian_weight(pair, j, guard)
-            return (laws.divergence(pair, i, j), laws.volume(j) * pair.W, w), w
+            V = laws.volume(j)
+            return (laws.divergence(pair, i, j), V * pair.W, tuple(V * pair.F * r for r in pair.r), w), w
 
-        (shrinking, fill, diagonal), weights = tables.fluid.weights(
+        (shrinking, fill, slope, diagonal), weights = tables.fluid.weights(
             law, self.smoothing, sources.water, sources
         )
         own = self.volume(p) * self.smoothing.kernel.value(jnp.zeros_like(fill), h, p.x.shape[1])
-        filled = (fill + own) / self.full
+        filled = (fill + own) / self.lattice.full
         free = self.surface.free(filled)
-        extra = self.surface.missing(filled) * jnp.maximum(self.full_weights / h**2 - diagonal, 0.0)
+        extra = self.surface.missing(filled) * jnp.maximum(self.lattice.weights / h**2 - diagonal, 0.0)
         if all(side == "periodic" for side in walls.sides):
             # a periodic box has no surface, though disorder may lower the kernel's sums
             free, extra = jnp.ones_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
         # crowding is undone in gravity's own time, sqrt(h/g)
         g, dt = jnp.sqrt(jnp.sum(model.g**2) + 1e-12), model.dt
-        head = p.p / (self.rho0 * g * self.dx)
-        spread, held = undoing(filled, head, self.lacks, self.relaxation, jnp.sqrt(g / h), dt, self.dx / h)
+        edge = jnp.sqrt(sum((self.dx * a) ** 2 for a in slope) + 1e-12)
+        spread, held = undoing(filled, edge, self.lattice, self.relaxation, jnp.sqrt(g / h), dt)
         gain = scale * self.rho0 / dt
         both = gain * shrinking, gain * spread
         return Poisson(weights, tables.fluid, scale, diagonal, extra, free, *both, held)

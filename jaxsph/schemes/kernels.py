@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.core.arrays import Scalar
 from jaxsph.core.kernels import AbstractKernel, Gaussian, Polynomial, Semicircle, WendlandC2
 from jaxsph.core.pairs import Pair
 from jaxsph.model import laws
@@ -61,16 +63,30 @@ def usual_length(kernel: AbstractKernel, dim: int) -> float:
     return 1.2 * kernel.width
 
 
-def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> tuple[float, float, float]:
-    """Sums over a lattice: the kernel's, V W, the particle itself included, and h^2 times the Laplacian's
-    weights; and the share of the first sum that the second row under a flat surface lacks."""
+class LatticeSums(NamedTuple):
+    """Sums over a lattice, whole and under a flat surface."""
+
+    full: Scalar
+    """Kernel's sum V W over a whole lattice, the particle itself included."""
+    weights: Scalar
+    """Sum of the Laplacian's weights over a whole lattice, times h^2."""
+    lacks: Scalar
+    """Share of the kernel's sum that the second row under a surface does not have."""
+    edges: tuple[Scalar, Scalar]
+    """Sum V grad W, times dx, of the first and the second row under a surface; in a whole lattice it is 0."""
+
+
+def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> LatticeSums:
+    """Sums of a kernel over a square or cubic lattice."""
     reach = int(np.ceil(kernel.reach * h_over_dx))
     axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
     r2 = np.sum([a**2 for a in axes], axis=0)
     near = r2 < (kernel.reach * h_over_dx) ** 2
-    above = jnp.asarray(axes[-1][near] > 1.5)
-    r2 = jnp.asarray(r2[near])
+    up, r2 = jnp.asarray(axes[-1][near]), jnp.asarray(r2[near])
     pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
     weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
-    full = float(jnp.sum(pair.W))
-    return full, float(jnp.sum(weights)) * h_over_dx**2, float(jnp.sum(pair.W * above)) / full
+    full = jnp.sum(pair.W)
+    first, second = (jnp.sum(pair.F * up * (up < above)) for above in (0.5, 1.5))
+    lacks = jnp.sum(pair.W * (up > 1.5)) / full
+    sums = LatticeSums(full, jnp.sum(weights) * h_over_dx**2, lacks, (first, second))
+    return jax.tree.map(float, sums)

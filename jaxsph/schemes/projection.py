@@ -18,6 +18,7 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model.state import Failure, Pressures, State, Status
 from jaxsph.schemes.base import BodyCoupling
+from jaxsph.schemes.kernels import LatticeSums
 from jaxsph.schemes.poisson import AbstractSolver, Unknown
 
 RELAXATION = 1.5
@@ -29,23 +30,16 @@ still water is restless.
 """
 
 
-SECOND_ROW = 42.0
-"""Rate at which crowding of the second row under a free surface is undone, over dt g/h.
+SECOND_ROW = 28.0
+"""Rate at which crowding of the second row under a free surface is undone, over `relaxation` dt g/h.
 
 In a step of dt such a rate is a spring of as much g/h. It stands against pressure, which pushes that row
-away from where it is (`surface_stiffness`); with `RELAXATION` alone the spring would be weaker the longer the
-step. With 60 the row is not held much better, nor with the third row held too.
+away from where it is (`surface_stiffness`); with the rate of other water the spring would be weaker the
+longer the step. With 40 the row is not held much better, nor with the third row held too.
 """
 
 MOST = 0.5
 """Largest share of the second row's crowding that a step undoes (-)."""
-
-STEADY = 0.9
-"""Largest share of the kernel's sum that the second row may lack, over dx dt g/h^2 and the rate (-).
-
-The row is told by its pressure, which answers to its crowding in the next step. With twice as much lacking
-(the Gaussian lacks 0.03) that answer swings, and the water jumps off the bed.
-"""
 
 LEFT_OVER = 0.5
 """Share of the divergence left over from the step before that a projection takes out.
@@ -180,31 +174,31 @@ def checked_solution(state: State, projected: Projection) -> Status:
 
 def undoing(
     filled: Float[Array, " N"],
-    head: Float[Array, " N"],
-    lacks: Scalar,
+    edge: Float[Array, " N"],
+    lattice: LatticeSums,
     relaxation: Scalar,
     frequency: Scalar,
     dt: Scalar,
-    spacing: Scalar,
 ) -> tuple[Float[Array, " N"], Scalar]:
     """Rate of expansion that undoes crowding, 1/s, and the number of particles at the limits of crowding.
 
     Crowding, the relative excess of the particles' density, is negative where they are too loose; the limits
     hold it within what disorder makes. Particles whose kernel is filled to less than 0.8 are at the surface
-    and have none. The second row under the surface, told by its pressure, is at rest with what `lacks`
-    leaves, and is held the firmer the longer the step is.
+    and have none. The second row under the surface, told by the slope of the kernel's sum, is at rest with
+    what it lacks on a lattice, and is held the firmer the longer the step is.
 
-    **Arguments**: `filled`: the kernel's sum over that of a lattice; `head`: pressure head of the step
-    before, in spacings; `lacks`: `schemes.kernels.lattice_sums`; `relaxation`: see `RELAXATION`; `frequency`:
-    sqrt(g/h), 1/s; time step dt, s; `spacing`: dx/h.
+    **Arguments**: `filled`: the kernel's sum over that of a lattice; `edge`: its slope |sum V grad W|, times
+    dx; `lattice`: the sums of a lattice; `relaxation`: see `RELAXATION`; `frequency`: sqrt(g/h), 1/s; time
+    step dt, s.
     """
-    second = jnp.clip((0.75 - jnp.abs(head - 1.5)) / 0.5, 0.0, 1.0)
+    first, second = lattice.edges
+    # whole at the second row's own slope, nothing in a whole lattice and at the first row
+    row = jnp.clip(2.0 * edge / second - 0.5, 0.0, 1.0)
+    row = row * jnp.clip(2.0 * (first - edge) / (first - second) - 0.5, 0.0, 1.0)
     inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)
     usual = relaxation * frequency
-    firm = jnp.minimum(SECOND_ROW * dt * frequency**2, MOST / dt)
-    rate = jnp.maximum(usual, second * firm)
-    steady = STEADY * spacing * dt * frequency**2 / jnp.maximum(usual, firm)
-    excess = filled + second * jnp.minimum(lacks, steady) - 1.0
+    firm = jnp.minimum(SECOND_ROW * dt * frequency * usual, MOST / dt)
+    excess = filled + row * lattice.lacks - 1.0
     within = jnp.clip(excess, -0.05, 0.2)
     limited = jnp.sum((inside == 1.0) & (within != excess))
-    return rate * inside * within, limited.astype(filled.dtype)
+    return jnp.maximum(usual, row * firm) * inside * within, limited.astype(filled.dtype)
