@@ -19,7 +19,7 @@ from jaxsph.report.labels import LABELS
 from jaxsph.schemes.incompressible import ISPH
 from jaxsph.schemes.kernels import NAMED
 from jaxsph.schemes.poisson import BiCGStab, Explicit
-from jaxsph.schemes.projection import RELAXATION, undoing
+from jaxsph.schemes.projection import MEAN_TIME, RELAXATION, undoing
 from jaxsph.solids.contact import touch_force
 
 TANK = {
@@ -47,6 +47,7 @@ FLAP = {
 # eagerly every loop of a step would be compiled on its own
 prepare_ = jax.jit(lambda model, state: model.scheme.prepare(model, state))
 step_ = jax.jit(lambda model, state, tables: model.step(state, tables))
+wet_ = jax.jit(lambda m, s, t: m.scheme.place_ghosts(m, s, t).fit.wet)
 divergence_ = jax.jit(lambda model, state, tables: model.scheme.divergence(model, state, tables))
 
 
@@ -85,6 +86,23 @@ def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
     assert int(state.status.bits) == 0
     np.testing.assert_allclose(state.own["body"].force[1], weight, rtol=0.01)
     assert abs(float(state.own["body"].pose[1])) < 0.02 * 0.15
+
+
+def test_dummies_are_told_of_the_level_by_a_mean_of_the_pressure(advanced):
+    """A scatter of the last step's pressure makes none of them wet or dry; a mean that is higher does."""
+    model, _, state = advanced("floating", FLOATING, 20)
+    state, tables = prepare_(model, state)
+    p, cell = state.particles, 9810.0 * float(model.dx)
+    scatter = cell * np.random.default_rng(0).normal(size=len(p.p))
+    scattered = eqx.tree_at(lambda s: s.particles.p, state, p.p + jnp.asarray(scatter, p.p.dtype))
+    raised = eqx.tree_at(lambda s: s.particles.p_mean, state, p.p_mean + cell)
+    usual, same, more = (wet_(model, s, tables) for s in (state, scattered, raised))
+    np.testing.assert_array_equal(same, usual)
+    assert np.sum(more - usual) > 0.1
+    after = step_(model, state, tables).particles
+    time = MEAN_TIME * np.sqrt(float(model.scheme.smoothing.h) / 9.81)
+    share = 1.0 - np.exp(-float(model.dt) / time)
+    np.testing.assert_allclose(after.p_mean, p.p_mean + share * (after.p - p.p_mean), rtol=1e-4, atol=0.1)
 
 
 def test_a_box_floats_in_weakly_compressible_water_too(advanced):

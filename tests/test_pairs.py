@@ -110,6 +110,7 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
         m,
         jnp.arange(n),
         jnp.zeros(n),
+        jnp.zeros(n),
     )
     scheme = DeltaSPH(
         smoothing=_smoothing(),

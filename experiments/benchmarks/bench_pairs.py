@@ -82,7 +82,7 @@ def right_hand_side(given: dict[str, np.ndarray]):
     n = len(x)
     p = jnp.float32(c0) ** 2 * rho
     mass = field["volume"] * field["rho"]
-    particles = Particles(x, jnp.zeros_like(x), u, rho, m=mass, p=p, id=jnp.arange(n))
+    particles = Particles(x, jnp.zeros_like(x), u, rho, m=mass, p=p, p_mean=p, id=jnp.arange(n))
     every = jnp.ones(n, jnp.int32)
     most = int(search(x, x, grid, 1, every, every, True).most)
     table = search(x, x, grid, needed_capacity(most, 1.0), every, every, True)

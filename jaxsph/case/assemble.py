@@ -146,6 +146,7 @@ def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> 
         m=jnp.asarray(m, dtype),
         id=jnp.arange(len(x), dtype=jnp.int32),
         p=zero,
+        p_mean=zero,
     )
 
 

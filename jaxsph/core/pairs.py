@@ -75,6 +75,11 @@ class Smoothing(eqx.Module):
         """Support radius of the kernel, m."""
         return self.kernel.reach * self.h
 
+    def gravity_rate(self, g: Float[Array, " D"]) -> Scalar:
+        """Rate of gravity g (m/s2) over the smoothing length, sqrt(g/h), 1/s."""
+        # the guard is for the derivative where there is no gravity
+        return (jnp.sum(g**2) + 1e-30) ** 0.25 / jnp.sqrt(self.h)
+
 
 def nearest_image(r: Components, period: Period) -> Components:
     """Separation x_i - x_j (m) to the nearest image of j, for positions at most one period apart.

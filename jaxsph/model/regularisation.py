@@ -148,8 +148,7 @@ class Regularisation(eqx.Module):
         own = own | {"grad_u": grad_u, "trust": correctable(M)}
         law = functools.partial(self.law, lattice_sum(smoothing, model.dx, dim), model.dx)
         terms = of_water.sum(law, smoothing, own, Sources(own, {}))
-        # the guard is for the derivative where there is no gravity
-        rate = (jnp.sum(model.g**2) + 1e-30) ** 0.25 / jnp.sqrt(smoothing.h)
+        rate = smoothing.gravity_rate(model.g)
         smoothed = -jnp.expm1(-self.hyperviscosity * rate * t) * stack(terms.jump)
         share = -WHOLE * jnp.expm1(-self.separation * rate * t / WHOLE) * model.dx
         moved, carried = share * stack(terms.apart), share * stack(terms.carried)

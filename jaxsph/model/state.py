@@ -49,6 +49,8 @@ class Particles(eqx.Module):
     """Index of the particle in the initial lattice, which stays with it through the sorts."""
     p: Float[Array, " N"]
     """Gauge pressure, Pa, of a scheme that solves for it; zero where it follows from the density."""
+    p_mean: Float[Array, " N"]
+    """The same averaged over the time of which `schemes.projection.MEAN_TIME` tells, Pa."""
 
 
 class Tally(eqx.Module):

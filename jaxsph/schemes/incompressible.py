@@ -30,6 +30,7 @@ from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, LatticeSums, lattice_sum
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.schemes.projection import (
     LEFT_OVER,
+    MEAN_TIME,
     RELAXATION,
     Poisson,
     PressureEquation,
@@ -146,7 +147,11 @@ class ISPH(AbstractParticleScheme):
 
     def with_pressure(self, p, pressure):
         """See `AbstractParticleScheme`."""
-        return eqx.tree_at(lambda a: a.p, p, pressure)
+        return eqx.tree_at(lambda a: (a.p, a.p_mean), p, (pressure, pressure))
+
+    def over_air(self, model, state):
+        """See `AbstractParticleScheme`: the mean pressure, for dummies alone."""
+        return {"over_air": state.particles.p_mean} if model.walls.dummies else {}
 
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""
@@ -237,7 +242,9 @@ class ISPH(AbstractParticleScheme):
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
-        new = eqx.tree_at(lambda a: (a.u, a.p), drift(p, dx), (u_new, pressures.p))
+        share = -jnp.expm1(-dt * self.smoothing.gravity_rate(model.g) / MEAN_TIME)
+        p_mean = p.p_mean + share * (pressures.p - p.p_mean)
+        new = eqx.tree_at(lambda a: (a.u, a.p, a.p_mean), drift(p, dx), (u_new, pressures.p, p_mean))
         ledger = book(ledger, force_work(model, p, new, interval))
         limits = book(state.limits, projected.limited)
         status = checked_solution(state, projected)
@@ -418,10 +425,10 @@ class ISPH(AbstractParticleScheme):
             # a periodic box has no surface, though disorder may lower the kernel's sums
             free, extra = jnp.ones_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
-        # crowding is undone in gravity's own time, sqrt(h/g)
-        g, dt = jnp.sqrt(jnp.sum(model.g**2) + 1e-12), model.dt
+        # crowding is undone in gravity's own time
+        frequency, dt = self.smoothing.gravity_rate(model.g), model.dt
         edge = jnp.sqrt(sum((self.dx * a) ** 2 for a in slope) + 1e-12)
-        spread, held = undoing(filled, edge, self.lattice, self.relaxation, jnp.sqrt(g / h), dt)
+        spread, held = undoing(filled, edge, self.lattice, self.relaxation, frequency, dt)
         gain = scale * self.rho0 / dt
         both = gain * shrinking, gain * spread
         return Poisson(weights, tables.fluid, scale, diagonal, extra, free, *both, held)

@@ -41,6 +41,14 @@ longer the step. With 40 the row is not held much better, nor with the third row
 MOST = 0.5
 """Largest share of the second row's crowding that a step undoes (-)."""
 
+MEAN_TIME = 3.0
+"""Time over which the pressure is averaged that tells dummies of the level, over sqrt(h/g).
+
+A dummy that becomes wet crowds the water beside it, whose pressure then makes it wetter: with the pressure of
+the last step the water under a leaning plate is never still. A mean over 1 is still too quick at times; 2 is
+not, nor is 6. Particles carry the mean with them, and in waves stay as far under the surface as they are.
+"""
+
 LEFT_OVER = 0.5
 """Share of the divergence left over from the step before that a projection takes out.
 
