@@ -18,7 +18,10 @@ from jaxsph import analysis
 from jaxsph.schemes.kernels import KERNEL, NAMED, SEMICIRCLE, KernelName, usual_length
 
 BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
-"""Decay (1/s), noise over speed (-) and energy lost by hyperviscosity (J/m, J), by number of dimensions."""
+"""Decay (1/s), noise over speed (-) and energy lost by hyperviscosity in `USUAL` (J/m, J), by number of
+dimensions."""
+USUAL = 3.0
+"""Time that the wave is watched for, s."""
 BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}
 """Default kernels before semicircle and polynomial, by number of dimensions."""
 DIFFUSIONS = (0.1, 0.2, 0.4)
@@ -28,7 +31,7 @@ DIFFUSIONS = (0.1, 0.2, 0.4)
 def main(
     dx: float = 0.04,
     amplitude: float = 0.08,
-    t1: float = 3.0,
+    t1: float = USUAL,
     weakly_compressible: bool = False,
     flat: bool = False,
 ) -> None:
@@ -41,7 +44,8 @@ def main(
         return
     title = f"Standing wave of {amplitude:g} m by kernel, incompressible"
     dims = (2,) if flat else (2, 3)
-    with Report(f"quiet_water_{dx:g}", title, dx) as report:
+    name = f"quiet_water_{dx:g}" if t1 == USUAL else f"quiet_water_{dx:g}_{t1:g}"
+    with Report(name, title, dx) as report:
         figure = Figure(figsize=(4.5 * len(dims), 3.6), layout="constrained")
         for dim, axis in zip(dims, figure.subplots(1, len(dims), squeeze=False)[0], strict=True):
             for kernel in ("polynomial", "semicircle", BEFORE[dim]):
@@ -49,7 +53,8 @@ def main(
                 measured = (decay(run), run.results["noise"], run.results["energy_hyperviscosity"])
                 units = ("1/s", "of the speed", "J/m" if dim == 2 else "J")
                 words = ("decay of the amplitude", "noise at the end", "taken by hyperviscosity")
-                for what, value, unit, bar in zip(words, measured, units, BARS[dim], strict=True):
+                bars = (*BARS[dim][:2], BARS[dim][2] * t1 / USUAL)
+                for what, value, unit, bar in zip(words, measured, units, bars, strict=True):
                     chosen = NAMED[dim][kernel] == KERNEL[dim]
                     report.row(
                         f"{dim}-D, {kernel}: {what}",

@@ -27,7 +27,7 @@ KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
 the paper's kernel in three dimensions, Wendland's of 1.5 dx (section 2); waves lose less than with either.
 
 On the lattice of a semicircle deep water buckles (`lattice_stress`), on the polynomial's it does not. At rest
-in three dimensions the rows at the surface buckle with the polynomial, with the semicircle they do not.
+in three dimensions the rows at the surface stir with the polynomial, with the semicircle they hardly do.
 """
 
 KernelName = Literal["gaussian", "wendland", "semicircle", "polynomial"]
