@@ -70,7 +70,7 @@ def test_kernels_are_full_at_walls_and_in_corners(changes):
     sources = ghosts.water.behind({"x": tuple(ghosts.x.T), "V": ghosts.V})
     fill = tables.fluid.sum(lambda pair, i, j: j["V"] * pair.W, model.scheme.smoothing, own, sources)
     W = model.scheme.smoothing.kernel.value(jnp.zeros(()), model.scheme.smoothing.h, case.dim)
-    filled = np.asarray((fill + own["V"] * W) / model.scheme.full)
+    filled = np.asarray((fill + own["V"] * W) / model.scheme.lattice.full)
     deep = np.asarray(state.particles.x)[:, -1] < z[-1] - float(model.scheme.smoothing.radius)
     assert deep.sum() > 10
     np.testing.assert_allclose(filled[deep], 1.0, atol=2e-3)  # the kernel's cut, and rows at rest

@@ -50,7 +50,7 @@ class Particles(eqx.Module):
     p: Float[Array, " N"]
     """Gauge pressure, Pa, of a scheme that solves for it; zero where it follows from the density."""
     p_mean: Float[Array, " N"]
-    """The same averaged over the time of which `schemes.projection.MEAN_TIME` tells, Pa."""
+    """Mean of p over some time before, Pa: see `schemes.projection.MEAN_TIME`."""
 
 
 class Tally(eqx.Module):

@@ -192,8 +192,8 @@ class AbstractParticleScheme(AbstractScheme):
         fields = {"x": columns(p.x), "V": self.volume(p), "p": self.pressure(p), "u": columns(p.u)}
         return Sources(fields, {})
 
-    def over_air(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
-        """Field "over_air" of the water: pressure (Pa) over the air's on its surface; none where it is p."""
+    def level_pressure(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
+        """Field "level_p" of the water: pressure (Pa) that tells dummies of its level; none where it is p."""
         del model, state
         return {}
 
@@ -202,7 +202,7 @@ class AbstractParticleScheme(AbstractScheme):
         walls = model.walls
         x, nodes, volume = model.ghosts_at(state.own, state.particles, tables.images)
         water = self.water(state.particles)
-        water = Sources(water.water | self.over_air(model, state), water.ghosts)
+        water = Sources(water.water | self.level_pressure(model, state), water.ghosts)
         water = tables.fluid.slabs.fetch(water)
         weight = self.rho0 * model.g
         fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes, weight)

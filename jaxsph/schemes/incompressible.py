@@ -149,9 +149,9 @@ class ISPH(AbstractParticleScheme):
         """See `AbstractParticleScheme`."""
         return eqx.tree_at(lambda a: (a.p, a.p_mean), p, (pressure, pressure))
 
-    def over_air(self, model, state):
-        """See `AbstractParticleScheme`: the mean pressure, for dummies alone."""
-        return {"over_air": state.particles.p_mean} if model.walls.dummies else {}
+    def level_pressure(self, model, state):
+        """See `AbstractParticleScheme`: the mean pressure."""
+        return {"level_p": state.particles.p_mean} if model.walls.dummies else {}
 
     def stable_dt(self, g, dim):
         """See `AbstractParticleScheme`."""

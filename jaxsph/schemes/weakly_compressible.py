@@ -165,14 +165,14 @@ class DeltaSPH(AbstractRateScheme):
         water = super().water(p).water
         return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
 
-    def over_air(self, model, state):
-        """See `AbstractParticleScheme`: for dummies alone, which tell the level of the water from it."""
+    def level_pressure(self, model, state):
+        """See `AbstractParticleScheme`: that over the air's on the surface."""
         if not (model.chambers and model.walls.dummies):
             return {}
         p = self.pressure(state.particles)
         for chamber in model.chambers:
             p = p - state.own[chamber.name].P_a * chamber.weight(columns(state.particles.x))
-        return {"over_air": p}
+        return {"level_p": p}
 
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
         """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see.

@@ -69,7 +69,7 @@ class AbstractFilling(eqx.Module):
         """Interpolation coefficients at the nodes.
 
         **Arguments**: `nodes` (m); `brim`: what they would see were the tank full; `water`: the fields of the
-        water as sources, with "over_air" where its pressure over the air's on its surface is not "p";
+        water as sources, with "level_p" where the pressure that tells of its level is not "p";
         `table`: the nodes' neighbours; `weight`: rho0 g, N/m3.
         """
 
@@ -137,7 +137,7 @@ class DummyParticles(AbstractFilling):
 
         def moments(pair: Pair, i, j):
             w = laws.volume(j) * pair.W
-            return w, tuple(-w * c / h for c in pair.r), w * j.get("over_air", j["p"])
+            return w, tuple(-w * c / h for c in pair.r), w * j.get("level_p", j["p"])
 
         zeroth, first, pressure = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
         # the bound is far below what a single particle at the kernel's edge gives
