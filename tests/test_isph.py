@@ -256,7 +256,7 @@ def test_second_row_is_held_the_firmer_the_longer_the_step(kernel):
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian", "wendland"])
 def test_rows_under_a_surface_are_told_by_the_slope_of_the_kernels_sum(kernel, dim):
-    """The second row's is far from the third's, 0 in deep water and at a wall, and from the first's."""
+    """The second row's is far from the third's and from the first's."""
     scheme = ISPH.of(0.02, 1.0, dim=dim, kernel=NAMED[dim][kernel])
     reach = np.arange(-6.0, 7.0)
     axes = np.meshgrid(*(reach,) * dim)

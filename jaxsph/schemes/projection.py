@@ -29,7 +29,6 @@ Projection alone leaves disordered water expanding: without relaxation the level
 still water is restless.
 """
 
-
 SECOND_ROW = 28.0
 """Rate at which crowding of the second row under a free surface is undone, over `relaxation` dt g/h.
 
@@ -45,8 +44,8 @@ MEAN_TIME = 3.0
 """Time over which the pressure is averaged that tells dummies of the level, over sqrt(h/g).
 
 A dummy that becomes wet crowds the water beside it, whose pressure then makes it wetter: with the pressure of
-the last step the water under a leaning plate is never still. A mean over 1 is still too quick at times; 2 is
-not, nor is 6. Particles carry the mean with them, and in waves stay as far under the surface as they are.
+the last step the water under a leaning plate is never still. A mean over 1 is too quick at times, 2 and 6 are
+not. It goes with the particles, which in waves stay as far under the surface as they are.
 """
 
 LEFT_OVER = 0.5
