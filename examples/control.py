@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import jaxsph as js
 
 
-def closing(gain, own, t):  # the turbine of the next step, for the chamber's air `own` at the time t
-    return js.PneumaticPTO(300.0 * jnp.exp(gain * jnp.tanh((own.P_a / 100.0) ** 2)))
+def closing(gain, air, t):  # the turbine of the next step, for the chamber's `air` at the time t
+    return js.PneumaticPTO(300.0 * jnp.exp(gain * jnp.tanh((air.P_a / 100.0) ** 2)))
 
 
 case = js.load_case("owc").replace(

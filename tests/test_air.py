@@ -98,9 +98,9 @@ def test_a_relief_valve_holds_exactly_and_passes_the_rest(q, compliance):
 
 
 def test_control_is_a_differentiable_function_of_the_chamber():
-    def control(gain, own, t):
+    def control(gain, air, t):
         del t
-        return js.PneumaticPTO(300.0 * (1.0 + gain * own.P_a))
+        return js.PneumaticPTO(300.0 * (1.0 + gain * air.P_a))
 
     own = Air(jnp.float32(2.0), jnp.float32(0.1), Tally.zero(jnp.float32))
 
@@ -272,13 +272,13 @@ def test_a_chamber_with_air_and_a_valve_keeps_its_books(kind):
     model, state = js.build(case)
     chamber = model.chambers[0]
     squeezed = jnp.float32(400.0 / AIR["p0"] / 1.4 * 0.5)
-    state = eqx.tree_at(lambda s: s.own["chamber"].confined.excess.settled, state, squeezed)
-    before = float(chamber.air.stored(state.own["chamber"]))
+    state = eqx.tree_at(lambda s: s.parts["chamber"].confined.excess.settled, state, squeezed)
+    before = float(chamber.air.stored(state.parts["chamber"]))
     end, series = advance(case, model, state, samples=60)
     P_a = np.asarray(series["P_a"])
     assert P_a.min() == -60.0  # held exactly
     assert P_a[1] == pytest.approx(400.0, rel=0.1)
-    after = float(chamber.air.stored(end.own["chamber"]))
+    after = float(chamber.air.stored(end.parts["chamber"]))
     ledger = {name: float(tally.total) for name, tally in end.ledger.items()}
     assert ledger["relief"] > 0.0 and ledger["pto"] > 0.0
     # first order in the step where the valve opens; the swing is a tenth of a period a sample

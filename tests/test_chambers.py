@@ -234,7 +234,7 @@ class _Chambers:
 
     def __init__(self, chambers, ducts):
         self.model = SimpleNamespace(chambers=chambers, ducts=ducts)
-        self.own = {part.name: part.start(float) for part in (*chambers, *ducts)}
+        self.parts = {part.name: part.start(float) for part in (*chambers, *ducts)}
 
     def meet(self, flows, compliance, dt=0.01):
         names = [c.name for c in self.model.chambers]
@@ -243,7 +243,7 @@ class _Chambers:
             {(a, b): compliance[i][j] for (i, a), (j, b) in itertools.product(enumerate(names), repeat=2)},
         )
         interval = SimpleNamespace(t=jnp.asarray(0.0), dt=jnp.asarray(dt))
-        met = meet_laws(self.model, self.own, line, interval)
+        met = meet_laws(self.model, self.parts, line, interval)
         q = {
             a: line.flows[a] - sum(line.compliance[a, b] * met.chambers[b].P_a for b in names) for a in names
         }
@@ -299,7 +299,7 @@ def test_energies_of_chambers_and_ducts_are_the_water_s(before, after, spring):
         C = 2e-5 * np.array([[1.0, 0.3, 0.1], [0.3, 1.0, 0.3], [0.1, 0.3, 1.0]])
         met, q = three.meet([jnp.asarray(after), jnp.asarray(-before), jnp.asarray(before)], C)
         flows = {name: (jnp.asarray(before), q[name]) for name in q}
-        airs, taken = finish_airs(three.model, three.own, met, flows, jnp.asarray(0.01))
+        airs, taken = finish_airs(three.model, three.parts, met, flows, jnp.asarray(0.01))
         work = sum(0.01 * float(met.chambers[n].P_a) * 0.5 * (before + float(q[n])) for n in q)
         assert sum(map(float, taken.values())) == pytest.approx(work, rel=1e-9, abs=1e-12)
         assert set(airs) == {"sea", "mid", "land", "a", "b"}

@@ -84,8 +84,8 @@ def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
     _model, _, state = advanced("floating", FLOATING, 20)
     weight = 500.0 * 0.3 * 0.3 * 9.81
     assert int(state.status.bits) == 0
-    np.testing.assert_allclose(state.own["body"].force[1], weight, rtol=0.01)
-    assert abs(float(state.own["body"].pose[1])) < 0.02 * 0.15
+    np.testing.assert_allclose(state.parts["body"].force[1], weight, rtol=0.01)
+    assert abs(float(state.parts["body"].pose[1])) < 0.02 * 0.15
 
 
 def test_dummies_are_told_of_the_level_by_a_mean_of_the_pressure(advanced):
@@ -130,9 +130,9 @@ def test_energy_of_a_swinging_flap_is_accounted_for():
 def test_water_that_touches_a_body_pushes_it(advanced):
     model, _, state = advanced("floating", FLOATING, 20)
     kick = jnp.ones_like(state.particles.u)
-    near = np.asarray(model.bodies[0].distance(state.own["body"], state.particles.x)) < 0.4 * 0.025
+    near = np.asarray(model.bodies[0].distance(state.parts["body"], state.particles.x)) < 0.4 * 0.025
     p = eqx.tree_at(lambda s: s.particles.x, state, state.particles.x.at[0].set(jnp.array([0.5, 0.345])))
-    force = touch_force(model, model.bodies[0], p.own["body"], p.particles, kick, model.dt)
+    force = touch_force(model, model.bodies[0], p.parts["body"], p.particles, kick, model.dt)
     expected = -(float(p.particles.m[0]) + float(np.sum(np.asarray(state.particles.m)[near]))) / model.dt
     np.testing.assert_allclose(force[:2], expected, rtol=1e-5)
 
@@ -172,7 +172,7 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     body = model.bodies[0]
     rows = slice(*body.rows)
     p_ghosts = jnp.zeros_like(ghosts.p).at[rows].set(1000.0)
-    on_body = scheme._body_grip(body, state.own["body"], ghosts, tables).force(
+    on_body = scheme._body_grip(body, state.parts["body"], ghosts, tables).force(
         state.particles.p, p_ghosts[rows]
     )
     # the water's side, with every other ghost taken away
@@ -306,7 +306,7 @@ def flap_step():
 
     def after(damping):
         other = eqx.tree_at(lambda m: m.bodies[0].pto.damping, model, damping)
-        body = other.step(state, tables).own["body"]
+        body = other.step(state, tables).parts["body"]
         return jnp.stack([1e3 * body.velocity[2], body.force[2]])
 
     return after

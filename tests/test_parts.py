@@ -91,7 +91,7 @@ def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
         end = PredictorCorrector._advance(scheme, model, state, at, tables, model.dt)
         i = jnp.minimum(air.index, len(lifted) - 1)
         expected = -sum(jnp.sum(f * end.particles.u[i, k]) for k, f in enumerate(air.force))
-        return end.own["chamber"].q, expected
+        return end.parts["chamber"].q, expected
 
     q, expected = flows()
     # The water of the step's end, through the grip of `at`: the same sum but for rounding.
@@ -140,7 +140,7 @@ def test_every_energy_of_the_ledger_is_described(damped_vessel):
     assert set(entries) == set(state.ledger) == {"pto", "hyperviscosity", "separation"}
     assert entries["pto"].exchange is Exchange.HARVESTED
     interval = move_walls(model.scheme, model, state, model.dt)
-    assert set(interval.after) == set(state.own) == {"chamber"}
+    assert set(interval.after) == set(state.parts) == {"chamber"}
 
 
 def test_readings_that_share_a_name_are_refused(hydrostatic):

@@ -185,8 +185,8 @@ def test_the_air_of_a_chamber_moves_no_level_under_a_roof():
     def under(P_a):
         """State of still water below air of this pressure (Pa): its surface stands where it stood."""
         air = P_a * chamber.weight((p.x[:, 0], p.x[:, 1]))
-        own = eqx.tree_at(lambda a: a.P_a, state.own["column"], jnp.asarray(P_a, jnp.float32))
-        here = eqx.tree_at(lambda s: s.own, state, {**state.own, "column": own})
+        own = eqx.tree_at(lambda a: a.P_a, state.parts["column"], jnp.asarray(P_a, jnp.float32))
+        here = eqx.tree_at(lambda s: s.parts, state, {**state.parts, "column": own})
         return eqx.tree_at(lambda s: s.particles.rho, here, p.rho + air / model.scheme.c0**2)
 
     dry = _wet(model, under(0.0))

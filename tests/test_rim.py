@@ -35,7 +35,7 @@ def test_what_goes_over_the_rim_is_gone_and_counted(fountain):
     # sums of a hundred float32 masses; the water at the top is of the density at no pressure
     assert lost == pytest.approx(3 * 1000.0 * 0.05**2, rel=1e-3)
     assert 1000.0 * float(found["spilt"][-1]) == pytest.approx(lost, rel=1e-3)
-    assert float(found.state.own["rim"].mass.total) == pytest.approx(lost, rel=1e-4)
+    assert float(found.state.parts["rim"].mass.total) == pytest.approx(lost, rel=1e-4)
     assert float(found.state.ledger["rim"].total) > 0.0
     assert np.count_nonzero(np.asarray(end.m) == 0.0) == 3
     # 7.5 kg/m that left at under 2 m/s, 0.2 m over their places in the lattice: half of that is kinetic

@@ -170,5 +170,5 @@ def test_water_is_packed_around_a_body_as_it_leans(angle):
     flap = {"block": {"low": [0.88, 0.08], "high": [1.08, 0.28]}, "pivot": [1.0, 0.2], "angle": angle}
     model, state = js.build(TANK.replace({"solid.bed": None, "body": flap}))
     (body,) = model.bodies
-    away = body.distance(state.own["body"], state.particles.x)
+    away = body.distance(state.parts["body"], state.particles.x)
     assert float(away.min()) > 0.2 * TANK.dx

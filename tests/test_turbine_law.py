@@ -40,7 +40,7 @@ def _run(swinging, changes, samples=20):
     case, state = swinging
     case = case.replace(changes)
     model, fresh = js.build(case)
-    state = eqx.tree_at(lambda s: (s.own, s.ledger), state, (fresh.own, fresh.ledger))
+    state = eqx.tree_at(lambda s: (s.parts, s.ledger), state, (fresh.parts, fresh.ledger))
     return model, *advance(case, model, state, samples=samples)
 
 
@@ -94,7 +94,7 @@ def test_slopes_of_a_single_valve_are_numbers_forward_and_in_reverse(swinging, v
     case, state = swinging
     case = case.replace({"pto": {"K_dm": 500.0} | valve})
     model, fresh = js.build(case)
-    state = eqx.tree_at(lambda s: (s.own, s.ledger), state, (fresh.own, fresh.ledger))
+    state = eqx.tree_at(lambda s: (s.parts, s.ledger), state, (fresh.parts, fresh.ledger))
     n = model.search.rebuild_every
 
     def taken(pto):

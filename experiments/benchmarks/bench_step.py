@@ -63,7 +63,7 @@ def pair_passes(model, state):
         state, tables = scheme.prepare(model, state)
         p = state.particles
         ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
-        ghosts = scheme.ghost_velocity(model, state.own, tables, ghosts)
+        ghosts = scheme.ghost_velocity(model, state.parts, tables, ghosts)
         return p, scheme.sources(ghosts, ghosts.u), tables
 
     @jax.jit

@@ -60,13 +60,13 @@ def swing(case: js.Case, squeezed: float = 0.0) -> dict[str, np.ndarray]:
     chamber = model.chambers[0]
     if squeezed:
         excess = jnp.asarray(squeezed * case.air.give, model.dt.dtype)
-        state = eqx.tree_at(lambda s: s.own[chamber.name].confined.excess.settled, state, excess)
+        state = eqx.tree_at(lambda s: s.parts[chamber.name].confined.excess.settled, state, excess)
     probes = js.make_probes(case, model, state)
     done = js.march(model, state, case.t1, case.output.sample_dt, probes)
     found = {name: np.float64(done[name]) for name in ("P_a", "flow", "chamber_level")}
     found |= {"t": np.float64(done.t)}
     if squeezed:
-        before, after = (chamber.air.stored(s.own[chamber.name]) for s in (state, done.state))
+        before, after = (chamber.air.stored(s.parts[chamber.name]) for s in (state, done.state))
         found |= {
             "flow_pto": np.float64(done["flow_pto"]),
             "stored": float(after) - float(before),

@@ -25,7 +25,7 @@ from jaxsph.model.interfaces import (
     ExactTangents,
     Model,
     check_parts,
-    own_states,
+    part_states,
 )
 from jaxsph.model.solids import AbstractBody, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Status, Tally
@@ -125,7 +125,7 @@ def assemble(
     check_parts(model)
     state = State(
         particles=scheme.with_pressure(_particles(x, u, m, dtype), leaf(np.zeros(n) if p is None else p)),
-        own=own_states(model, dtype),
+        parts=part_states(model, dtype),
         ledger={name: Tally.zero(dtype) for name in model.entries()},
         limits={name: Tally.zero(dtype) for name in scheme.limiters()},
         step=jnp.zeros((), jnp.int32),

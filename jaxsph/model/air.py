@@ -81,9 +81,9 @@ class AbstractPTO(eqx.Module):
         `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; t (s).
         """
 
-    def at(self, own: Air, t: Scalar) -> AbstractPTO:
-        """Power take-off as it is in one step, for the chamber's `own` air at the step's begin and t (s)."""
-        del own, t
+    def at(self, air: Air, t: Scalar) -> AbstractPTO:
+        """Power take-off as it is in one step, for the chamber's `air` at the step's begin and t (s)."""
+        del air, t
         return self
 
     def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
@@ -143,15 +143,15 @@ class AbstractDuct(AbstractPart):
         """Air of the duct at t = 0: its pressure is the drop along it."""
 
     @abc.abstractmethod
-    def press(self, own: Air, q_free: Scalar, compliance: Scalar, t: Scalar) -> Pressed:
+    def press(self, air: Air, q_free: Scalar, compliance: Scalar, t: Scalar) -> Pressed:
         """Drop of pressure along the duct over a step from the time t (s), and the flow through it.
 
-        **Arguments** as of `AbstractPTO.pressure`, and the duct's `own` air at the step's begin.
+        **Arguments** as of `AbstractPTO.pressure`, and the duct's `air` at the step's begin.
         """
 
     @abc.abstractmethod
     def finish(
-        self, own: Air, pressed: Pressed, work: Scalar, dt: Scalar
+        self, air: Air, pressed: Pressed, work: Scalar, dt: Scalar
     ) -> tuple[Air, Mapping[str, Scalar]]:
         """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water by name.
 

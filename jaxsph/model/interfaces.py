@@ -1,7 +1,7 @@
 """Interfaces of schemes, forces, zones, chambers and probes, and the model that they and the solids make up.
 
 A step visits tuples of parts; an empty tuple switches a part off, and the loop over it vanishes when the step
-is traced. A part keeps its evolving state in `state.own` under its `name` and books energies in
+is traced. A part keeps its evolving state in `state.parts` under its `name` and books energies in
 `state.ledger`. In two dimensions all amounts are per metre of width.
 
 Scheme, chamber and model name each other and therefore stand in one file; those of solids (`model.solids`)
@@ -164,7 +164,7 @@ class AbstractOutlet(AbstractPart):
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
-        """State at t = 0, to become `State.own[name]`."""
+        """State at t = 0, to become `State.parts[name]`."""
 
     @abc.abstractmethod
     def drain(self, model: Model, state: State) -> State:
@@ -236,9 +236,9 @@ class AbstractChamber(AbstractPart):
 
     @abc.abstractmethod
     def press(
-        self, own: Air, q_free: Scalar, compliance: Scalar, ducted: Scalar, t: Scalar, dt: Scalar
+        self, air: Air, q_free: Scalar, compliance: Scalar, ducted: Scalar, t: Scalar, dt: Scalar
     ) -> Pressed:
-        """Pressure of the air over a step of dt (s) from the time t (s) and the air's state `own` there.
+        """Pressure of the air over a step of dt (s) from the time t (s) and the state `air` there.
 
         **Arguments**: `q_free`: flow out of the chamber (m3/s; m2/s in 2-D) at the step's end were P_a zero;
         `compliance`: -dq/dP_a of that flow, so that q = q_free - compliance P_a; `ducted`: flow out of the
@@ -247,7 +247,7 @@ class AbstractChamber(AbstractPart):
 
     @abc.abstractmethod
     def finish(
-        self, own: Air, pressed: Pressed, before: Scalar, after: Scalar, dt: Scalar
+        self, air: Air, pressed: Pressed, before: Scalar, after: Scalar, dt: Scalar
     ) -> tuple[Air, Mapping[str, Scalar], Given]:
         """Air at the end of a step of dt (s), the energies (J, J/m in 2-D) taken from the water by name, and
         what the ducts got.
@@ -257,7 +257,7 @@ class AbstractChamber(AbstractPart):
         """
 
     @abc.abstractmethod
-    def water_pressure(self, own: Air, grip: AbstractGrip, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def water_pressure(self, air: Air, grip: AbstractGrip, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Part of the water's gauge pressure at x (m) that the air carries, Pa.
 
         It is not in the pressure of the scheme, whose `grip` on the air this is, and is added to it.
@@ -319,9 +319,9 @@ class Model(eqx.Module):
         return (*self.solids, *self.moving, *self.bodies)
 
     def walls_at(
-        self, own: Mapping[str, Any], *mirrored: Float[Array, "I D"]
+        self, parts: Mapping[str, Any], *mirrored: Float[Array, "I D"]
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
-        """Positions of all ghosts and of their nodes, m, with the moving solids in the states `own`.
+        """Positions of all ghosts and of their nodes, m, with the moving solids in the states `parts`.
 
         `mirrored`: positions (m) of the particles of which ghosts are the images, one array or none; without
         them these ghosts stand where they do while they have no particle.
@@ -329,22 +329,22 @@ class Model(eqx.Module):
         x, nodes, images = self.walls.x, self.walls.node, self.walls.images
         for solid in (*self.moving, *self.bodies):
             rows = slice(*solid.rows)
-            there, its_nodes = solid.place(own[solid.name], x[rows], nodes[rows])
+            there, its_nodes = solid.place(parts[solid.name], x[rows], nodes[rows])
             x, nodes = x.at[rows].set(there), nodes.at[rows].set(its_nodes)
         for seen in mirrored:
-            x = x.at[: images.count].set(images.image(seen, self.paddle_at(own)))
+            x = x.at[: images.count].set(images.image(seen, self.paddle_at(parts)))
             nodes = nodes.at[: images.count].set(seen)
         return x, nodes
 
-    def paddle_at(self, own: Mapping[str, Any]) -> Callable[[Array], Array]:
+    def paddle_at(self, parts: Mapping[str, Any]) -> Callable[[Array], Array]:
         """Places (m) of points fixed to the paddle from those at rest (m); these themselves without one."""
         for wall in self.moving:
             if wall.rows == self.walls.paddle:
-                return lambda x: wall.place(own[wall.name], x, x)[0]
+                return lambda x: wall.place(parts[wall.name], x, x)[0]
         return lambda x: x
 
     def ghosts_at(
-        self, own: Mapping[str, Any], p: Particles, images: Chosen
+        self, parts: Mapping[str, Any], p: Particles, images: Chosen
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"], Float[Array, " G"]]:
         """Positions (m) of all ghosts and their nodes, and their volumes (m^D) in full water.
 
@@ -352,7 +352,7 @@ class Model(eqx.Module):
         """
         count, there = self.walls.images.count, images.there
         seen = images.fields({"x": columns(p.x), "V": self.scheme.volume(p)})
-        x, nodes = self.walls_at(own, stack(seen["x"]))
+        x, nodes = self.walls_at(parts, stack(seen["x"]))
         share = there * seen["V"] * self.walls.images.share(x[:count])
         x = x.at[:count].set(jnp.where(there[:, None], x[:count], self.walls.x[:count]))
         return x, nodes, self.walls.volume.at[:count].set(share)
@@ -368,8 +368,8 @@ class Model(eqx.Module):
         """Gauge pressure of every particle, Pa: the scheme's, and the part that the chambers' air carries."""
         p = self.scheme.pressure(state.particles)
         for chamber in self.chambers:
-            own = state.own[chamber.name]
-            p = p + chamber.water_pressure(own, self.scheme.grip, state.particles.x)
+            air = state.parts[chamber.name]
+            p = p + chamber.water_pressure(air, self.scheme.grip, state.particles.x)
         return p
 
     @property
@@ -391,7 +391,7 @@ class Model(eqx.Module):
         return self.t0 + state.step.astype(self.dt.dtype) * self.dt
 
 
-def own_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
+def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
     """States of all parts that evolve, at t = 0, by name."""
     parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
     return {part.name: part.start(dtype) for part in parts}

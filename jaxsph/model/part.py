@@ -38,7 +38,7 @@ class AbstractPart(eqx.Module):
     """
 
     name: eqx.AbstractVar[str]
-    """Key of the part's state in `State.own`."""
+    """Key of the part's state in `State.parts`."""
     usual_name: ClassVar[str] = ""
     """Name of the only part of its kind in a model."""
 
@@ -59,7 +59,7 @@ class AbstractPart(eqx.Module):
         del dim
         return {}
 
-    def read(self, own: Any, sampled: Sampled) -> Mapping[str, jax.Array]:
-        """Readings of the part at a sample, by name; `own`: its state, `State.own[name]`."""
-        del own, sampled
+    def read(self, state: Any, sampled: Sampled) -> Mapping[str, jax.Array]:
+        """Readings of the part at a sample, by name; `state`: its own, `State.parts[name]`."""
+        del state, sampled
         return {}

@@ -1,6 +1,6 @@
 """Interfaces of solids at the water's edge: at rest, moving as given, or as rigid bodies.
 
-A solid that moves keeps its motion in `state.own` under its `name`. In two dimensions all amounts are per
+A solid that moves keeps its motion in `state.parts` under its `name`. In two dimensions all amounts are per
 metre of width.
 """
 
@@ -30,18 +30,18 @@ class AbstractSolid(eqx.Module):
     """A solid at the water's edge: a wall of the tank, a plate, a paddle, a rigid body."""
 
     name: eqx.AbstractVar[str]
-    """Key of the solid's motion in `State.own`; empty for a solid at rest."""
+    """Key of the solid's motion in `State.parts`; empty for a solid at rest."""
 
     @abc.abstractmethod
-    def push(self, own: Any, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
+    def push(self, motion: Any, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
         """Acceleration of particles at x (m) by the contact spring of the solid's surface, m/s2.
 
-        The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `own`:
-        the solid's state, `State.own[name]`, or None; `dx`: particle spacing (m); `c0`: speed of sound (m/s).
+        The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `motion`:
+        the solid's state, `State.parts[name]`, or None; `dx`: particle spacing, m; `c0`: speed of sound, m/s.
         """
 
     @abc.abstractmethod
-    def contains(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
+    def contains(self, motion: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
         """True for particles at x (m) that are inside the solid, by more than a rounding error."""
 
     def outline(self, far: float) -> np.ndarray:
@@ -61,23 +61,23 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
-        """Motion of the solid at t = 0, to become `State.own[name]`."""
+        """Motion of the solid at t = 0, to become `State.parts[name]`."""
 
     @abc.abstractmethod
-    def place(self, own: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
+    def place(self, motion: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
         """Positions of the solid's ghosts and of their nodes, m, from those at rest, x and `nodes` (m)."""
 
     @abc.abstractmethod
-    def velocity(self, own: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
+    def velocity(self, motion: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
         """Velocity of the solid at points x (m) that move with it, m/s."""
 
     @abc.abstractmethod
-    def touches(self, own: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
+    def touches(self, motion: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
         """True for particles at x (m) near enough to be stopped by the solid."""
 
-    def pose(self, own: Any) -> tuple[Array, Array]:
+    def pose(self, motion: Any) -> tuple[Array, Array]:
         """Pose of the outline, surge, heave (m) and pitch (rad), and the pivot `[2]` (m) of its turning."""
-        del own
+        del motion
         return jnp.zeros(3), jnp.zeros(2)
 
     @abc.abstractmethod
@@ -90,9 +90,9 @@ class AbstractWall(AbstractMovingSolid):
 
     @abc.abstractmethod
     def move(
-        self, own: Any, water: Particles, depth_volume: Float[Array, " N"], t: Scalar, dt: Scalar
+        self, motion: Any, water: Particles, depth_volume: Float[Array, " N"], t: Scalar, dt: Scalar
     ) -> Any:
-        """Motion of the wall at the time t + dt (s), from its motion `own` at t.
+        """Motion of the wall at the time t + dt (s), from its `motion` at t.
 
         `depth_volume`: volumes of the particles per metre of the tank's width, m2.
         """
@@ -102,11 +102,11 @@ class AbstractWall(AbstractMovingSolid):
         """Acceleration of the wall at its ghosts x (m), m/s2, in a step of dt (s) from `old` to `new`."""
 
     @abc.abstractmethod
-    def with_velocity(self, own: Any, after: Any) -> Any:
-        """Motion of the wall in the position of `own` and with the velocity of `after`."""
+    def with_velocity(self, motion: Any, after: Any) -> Any:
+        """Motion of the wall in the position of `motion` and with the velocity of `after`."""
 
     @abc.abstractmethod
-    def cover(self, own: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
+    def cover(self, motion: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
         """Share of each ghost of all solids, at x (m), that is on the water's side of the wall, 0 to 1."""
 
 
@@ -125,15 +125,15 @@ class AbstractBody(AbstractMovingSolid):
         """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D) of surge, heave, pitch."""
 
     @abc.abstractmethod
-    def directions(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
+    def directions(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
         """Velocity of the body at points x (m) per unit velocity of surge, heave (-) and pitch (m)."""
 
     @abc.abstractmethod
-    def centripetal(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Centripetal acceleration of the body at points x (m), m/s2: the part due to constant rotation."""
 
     @abc.abstractmethod
-    def external(self, own: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
+    def external(self, motion: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
         """Forces on the body along x and z (N) and moment (N m) besides the water's and linear damping.
 
         Per metre of width in 2-D; g (m/s2): gravity.
@@ -147,22 +147,22 @@ class AbstractBody(AbstractMovingSolid):
         """
 
     @abc.abstractmethod
-    def carry(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    def carry(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Places (m), in the body's pose, of points x (m) of the body at rest."""
 
     @abc.abstractmethod
-    def normals(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    def normals(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Outward unit normals (-), in the body's pose, of the surface nearest to points x.
 
         The points x (m) are given for the body at rest.
         """
 
     @abc.abstractmethod
-    def distance(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def distance(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Distance of points x (m) from the body's surface, m; negative inside."""
 
     @abc.abstractmethod
-    def energy(self, own: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
+    def energy(self, motion: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
         """Kinetic energy of the body, and its potential energy above that at rest, J (J/m in 2-D)."""
 
     @abc.abstractmethod

@@ -178,7 +178,7 @@ class State(eqx.Module):
 
     particles: Particles
     """Particles of the fluid."""
-    own: dict[str, Any]
+    parts: dict[str, Any]
     """States of the parts by their names: a paddle's motion, a body's, a chamber's air."""
     ledger: dict[str, Tally]
     """Energies exchanged, by name, J (J/m in 2-D); `Model.entries` says what each is."""

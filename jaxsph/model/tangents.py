@@ -87,7 +87,7 @@ class Average(NamedTuple):
     """Kernel of the weights."""
     table: Neighbours
     """Particles around every particle; ghosts are empty slots."""
-    own: jax.Array
+    self_weight: jax.Array
     """Weight of the particle itself (-)."""
     weight: jax.Array
     """Sum of all weights (-)."""
@@ -113,7 +113,7 @@ class Average(NamedTuple):
 
         def fitted(f, inverse, found):
             zeroth, first = found
-            mean = (zeroth + self.own * f) / self.weight
+            mean = (zeroth + self.self_weight * f) / self.weight
             slope = tuple(a / self.weight - c * mean for a, c in zip(first, self.centre, strict=True))
             return mean - 2.0 * dot(self.centre, symmetric_product(inverse, slope))
 
@@ -127,9 +127,9 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     p, walls = state.particles, model.walls
     smoothing: Smoothing = model.scheme.smoothing
     h, dim = smoothing.h, p.x.shape[1]
-    ghosts, _, volume = model.ghosts_at(state.own, p, tables.images)
+    ghosts, _, volume = model.ghosts_at(state.parts, p, tables.images)
     V = model.scheme.volume(p)
-    own = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
+    self_weight = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(volume)
     # pushes[k][a]: a ghost's volume, where component k is even across its wall and a is normal to it
     normal, even = walls.mirror == -1.0, walls.mirror != -1.0
@@ -149,11 +149,11 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
 
     x = columns(p.x)
     weight, first, second, push = tables.fluid.sum(moments, smoothing, {"x": x}, sources)
-    weight = weight + own
+    weight = weight + self_weight
     centre = tuple(a / weight for a in first)
     spread = tuple(a / weight - b for a, b in zip(second, outer_upper(centre, centre), strict=True))
     inverse = tuple(symmetric_inverse(_held(spread, push[k], dim)) for k in range(dim))
-    return Average(x, V, smoothing, tables.fluid.of_water(), own, weight, centre, inverse)
+    return Average(x, V, smoothing, tables.fluid.of_water(), self_weight, weight, centre, inverse)
 
 
 HOLD = 40.0

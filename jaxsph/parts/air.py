@@ -37,14 +37,14 @@ class AbstractAirLaw(eqx.Module):
         """Meaning of the readings of `read`, in so many dimensions."""
 
     @abc.abstractmethod
-    def read(self, own: Air) -> Mapping[str, Scalar]:
+    def read(self, air: Air) -> Mapping[str, Scalar]:
         """Readings of the air that an incompressible one does not have."""
 
     @abc.abstractmethod
     def press(
         self,
         pto: AbstractPTO,
-        own: Air,
+        air: Air,
         q_free: Scalar,
         compliance: Scalar,
         ducted: Scalar,
@@ -53,7 +53,7 @@ class AbstractAirLaw(eqx.Module):
     ) -> tuple[Scalar, Scalar]:
         """Gauge pressure (Pa) over a step of dt (s), and the flow (m2/s) through the power take-off.
 
-        **Arguments** as of `AbstractPTO.pressure`, and the chamber's `own` air at the begin of the step, and
+        **Arguments** as of `AbstractPTO.pressure`, and the chamber's `air` at the begin of the step, and
         the flow `ducted` (m2/s) into its ducts.
         """
 
@@ -69,7 +69,7 @@ class AbstractAirLaw(eqx.Module):
         """Energy of air at the gauge pressure P_a (Pa) per volume that leaves it for the ambient air, Pa."""
 
     @abc.abstractmethod
-    def finish(self, own: Air, passed: Scalar, left: Scalar, mean: Scalar, dt: Scalar) -> Any:
+    def finish(self, air: Air, passed: Scalar, left: Scalar, mean: Scalar, dt: Scalar) -> Any:
         """State of the air after a step of dt (s).
 
         **Arguments**: the flows (m2/s) that `passed` the power take-off, that `left` by it and by the ducts,
@@ -94,14 +94,14 @@ class IncompressibleAir(AbstractAirLaw):
         """See `AbstractAirLaw`."""
         return {}
 
-    def read(self, own):
+    def read(self, air):
         """See `AbstractAirLaw`."""
-        del own
+        del air
         return {}
 
-    def press(self, pto, own, q_free, compliance, ducted, t, dt):
+    def press(self, pto, air, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`."""
-        del own, dt
+        del air, dt
         free = q_free - ducted
         P_a = pto.pressure(free, compliance, t)
         return P_a, free - compliance * P_a
@@ -114,9 +114,9 @@ class IncompressibleAir(AbstractAirLaw):
         """See `AbstractAirLaw`."""
         return P_a
 
-    def finish(self, own, passed, left, mean, dt):
+    def finish(self, air, passed, left, mean, dt):
         """See `AbstractAirLaw`."""
-        del own, passed, left, mean, dt
+        del air, passed, left, mean, dt
         return ()
 
 
@@ -158,34 +158,34 @@ class IsentropicAir(AbstractAirLaw):
         units, width = ("m2 s-1", " per unit width") if dim == 2 else ("m3 s-1", "")
         return {"flow_pto": Reading(units, f"flow through the power take-off{width}, ambient")}
 
-    def read(self, own):
+    def read(self, air):
         """See `AbstractAirLaw`."""
-        return {"flow_pto": own.confined.passed}
+        return {"flow_pto": air.confined.passed}
 
-    def pressure(self, own: Air) -> Scalar:
+    def pressure(self, air: Air) -> Scalar:
         """Gauge pressure of the air from its amount and room, Pa."""
-        share = own.confined.excess.total / self._room(own)
+        share = air.confined.excess.total / self._room(air)
         # a small pressure is a small difference of volumes: by expm1 and log1p single precision holds it
         return self.p0 * jnp.expm1(self.gamma * jnp.log1p(jnp.maximum(share, -0.9)))
 
-    def _room(self, own: Air) -> Scalar:
+    def _room(self, air: Air) -> Scalar:
         """Volume that the water leaves to the air, m2: two hundredths of the whole at least."""
-        return jnp.maximum(self.volume - own.driven.total, 0.02 * self.volume)
+        return jnp.maximum(self.volume - air.driven.total, 0.02 * self.volume)
 
-    def press(self, pto, own, q_free, compliance, ducted, t, dt):
+    def press(self, pto, air, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`.
 
         The flow at the surface counts in the middle of the step: the spring then neither gains nor loses.
         Where the air is too stiff for the step, omega^2 dt^2 = dt compliance / give > 1, the end of the step
         takes over: nothing rings.
         """
-        P_n = self.pressure(own)
-        give = self._room(own) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a
+        P_n = self.pressure(air)
+        give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a
         stiff = dt * compliance / give
         late = 0.5 + 0.5 * stiff / (1.0 + stiff)
         spring = give / (late * dt)
         softer = late * compliance + spring
-        free = (1.0 - late) * own.q + late * q_free + spring * P_n - ducted
+        free = (1.0 - late) * air.q + late * q_free + spring * P_n - ducted
         P_a = pto.pressure(free, softer, t)
         return P_a, free - softer * P_a
 
@@ -199,14 +199,14 @@ class IsentropicAir(AbstractAirLaw):
         power = (self.gamma - 1.0) / self.gamma
         return self.p0 / power * jnp.expm1(power * jnp.log1p(P_a / self.p0))
 
-    def finish(self, own, passed, left, mean, dt):
+    def finish(self, air, passed, left, mean, dt):
         """See `AbstractAirLaw`."""
-        return Confined(own.confined.excess.add(dt * (mean - left)), passed)
+        return Confined(air.confined.excess.add(dt * (mean - left)), passed)
 
-    def stored(self, own: Air) -> Scalar:
+    def stored(self, air: Air) -> Scalar:
         """Energy stored by the air's compression over the ambient air, J/m."""
-        room = self._room(own)
-        excess = own.confined.excess.total
+        room = self._room(air)
+        excess = air.confined.excess.total
         n = self.gamma - 1.0
         gain = (room + excess) * jnp.expm1(n * jnp.log1p(excess / room)) / n
         return self.p0 * (gain - excess)

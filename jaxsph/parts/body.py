@@ -155,17 +155,17 @@ class RigidBody(PosedSolid, AbstractBody):
         }
         return {self.called(name): reading for name, reading in self._told(motion, forces).items()}
 
-    def read(self, own, sampled):
+    def read(self, state, sampled):
         """See `AbstractPart`."""
         forces = {
-            "body_force": own.force + own.contact,
-            "body_force_mean": own.impulse.recent / sampled.interval,
+            "body_force": state.force + state.contact,
+            "body_force_mean": state.impulse.recent / sampled.interval,
         }
         motion = {
-            "surge": own.pose[0],
-            "heave": own.pose[1],
-            "pitch": own.pose[2],
-            "body_velocity": own.velocity,
+            "surge": state.pose[0],
+            "heave": state.pose[1],
+            "pitch": state.pose[2],
+            "body_velocity": state.velocity,
         }
         return {self.called(name): value for name, value in self._told(motion, forces).items()}
 
@@ -200,13 +200,13 @@ class RigidBody(PosedSolid, AbstractBody):
         del new
         return advance_body(old, jnp.zeros_like(old.velocity), 0.5 * dt)
 
-    def velocity(self, own, x):
+    def velocity(self, motion, x):
         """See `AbstractMovingSolid`."""
-        return jnp.einsum("knd,k->nd", self.directions(own, x), own.velocity)
+        return jnp.einsum("knd,k->nd", self.directions(motion, x), motion.velocity)
 
-    def directions(self, own, x):
+    def directions(self, motion, x):
         """See `AbstractBody`."""
-        r, zero, one = self.lever(own, x), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
+        r, zero, one = self.lever(motion, x), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
         return jnp.stack(
             [
                 zero.at[:, 0].set(one),
@@ -215,13 +215,13 @@ class RigidBody(PosedSolid, AbstractBody):
             ]
         )
 
-    def external(self, own, g):
+    def external(self, motion, g):
         """See `AbstractBody`: weight, friction, spring and stops."""
         arm = jnp.zeros((1, 2), g.dtype).at[0].set(self.centre - self.pivot)
-        arm = turn(arm, own.pose[2])[0]
+        arm = turn(arm, motion.pose[2])[0]
         weight = self.mass * g[jnp.array([0, -1])]
         moment = arm[1] * weight[0] - arm[0] * weight[1]
-        moment = moment + self.pto.moment(own.pose[2], own.velocity[2])
+        moment = moment + self.pto.moment(motion.pose[2], motion.velocity[2])
         return jnp.stack([weight[0], weight[1], moment])
 
     def damping(self):
@@ -233,24 +233,24 @@ class RigidBody(PosedSolid, AbstractBody):
         """See `AbstractBody`."""
         return self.pto.absorbed(old.velocity[2], new.velocity[2], dt)
 
-    def normals(self, own, x):
+    def normals(self, motion, x):
         """See `AbstractBody`."""
         # found at rest, so that no rounding of the pose decides between two faces that are equally near
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)
-        return turn(normal, own.pose[2])
+        return turn(normal, motion.pose[2])
 
-    def energy(self, own, g):
+    def energy(self, motion, g):
         """See `AbstractBody`."""
-        kinetic = 0.5 * jnp.sum(self.generalised_mass() * own.velocity**2)
-        arm = turn((self.centre - self.pivot)[None], own.pose[2])[0] - (self.centre - self.pivot)
-        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (own.pose[:2] + arm))
-        return kinetic, potential + self.pto.stored(own.pose[2])
+        kinetic = 0.5 * jnp.sum(self.generalised_mass() * motion.velocity**2)
+        arm = turn((self.centre - self.pivot)[None], motion.pose[2])[0] - (self.centre - self.pivot)
+        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (motion.pose[:2] + arm))
+        return kinetic, potential + self.pto.stored(motion.pose[2])
 
 
-def advance_body(own: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:
+def advance_body(motion: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:
     """Motion of a body after dt (s) at the constant `acceleration` (m/s2, m/s2, rad/s2)."""
-    velocity = own.velocity + dt * acceleration
-    pose = own.pose + 0.5 * dt * (own.velocity + velocity)
-    return BodyMotion(pose, velocity, own.force, own.contact, own.impulse)
+    velocity = motion.velocity + dt * acceleration
+    pose = motion.pose + 0.5 * dt * (motion.velocity + velocity)
+    return BodyMotion(pose, velocity, motion.force, motion.contact, motion.impulse)

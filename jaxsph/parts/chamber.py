@@ -139,15 +139,15 @@ class Chamber(AbstractChamber):
         }
         return {self.called(name): reading for name, reading in found.items()}
 
-    def read(self, own, sampled):
+    def read(self, state, sampled):
         """See `AbstractPart`."""
         found = {
             "chamber_level": self.level(sampled.x, sampled.V, sampled.dx),
             "chamber_volume": self.volume(sampled.x, sampled.V, sampled.dx),
-            "P_a": own.P_a,
-            "flow": own.q,
-            "flow_mean": own.driven.recent / sampled.interval,
-            **self.air.read(own),
+            "P_a": state.P_a,
+            "flow": state.q,
+            "flow_mean": state.driven.recent / sampled.interval,
+            **self.air.read(state),
         }
         return {self.called(name): value for name, value in found.items()}
 
@@ -189,12 +189,12 @@ class Chamber(AbstractChamber):
         # a particle without mass feels no force: whatever it is divided by
         return AirCoupling(index, force, jnp.where(fields["m"] > 0.0, fields["m"], 1.0), slabs)
 
-    def press(self, own, q_free, compliance, ducted, t, dt):
+    def press(self, air, q_free, compliance, ducted, t, dt):
         """See `AbstractChamber`."""
-        pto = self.pto.at(own, t)
-        return Pressed(*self.air.press(pto, own, q_free, compliance, ducted, t, dt), pto, ducted)
+        pto = self.pto.at(air, t)
+        return Pressed(*self.air.press(pto, air, q_free, compliance, ducted, t, dt), pto, ducted)
 
-    def finish(self, own, pressed, before, after, dt):
+    def finish(self, air, pressed, before, after, dt):
         """See `AbstractChamber`."""
         mean = 0.5 * (before + after)
         passed, ducted = self.air.divided(pressed, mean)
@@ -202,13 +202,13 @@ class Chamber(AbstractChamber):
         # force times mean velocity over the step: exactly the kinetic energy that the force takes
         amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
         amounts |= {name: dt * (pressed.P_a * mean - head * left) for name in self.air.entries("")}
-        kept = self.air.finish(own, passed, left, mean, dt)
-        air = Air(pressed.P_a, after, own.driven.add(dt * after), kept)
+        kept = self.air.finish(air, passed, left, mean, dt)
+        air = Air(pressed.P_a, after, air.driven.add(dt * after), kept)
         return air, {self.called(name): amount for name, amount in amounts.items()}, Given(head, ducted)
 
-    def water_pressure(self, own, grip, x):
+    def water_pressure(self, air, grip, x):
         """See `AbstractChamber`."""
-        return own.P_a * grip.water_pressure(self.weight(columns(x)))
+        return air.P_a * grip.water_pressure(self.weight(columns(x)))
 
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).

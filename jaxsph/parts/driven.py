@@ -59,9 +59,9 @@ class DrivenSolid(PosedSolid, AbstractWall):
         """See `AbstractMovingSolid`."""
         return {self.name: Entry(f"work of the {self.name} on the water", Exchange.GIVEN)}
 
-    def move(self, own, water, depth_volume, t, dt):
+    def move(self, motion, water, depth_volume, t, dt):
         """See `AbstractWall`."""
-        del own, water, depth_volume
+        del motion, water, depth_volume
         return self._at(t + dt)
 
     def _at(self, t: Scalar) -> Motion:
@@ -74,22 +74,22 @@ class DrivenSolid(PosedSolid, AbstractWall):
         del dt
         return Motion(0.5 * (old.pose + new.pose), old.velocity)
 
-    def with_velocity(self, own, after):
+    def with_velocity(self, motion, after):
         """See `AbstractWall`."""
-        return Motion(own.pose, after.velocity)
+        return Motion(motion.pose, after.velocity)
 
-    def velocity(self, own, x):
+    def velocity(self, motion, x):
         """See `AbstractMovingSolid`."""
-        r = self.lever(own, x)
+        r = self.lever(motion, x)
         turning = jnp.zeros_like(x).at[:, 0].set(r[:, -1]).at[:, -1].set(-r[:, 0])
-        return spread(x, own.velocity[:2]) + own.velocity[2] * turning
+        return spread(x, motion.velocity[:2]) + motion.velocity[2] * turning
 
     def acceleration(self, old, new, x, dt):
         """See `AbstractWall`."""
         before, after = (self.velocity(Motion(old.pose, m.velocity), x) for m in (old, new))
         return (after - before) / dt + self.centripetal(old, x)
 
-    def cover(self, own, x, dx):
+    def cover(self, motion, x, dx):
         """See `AbstractWall`: ghosts of other solids bound the water as they are."""
-        del own, dx
+        del motion, dx
         return jnp.ones_like(x[:, 0])

@@ -48,27 +48,27 @@ class Duct(AbstractDuct):
         }
         return {self.called(name): reading for name, reading in found.items()}
 
-    def read(self, own, sampled):
+    def read(self, state, sampled):
         """See `AbstractPart`."""
         found = {
-            "pressure_drop": own.P_a,
-            "duct_flow": own.q,
-            "duct_flow_mean": own.driven.recent / sampled.interval,
+            "pressure_drop": state.P_a,
+            "duct_flow": state.q,
+            "duct_flow_mean": state.driven.recent / sampled.interval,
         }
         return {self.called(name): value for name, value in found.items()}
 
-    def press(self, own, q_free, compliance, t):
+    def press(self, air, q_free, compliance, t):
         """See `AbstractDuct`."""
-        pto = self.pto.at(own, t)
+        pto = self.pto.at(air, t)
         drop = pto.pressure(q_free, compliance, t)
         return Pressed(drop, q_free - compliance * drop, pto, jnp.zeros_like(drop))
 
-    def finish(self, own, pressed, work, dt):
+    def finish(self, air, pressed, work, dt):
         """See `AbstractDuct`."""
         drop, q = pressed.P_a, pressed.passed
         amounts = {name: dt * drop * part for name, part in pressed.pto.flows(drop, q).items()}
         # the chambers' own means over the step are a rounding of time off the duct's flow at its end
         first, rest = next(iter(amounts)), sum(amounts.values()) - work
         amounts[first] = amounts[first] - rest
-        air = Air(drop, q, own.driven.add(dt * q))
+        air = Air(drop, q, air.driven.add(dt * q))
         return air, {self.called(name): amount for name, amount in amounts.items()}

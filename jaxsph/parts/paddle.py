@@ -45,8 +45,8 @@ class AbstractMotion(eqx.Module):
     """Law of a piston's motion."""
 
     @abc.abstractmethod
-    def move(self, own: Piston, x: Components, V: Float[Array, " N"], t: Scalar, dt: Scalar) -> Piston:
-        """Motion of the piston at t + dt (s), from its motion `own` at t.
+    def move(self, motion: Piston, x: Components, V: Float[Array, " N"], t: Scalar, dt: Scalar) -> Piston:
+        """Motion of the piston at t + dt (s), from its `motion` at t.
 
         **Arguments**: positions x (m) of the water's particles at t, and their volumes V per metre of the
         tank's width (m2), for a motion that answers the water.
@@ -63,11 +63,11 @@ class AbstractGivenMotion(AbstractMotion):
     def displacement(self, t: Scalar) -> Scalar:
         """Displacement X(t) from rest, m, positive into the tank; zero at t = 0."""
 
-    def move(self, own, x, V, t, dt):
+    def move(self, motion, x, V, t, dt):
         """See `AbstractMotion`."""
         del x, V
         X, U = jax.jvp(self.displacement, (t + dt,), (jnp.ones_like(t),))
-        return Piston(X, U, jnp.zeros_like(own.error), jnp.zeros_like(own.mean))
+        return Piston(X, U, jnp.zeros_like(motion.error), jnp.zeros_like(motion.mean))
 
 
 class WaveMotion(AbstractGivenMotion):
@@ -95,19 +95,19 @@ class AbsorbingMotion(AbstractMotion):
     still: Scalar
     """Depth (m) that the gauge reads in still water."""
 
-    def move(self, own, x, V, t, dt):
+    def move(self, motion, x, V, t, dt):
         """See `AbstractMotion`."""
-        elevation = column_depth(x, V, own.X + self.gauge, self.width) - self.still
+        elevation = column_depth(x, V, motion.X + self.gauge, self.width) - self.still
         # The filter's lag makes up for the gauge's distance from the paddle, and its noise is filtered out.
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
-        error = own.error + dt / (lag + dt) * (expected - elevation - own.error)
+        error = motion.error + dt / (lag + dt) * (expected - elevation - motion.error)
         # Standing waves lower the mean level by a fraction of a millimetre: that is nothing to absorb, and
         # the paddle would creep after it.
-        mean = own.mean + dt * self.absorption.drift_rate * (error - own.mean)
+        mean = motion.mean + dt * self.absorption.drift_rate * (error - motion.mean)
         eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
-        U = self.absorption.velocity(self.waves, own.X, t + dt, eta)
-        return Piston(own.X + dt * U, U, error, mean)
+        U = self.absorption.velocity(self.waves, motion.X, t + dt, eta)
+        return Piston(motion.X + dt * U, U, error, mean)
 
 
 class Paddle(AbstractWall):
@@ -133,63 +133,63 @@ class Paddle(AbstractWall):
         """See `AbstractSolid`."""
         return box_corners((-far, -far), (0.0, far))
 
-    def pose(self, own):
+    def pose(self, motion):
         """See `AbstractMovingSolid`."""
-        return jnp.stack([own.X, 0.0 * own.X, 0.0 * own.X]), jnp.zeros(2)
+        return jnp.stack([motion.X, 0.0 * motion.X, 0.0 * motion.X]), jnp.zeros(2)
 
     def readings(self, dim):
         """See `AbstractPart`."""
         return {self.name: Reading("m", f"displacement of the {self.name}")}
 
-    def read(self, own, sampled):
+    def read(self, state, sampled):
         """See `AbstractPart`."""
-        return {self.name: own.X}
+        return {self.name: state.X}
 
-    def move(self, own, water, depth_volume, t, dt):
+    def move(self, motion, water, depth_volume, t, dt):
         """See `AbstractWall`."""
-        return self.motion.move(own, columns(water.x), depth_volume, t, dt)
+        return self.motion.move(motion, columns(water.x), depth_volume, t, dt)
 
     def halfway(self, old, new, dt):
         """See `AbstractMovingSolid`."""
         del dt
         return Piston(0.5 * (old.X + new.X), old.U, old.error, old.mean)
 
-    def place(self, own, x, nodes):
+    def place(self, motion, x, nodes):
         """See `AbstractMovingSolid`."""
-        shift = jnp.zeros_like(x).at[:, 0].set(own.X)
+        shift = jnp.zeros_like(x).at[:, 0].set(motion.X)
         return x + shift, nodes + shift
 
-    def velocity(self, own, x):
+    def velocity(self, motion, x):
         """See `AbstractMovingSolid`."""
-        return jnp.zeros_like(x).at[:, 0].set(own.U)
+        return jnp.zeros_like(x).at[:, 0].set(motion.U)
 
     def acceleration(self, old, new, x, dt):
         """See `AbstractWall`."""
         return jnp.zeros_like(x).at[:, 0].set((new.U - old.U) / dt)
 
-    def with_velocity(self, own, after):
+    def with_velocity(self, motion, after):
         """See `AbstractWall`."""
-        return Piston(own.X, after.U, own.error, own.mean)
+        return Piston(motion.X, after.U, motion.error, motion.mean)
 
-    def gap(self, own: Piston, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def gap(self, motion: Piston, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Distance of particles at x (m) from the paddle's face, m; negative behind it."""
-        return x[:, 0] - (jnp.asarray(self.face, x.dtype) + own.X)
+        return x[:, 0] - (jnp.asarray(self.face, x.dtype) + motion.X)
 
-    def push(self, own, x, dx, c0):
+    def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
-        return jnp.zeros_like(x).at[:, 0].set(spring(self.gap(own, x), dx, c0))
+        return jnp.zeros_like(x).at[:, 0].set(spring(self.gap(motion, x), dx, c0))
 
-    def contains(self, own, x, dx):
+    def contains(self, motion, x, dx):
         """See `AbstractSolid`."""
-        return self.gap(own, x) < -0.5 * dx
+        return self.gap(motion, x) < -0.5 * dx
 
-    def touches(self, own, x, dx):
+    def touches(self, motion, x, dx):
         """See `AbstractMovingSolid`."""
-        return self.gap(own, x) < TOUCH * dx
+        return self.gap(motion, x) < TOUCH * dx
 
-    def cover(self, own, x, dx):
+    def cover(self, motion, x, dx):
         """See `AbstractWall`: the bed behind the paddle bounds no water."""
-        return jnp.clip(self.gap(own, x) / dx + 0.5, 0.0, 1.0).at[slice(*self.rows)].set(1.0)
+        return jnp.clip(self.gap(motion, x) / dx + 0.5, 0.0, 1.0).at[slice(*self.rows)].set(1.0)
 
 
 def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar) -> Scalar:

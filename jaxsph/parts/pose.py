@@ -26,53 +26,53 @@ class PosedSolid(AbstractMovingSolid):
     pivot: eqx.AbstractVar[Float[Array, "2"]]
     """Point (x, z) about which the solid turns, at rest, m."""
 
-    def carry(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    def carry(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Present positions (m) of points that stand at x (m) on the solid at rest."""
-        return turn(x - spread(x, self.pivot), own.pose[2]) + self._place_of_pivot(own, x)
+        return turn(x - spread(x, self.pivot), motion.pose[2]) + self._place_of_pivot(motion, x)
 
-    def place(self, own, x, nodes):
+    def place(self, motion, x, nodes):
         """See `AbstractMovingSolid`: the ghosts are their own nodes."""
         del nodes
-        there = self.carry(own, x)
+        there = self.carry(motion, x)
         return there, there
 
-    def lever(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    def lever(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Positions of points x (m) relative to the pivot's present one, m."""
-        return x - self._place_of_pivot(own, x)
+        return x - self._place_of_pivot(motion, x)
 
-    def centripetal(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Centripetal acceleration of the solid at points x (m), m/s2: the part due to constant rotation."""
-        return -(own.velocity[2] ** 2) * self.lever(own, x) * spread(x, jnp.ones_like(self.pivot))
+        return -(motion.velocity[2] ** 2) * self.lever(motion, x) * spread(x, jnp.ones_like(self.pivot))
 
-    def distance(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def distance(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Distance of points x (m) from the solid's surface, m; negative inside."""
-        at_rest = turn(self.lever(own, x), -own.pose[2]) + spread(x, self.pivot)
+        at_rest = turn(self.lever(motion, x), -motion.pose[2]) + spread(x, self.pivot)
         return self.shape.distance(at_rest)
 
-    def push(self, own, x, dx, c0):
+    def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
-        return push_off(lambda x: self.distance(own, x), x, dx, c0)
+        return push_off(lambda x: self.distance(motion, x), x, dx, c0)
 
-    def contains(self, own, x, dx):
+    def contains(self, motion, x, dx):
         """See `AbstractSolid`."""
-        return self.distance(own, x) < -0.5 * dx
+        return self.distance(motion, x) < -0.5 * dx
 
     def outline(self, far):
         """See `AbstractSolid`."""
         del far
         return self.shape.outline()
 
-    def pose(self, own):
+    def pose(self, motion):
         """See `AbstractMovingSolid`."""
-        return own.pose, self.pivot
+        return motion.pose, self.pivot
 
-    def touches(self, own, x, dx):
+    def touches(self, motion, x, dx):
         """See `AbstractMovingSolid`."""
-        return self.distance(own, x) < TOUCH * dx
+        return self.distance(motion, x) < TOUCH * dx
 
-    def _place_of_pivot(self, own: Any, x: Float[Array, "N D"]) -> Float[Array, " D"]:
+    def _place_of_pivot(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " D"]:
         """Present position of the pivot, m."""
-        return spread(x, self.pivot + own.pose[:2])
+        return spread(x, self.pivot + motion.pose[:2])
 
 
 def spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:

@@ -153,9 +153,9 @@ class PhasedPTO(AbstractPTO):
         a, b = self.phase[::2], self.phase[1::2]
         return self.K_dm * jnp.exp(jnp.sum(a * jnp.cos(angle) + b * jnp.sin(angle)))
 
-    def at(self, own, t):
+    def at(self, air, t):
         """See `AbstractPTO`: the turbine of the moment t."""
-        del own
+        del air
         return PneumaticPTO(self.damping(t))
 
     def pressure(self, q_free, compliance, t):
@@ -167,7 +167,7 @@ class ControlledPTO(AbstractPTO):
     """Power take-off that a function of the chamber's state sets anew in every step.
 
     `control(own, t)` returns the power take-off of the step, such as a turbine of another damping, from the
-    chamber's `own` air at the step's begin (pressure `own.P_a`, flow `own.q`, volume `own.driven.total` that
+    chamber's `own` air at the step's begin (pressure `air.P_a`, flow `air.q`, volume `air.driven.total` that
     the water has risen by) and the time t (s).
     """
 
@@ -183,9 +183,9 @@ class ControlledPTO(AbstractPTO):
         """See `AbstractPTO`: those of the power take-off that the function returns for air at rest."""
         return self._at_rest(0.0).entries(whose)
 
-    def at(self, own, t):
+    def at(self, air, t):
         """See `AbstractPTO`."""
-        return self.control(own, t).at(own, t)
+        return self.control(air, t).at(air, t)
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`: of a chamber whose air is at rest."""
@@ -215,9 +215,9 @@ class ReliefValve(AbstractPTO):
         """See `AbstractPTO`."""
         return {**self.turbine.entries(whose), "relief": Entry(f"relief valve of the {whose}")}
 
-    def at(self, own, t):
+    def at(self, air, t):
         """See `AbstractPTO`."""
-        return ReliefValve(_turbine(self.turbine.at(own, t)), self.over, self.under)
+        return ReliefValve(_turbine(self.turbine.at(air, t)), self.over, self.under)
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`."""

@@ -48,13 +48,13 @@ class Rim(AbstractOutlet):
         what = "volume of water that has left over the rim since the start"
         return {self.called("spilt"): Reading(units, what)}
 
-    def read(self, own, sampled):
+    def read(self, state, sampled):
         """See `AbstractPart`."""
-        return {self.called("spilt"): own.mass.total / sampled.rho0}
+        return {self.called("spilt"): state.mass.total / sampled.rho0}
 
     def drain(self, model: Model, state: State) -> State:
         """See `AbstractOutlet`."""
-        p, own = state.particles, state.own[self.name]
+        p, before = state.particles, state.parts[self.name]
         over = (p.x[:, -1] > self.corner[-1] + 0.5 * model.dx) | (p.m == 0.0)
         rest = jnp.asarray(self.corner, p.x.dtype)
         left = eqx.tree_at(
@@ -68,10 +68,10 @@ class Rim(AbstractOutlet):
             ),
         )
         lost = energy(model, state) - energy(model, eqx.tree_at(lambda s: s.particles, state, left))
-        spill = Spill(own.mass.add(jnp.sum(p.m - left.m)))
+        spill = Spill(before.mass.add(jnp.sum(p.m - left.m)))
         ledger = {**state.ledger, self.name: state.ledger[self.name].add(lost)}
-        parts = (left, {**state.own, self.name: spill}, ledger)
-        return eqx.tree_at(lambda s: (s.particles, s.own, s.ledger), state, parts)
+        changed = (left, {**state.parts, self.name: spill}, ledger)
+        return eqx.tree_at(lambda s: (s.particles, s.parts, s.ledger), state, changed)
 
 
 def energy(model: Model, state: State) -> Scalar:

@@ -72,7 +72,7 @@ class RunUpProbe(AbstractProbe):
         del tables
         (body,) = (body for body in model.bodies if body.name == self.solid)
         x = state.particles.x
-        wets = body.distance(state.own[self.solid], x) < model.dx
+        wets = body.distance(state.parts[self.solid], x) < model.dx
         wets &= (x[:, 0] < self.crest) & (state.particles.m > 0.0)
         highest = jnp.max(jnp.where(wets, x[:, -1], -jnp.inf))
         # half of a particle is above its middle; a dry face is wet down to its foot

@@ -52,7 +52,7 @@ class EnergyProbe(AbstractProbe):
         for force in model.forces:
             potential = potential + jnp.sum(state.particles.m * force.potential(state.particles.x))
         for body in model.bodies:
-            own, height = body.energy(state.own[body.name], model.g)
+            own, height = body.energy(state.parts[body.name], model.g)
             kinetic, potential = kinetic + own, potential + height
         return kinetic, potential
 

@@ -39,7 +39,7 @@ class PartProbe(AbstractProbe):
         p, scheme = state.particles, model.scheme
         sampled = Sampled(columns(p.x), scheme.volume(p), scheme.rho0, model.dx, self.sample_dt)
         powers = {f"power_{name}": state.ledger[name].recent / self.sample_dt for name in self.harvest}
-        return {**part.read(state.own.get(part.name), sampled), **powers}
+        return {**part.read(state.parts.get(part.name), sampled), **powers}
 
     def describe(self):
         """See `AbstractProbe`."""

@@ -50,7 +50,7 @@ class BodyPressureProbe(AbstractProbe):
     def measure(self, model, state, tables):
         """See `AbstractProbe`."""
         body = model.bodies[self.which]
-        moved = PressureProbe(body.carry(state.own[body.name], self.x))
+        moved = PressureProbe(body.carry(state.parts[body.name], self.x))
         return {"body_pressure": moved.measure(model, state, tables)["pressure"]}
 
     def describe(self):

@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.errors import CaseError
-from jaxsph.model.interfaces import Model, check_parts, own_states
+from jaxsph.model.interfaces import Model, check_parts, part_states
 from jaxsph.model.meaning import Label
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.solution import Solution
@@ -174,17 +174,17 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
 def _begun(model: Model, before: Model, state: State) -> State:
     """The state that a model begins with, from that of the model before."""
     dtype = state.particles.x.dtype
-    old, new = own_states(before, dtype), own_states(model, dtype)
+    old, new = part_states(before, dtype), part_states(model, dtype)
     # a part that begins as it did keeps what the problem made of its beginning
     same = [name for name in new if name in old and eqx.tree_equal(new[name], old[name]) is True]
-    own = new | {name: state.own[name] for name in same}
+    parts = new | {name: state.parts[name] for name in same}
     ledger = {name: state.ledger.get(name, Tally.zero(dtype)) for name in model.entries()}
     limits = {name: state.limits.get(name, Tally.zero(dtype)) for name in model.scheme.limiters()}
     particles = state.particles
     if model.scheme is not before.scheme:
         particles = model.scheme.with_pressure(particles, before.scheme.pressure(particles))
-    parts = (particles, own, ledger, limits)
-    return eqx.tree_at(lambda s: (s.particles, s.own, s.ledger, s.limits), state, parts)
+    begun = (particles, parts, ledger, limits)
+    return eqx.tree_at(lambda s: (s.particles, s.parts, s.ledger, s.limits), state, begun)
 
 
 def energy_of_power(sample_dt: float) -> MeanOfRecord:

@@ -106,11 +106,11 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     )
     state = _carry_over(start.state, initial)
     # What was exchanged since the last sample belongs to the old interval, and a probe divides it by the new.
-    own, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.own, state.ledger))
+    parts, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.parts, state.ledger))
     limits = map_tallies(lambda tally: tally.over(every / old_every), state.limits)
     # time is counted in steps: the same time, in steps of the new length
     step = jnp.asarray(round(samples) * every, state.step.dtype)
-    state = eqx.tree_at(lambda s: (s.step, s.own, s.ledger, s.limits), state, (step, own, ledger, limits))
+    state = eqx.tree_at(lambda s: (s.step, s.parts, s.ledger, s.limits), state, (step, parts, ledger, limits))
     _check_readings(start.problem, problem)
     restarts = any(_value(before, k) != _value(case, k) for k in set(changes) - set(UNMOVED))
     change = Change(

@@ -183,7 +183,7 @@ def _points(model: Model, state: State, devices: int) -> int:
     tank in which a dam breaks.
     """
     grid, x = model.search.grid, state.particles.x
-    ghosts, nodes = model.walls_at(state.own)
+    ghosts, nodes = model.walls_at(state.parts)
     cell = np.asarray(cell_index(x, grid))[:, 0]
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]
 

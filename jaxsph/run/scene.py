@@ -40,7 +40,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
             if isinstance(cut, shapely.Polygon) and not cut.is_empty:
                 solids.append(_outline("", np.asarray(cut.exterior.coords)[:-1], np.zeros(2)))
     for solid in (*model.moving, *model.bodies):
-        _, pivot = solid.pose(problem.state.own[solid.name])
+        _, pivot = solid.pose(problem.state.parts[solid.name])
         solids.append(_outline(solid.name, solid.outline(far), np.asarray(pivot)))
     return {
         "dx": float(model.dx),
@@ -61,4 +61,4 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
 def poses_of(model: Model, state: State) -> dict[str, np.ndarray]:
     """Pose of every solid that moves, surge, heave (m) and pitch (rad), by its name."""
     moving = (*model.moving, *model.bodies)
-    return {solid.name: np.asarray(solid.pose(state.own[solid.name])[0]) for solid in moving}
+    return {solid.name: np.asarray(solid.pose(state.parts[solid.name])[0]) for solid in moving}

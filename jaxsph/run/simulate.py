@@ -51,8 +51,8 @@ def simulate(
         due = (s.step - start) % sample_every == 0
         blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(read, s, tables))
         readings = jax.lax.cond(any_lane(due), read, lambda *_: blank, s, tables)
-        own, ledger, limits = settle((s.own, s.ledger, s.limits), due)
-        s = eqx.tree_at(lambda a: (a.own, a.ledger, a.limits), s, (own, ledger, limits))
+        parts, ledger, limits = settle((s.parts, s.ledger, s.limits), due)
+        s = eqx.tree_at(lambda a: (a.parts, a.ledger, a.limits), s, (parts, ledger, limits))
         return model.scheme.regularise(model, s, tables), readings
 
     state, readings = blocks(

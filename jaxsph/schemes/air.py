@@ -67,14 +67,14 @@ def water_line(
     return WaterLine(flows, compliance)
 
 
-def meet_laws(model: Model, own: Mapping[str, Any], line: WaterLine, interval: Interval) -> Met:
+def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval: Interval) -> Met:
     """Air of every chamber and duct that meets its law and the water's line at once.
 
-    `own`: states of the parts at the step's begin.
+    `parts`: states of the parts at the step's begin.
     """
     if not model.chambers:
         return Met({}, {})
-    laws = _Laws(model, own, line, interval.t, interval.dt)
+    laws = _Laws(model, parts, line, interval.t, interval.dt)
     unknown = laws.begin()
     if len(unknown) > 1:  # of a chamber alone it is known
         unknown = jax.lax.fori_loop(0, NEWTON, lambda _, x: laws.nearer(x), unknown)
@@ -90,7 +90,7 @@ class _Laws(NamedTuple):
     """
 
     model: Model
-    own: Mapping[str, Any]
+    parts: Mapping[str, Any]
     line: WaterLine
     t: Scalar
     dt: Scalar
@@ -102,9 +102,12 @@ class _Laws(NamedTuple):
 
     def begin(self) -> Array:
         """Unknown flows, of the chambers and then of the ducts, by the air of the step before."""
-        P_a = {c.name: self.own[c.name].P_a for c in self.chambers}
+        P_a = {c.name: self.parts[c.name].P_a for c in self.chambers}
         chambers = [self.line.flows[name] - self.others(name, P_a) for name in P_a]
-        ducts = [self.own[d.name].q + self.give(d.between) * self.own[d.name].P_a for d in self.model.ducts]
+        ducts = []
+        for duct in self.model.ducts:
+            air = self.parts[duct.name]
+            ducts.append(air.q + self.give(duct.between) * air.P_a)
         return jnp.stack([*chambers, *ducts])
 
     @property
@@ -121,7 +124,7 @@ class _Laws(NamedTuple):
         """Air of chambers and ducts at the unknown flows."""
         of_chambers, of_ducts = unknown[: len(self.chambers)], unknown[len(self.chambers) :]
         ducts = {
-            duct.name: duct.press(self.own[duct.name], q, self.give(duct.between), self.t)
+            duct.name: duct.press(self.parts[duct.name], q, self.give(duct.between), self.t)
             for duct, q in zip(self.model.ducts, of_ducts, strict=True)
         }
         chambers = {}
@@ -129,7 +132,7 @@ class _Laws(NamedTuple):
             name = chamber.name
             ducted = sum((way * ducts[d].passed for d, way in _ways(self.model, name)), jnp.zeros_like(q))
             compliance = self.line.compliance[name, name]
-            chambers[name] = chamber.press(self.own[name], q, compliance, ducted, self.t, self.dt)
+            chambers[name] = chamber.press(self.parts[name], q, compliance, ducted, self.t, self.dt)
         return Met(chambers, ducts)
 
     def missing(self, unknown: Array) -> Array:
@@ -163,7 +166,7 @@ def _ways(model: Model, chamber: str) -> list[tuple[str, float]]:
 
 def finish_airs(
     model: Model,
-    own: Mapping[str, Any],
+    parts: Mapping[str, Any],
     met: Met,
     flows: Mapping[str, tuple[Scalar, Scalar]],
     dt: Scalar,
@@ -176,13 +179,13 @@ def finish_airs(
     work = {duct.name: jnp.zeros_like(dt) for duct in model.ducts}
     for chamber in model.chambers:
         name, ways = chamber.name, _ways(model, chamber.name)
-        airs[name], amounts, given = chamber.finish(own[name], met.chambers[name], *flows[name], dt)
+        airs[name], amounts, given = chamber.finish(parts[name], met.chambers[name], *flows[name], dt)
         taken |= amounts
         # of a closed chamber the ducts share what the mean over the step is off their flows at its end
         off = (given.flow - met.chambers[name].ducted) / max(len(ways), 1)
         for duct, way in ways:
             work[duct] = work[duct] + dt * given.head * (way * met.ducts[duct].passed + off)
     for duct in model.ducts:
-        airs[duct.name], amounts = duct.finish(own[duct.name], met.ducts[duct.name], work[duct.name], dt)
+        airs[duct.name], amounts = duct.finish(parts[duct.name], met.ducts[duct.name], work[duct.name], dt)
         taken |= amounts
     return airs, taken

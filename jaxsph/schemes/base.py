@@ -38,7 +38,7 @@ class BodyGrip(NamedTuple):
 
     arms: Float[Array, "3 B D"]
     """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit of every motion."""
-    own: Float[Array, "B D"]
+    sums: Float[Array, "B D"]
     """Weights of the dummies' own pressures: the sums of `weights`."""
     weights: Components
     """Weights of the water's pressures around every dummy, by slot of `table`."""
@@ -48,7 +48,7 @@ class BodyGrip(NamedTuple):
     def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
         """Generalised force of the water's and the dummies' pressures (Pa), N, N, N m (per metre in 2-D)."""
         around = stack([self.table.weighted_sum(w, Sources({"f": p}, {})) for w in self.weights])
-        return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.own)
+        return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.sums)
 
 
 class BodyCoupling(NamedTuple):
@@ -108,8 +108,8 @@ class AbstractParticleScheme(AbstractScheme):
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
         p, astray = sort_by_cell(s.slabs, s.grid, p, p.x)
         region = walls.regions.index(p.x)
-        images, too_many = self._images(model, state.own, p)
-        ghosts, nodes, _ = model.ghosts_at(state.own, p, images)
+        images, too_many = self._images(model, state.parts, p)
+        ghosts, nodes, _ = model.ghosts_at(state.parts, p, images)
         there = images.there
         kind = walls.kind.at[: len(there)].multiply(there.astype(walls.kind.dtype))
         # a search keeps escaped particles in the cells at the edge; `check` flags their failure
@@ -149,11 +149,11 @@ class AbstractParticleScheme(AbstractScheme):
         tables = Tables(fluid, images, at_nodes, around, chambers, p.x)
         return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))
 
-    def _images(self, model: Model, own: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
+    def _images(self, model: Model, parts: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
         """Particles of which ghosts are the images until the next search, and whether there are too many."""
         s = model.search
         x = jax.lax.stop_gradient(s.slabs.gather(p.x))
-        paddle = model.paddle_at(jax.lax.stop_gradient(own))
+        paddle = model.paddle_at(jax.lax.stop_gradient(parts))
         rows, full = model.walls.images.choose(x, paddle, self.smoothing.radius, s.skin)
         return Chosen.of(rows, len(x), s.slabs), full
 
@@ -200,7 +200,7 @@ class AbstractParticleScheme(AbstractScheme):
     def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
-        x, nodes, volume = model.ghosts_at(state.own, state.particles, tables.images)
+        x, nodes, volume = model.ghosts_at(state.parts, state.particles, tables.images)
         water = self.water(state.particles)
         water = Sources(water.water | self.level_pressure(model, state), water.ghosts)
         water = tables.fluid.slabs.fetch(water)
@@ -209,7 +209,7 @@ class AbstractParticleScheme(AbstractScheme):
         here = fit.wet
         for wall in model.moving:
             # an image is where its particle is along the wall
-            cover = wall.cover(state.own[wall.name], x, model.dx)
+            cover = wall.cover(state.parts[wall.name], x, model.dx)
             here = here * cover.at[: walls.images.count].set(1.0)
         still = jnp.zeros_like(x)
         return GhostFields(x, nodes, still[:, 0], still, still, here * volume, fit, water)
@@ -235,17 +235,17 @@ class AbstractParticleScheme(AbstractScheme):
         """
         ghosts, walls = self.place_ghosts(model, state, tables), model.walls
         at_node = self.carried(model, lambda j: j["p"], ghosts, tables)
-        force = self.wall_force(model, state.own, ghosts, interval)
+        force = self.wall_force(model, state.parts, ghosts, interval)
         pressure = walls.pressure(ghosts.fit, at_node, ghosts.x, ghosts.nodes, force)
         # a dry ghost has no volume; its pressure must still be a number
         return ghosts._replace(p=jnp.where(ghosts.fit.wet > 0, pressure, 0.0))
 
     def wall_force(
-        self, model: Model, own: Mapping[str, Any], ghosts: GhostFields, interval: Interval
+        self, model: Model, parts: Mapping[str, Any], ghosts: GhostFields, interval: Interval
     ) -> Float[Array, "G D"]:
         """Pressure gradient across the walls at the ghosts, rho0 (f - a_wall), N/m3.
 
-        `own`: states of the parts by name. Of a body's acceleration only the centripetal part is in it; for
+        `parts`: states of the parts by name. Of a body's acceleration only the centripetal part is in it; for
         the rest see `body_coupling`.
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
@@ -258,30 +258,30 @@ class AbstractParticleScheme(AbstractScheme):
             force = force.at[rows].add(-self.rho0 * a_wall)
         for body in model.bodies:
             rows = slice(*body.rows)
-            inward = body.centripetal(own[body.name], ghosts.x[rows])
+            inward = body.centripetal(parts[body.name], ghosts.x[rows])
             force = force.at[rows].add(-self.rho0 * inward)
         return force
 
     def ghost_velocity(
-        self, model: Model, own: Mapping[str, Any], tables: Tables, ghosts: GhostFields
+        self, model: Model, parts: Mapping[str, Any], tables: Tables, ghosts: GhostFields
     ) -> GhostFields:
         """Ghosts with their velocities (m/s), which follow from those of the water that they see.
 
-        Moving solids have the velocities of their states in `own`.
+        Moving solids have the velocities of their states in `parts`.
         """
         walls = model.walls
         at_node = self.carried(model, lambda j: j["u"], ghosts, tables)
         surface = walls.sliding
         for wall in model.moving:
             rows = slice(*wall.rows)
-            surface = surface.at[rows].add(wall.velocity(own[wall.name], ghosts.x[rows]))
+            surface = surface.at[rows].add(wall.velocity(parts[wall.name], ghosts.x[rows]))
         u_ghosts = walls.velocity(at_node, columns(surface), walls.mirror)
         u_shear = walls.velocity(at_node, columns(surface), walls.shear)
         for body in model.bodies:
             rows = slice(*body.rows)
-            moving = columns(body.velocity(own[body.name], ghosts.x[rows]))
+            moving = columns(body.velocity(parts[body.name], ghosts.x[rows]))
             # mirrored in the plane across the normal: the water slips along the body
-            normal = columns(body.normals(own[body.name], walls.x[rows]))
+            normal = columns(body.normals(parts[body.name], walls.x[rows]))
             there = tuple(a[rows] for a in at_node)
             through = 2.0 * dot(tuple(a - b for a, b in zip(moving, there, strict=True)), normal)
             mirrored = tuple(a + through * n for a, n in zip(there, normal, strict=True))
@@ -300,8 +300,9 @@ class AbstractParticleScheme(AbstractScheme):
         tables: Tables,
     ) -> BodyCoupling:
         """Coupling of a body to the water over the interval, in the pose that it has in the state `at`."""
-        own, before, dt = at.own[body.name], interval.before[body.name], interval.dt
-        grip, slopes = self._body_grip(body, own, ghosts, tables), self._body_slopes(model, body, own, ghosts)
+        motion, before, dt = at.parts[body.name], interval.before[body.name], interval.dt
+        grip = self._body_grip(body, motion, ghosts, tables)
+        slopes = self._body_slopes(model, body, motion, ghosts)
         free = body.movable(interval.t)
         damping = body.damping()
         mass = jnp.diag(body.generalised_mass() + dt * damping)
@@ -309,11 +310,11 @@ class AbstractParticleScheme(AbstractScheme):
         mass = mass - jax.vmap(lambda slope: grip.force(still, slope))(slopes).T
         both = free[:, None] * free
         inverse = both * jnp.linalg.inv(jnp.where(both > 0, mass, jnp.eye(3, dtype=mass.dtype)))
-        here = eqx.tree_at(lambda b: b.pose, before, own.pose)
+        here = eqx.tree_at(lambda b: b.pose, before, motion.pose)
         outside = body.external(here, model.g) - damping * before.velocity + before.contact
         return BodyCoupling(grip, slopes, inverse, outside, free, body.rows)
 
-    def _body_slopes(self, model: Model, body: AbstractBody, own: Any, ghosts: GhostFields) -> jax.Array:
+    def _body_slopes(self, model: Model, body: AbstractBody, motion: Any, ghosts: GhostFields) -> jax.Array:
         """Pressure (Pa) of the body's dummies per unit of every acceleration of the body, `[3, B]`."""
         rows = slice(*body.rows)
         fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
@@ -322,9 +323,9 @@ class AbstractParticleScheme(AbstractScheme):
         def slope(direction):
             return model.walls.pressure(fit, zero, x, nodes, -self.rho0 * direction)
 
-        return jnp.where(fit.wet > 0, jax.vmap(slope)(body.directions(own, x)), 0.0)
+        return jnp.where(fit.wet > 0, jax.vmap(slope)(body.directions(motion, x)), 0.0)
 
-    def _body_grip(self, body: AbstractBody, own: Any, ghosts: GhostFields, tables: Tables) -> BodyGrip:
+    def _body_grip(self, body: AbstractBody, motion: Any, ghosts: GhostFields, tables: Tables) -> BodyGrip:
         """Map from pressures to the force on the body, by the weights of the water around its dummies."""
         rows = slice(*body.rows)
         x = ghosts.x[rows]
@@ -335,7 +336,7 @@ class AbstractParticleScheme(AbstractScheme):
 
         table = tables.around[body.name]
         summed, weights = table.weights(law, self.smoothing, {"x": columns(x)}, ghosts.water)
-        arms = body.directions(own, x) * ghosts.V[rows, None]
+        arms = body.directions(motion, x) * ghosts.V[rows, None]
         return BodyGrip(arms, stack(summed), weights, table)
 
     # ---------------------------------------------------------------- failures
@@ -349,7 +350,7 @@ class AbstractParticleScheme(AbstractScheme):
         finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1) & jnp.isfinite(p.rho)
         out = jnp.zeros_like(finite)
         for solid in model.every_solid():
-            out |= solid.contains(state.own.get(solid.name), p.x, model.dx)
+            out |= solid.contains(state.parts.get(solid.name), p.x, model.dx)
         moved2, speed2 = (jnp.sum(a**2, axis=1) for a in (x_used - tables.x, p.u))
         values = moved2, speed2, (~finite).astype(speed2.dtype), out.astype(speed2.dtype)
         (moved2, speed2, bad, out), (_, fastest, first_bad, first_out) = model.search.slabs.largest(

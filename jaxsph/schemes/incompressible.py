@@ -196,19 +196,19 @@ class ISPH(AbstractParticleScheme):
         """See `AbstractScheme`."""
         p, dt = state.particles, model.dt
         interval = move_walls(self, model, state, dt)
-        push = spring_acceleration(model, state.own, p, self._contact(model))
+        push = spring_acceleration(model, state.parts, p, self._contact(model))
         ghosts = self.place_ghosts(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
         # the air's pressure begins with that of the step before; what is missing follows the projection
         airs = couple_airs(self, model, p, ghosts.water, tables)
         for name, air in airs.items():
-            u = air.push(u, dt * state.own[name].P_a)
+            u = air.push(u, dt * state.parts[name].P_a)
         # The divergence is linear: of what the velocities had before the step a share is left for the next.
         # Eq. 7-8. The ghosts' velocities gain gravity and forces as the water's do, and the walls' own
         # acceleration goes into the ghosts' pressure: so a field without divergence has none at walls either.
         later = 1.0 - LEFT_OVER
         eased = (u - later * p.u) / LEFT_OVER
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts.seeing(tables, u=columns(eased)))
+        ghosts = self.ghost_velocity(model, state.parts, tables, ghosts.seeing(tables, u=columns(eased)))
         u_star = u + dt * (model.g + model.acceleration(p.x, interval.middle))
         u_left = LEFT_OVER * ghosts.u + dt * (model.g + model.acceleration(ghosts.x, interval.middle))
         # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
@@ -221,12 +221,12 @@ class ISPH(AbstractParticleScheme):
         ghosts, sources, acceleration = self._pressed(pressures, ghosts, sources, tables)
         pressed = dt * acceleration
         met = u_star + pressed
-        u_new = stop_at_solids(model, state.own, p, met, push, self._contact(model))
+        u_new = stop_at_solids(model, state.parts, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
         u_new, damped = damp(model, p, u_new, interval)
-        before = {name: state.own[name].P_a for name in airs}
+        before = {name: state.parts[name].P_a for name in airs}
         laws_met = meet_laws(
-            model, state.own, water_line(airs, tables.responses, u_new, before, dt), interval
+            model, state.parts, water_line(airs, tables.responses, u_new, before, dt), interval
         )
         for name, law in laws_met.chambers.items():
             missing, response = law.P_a - before[name], tables.responses[name]
@@ -235,10 +235,10 @@ class ISPH(AbstractParticleScheme):
             u_new = airs[name].push(u_new + missing * response.u, dt * missing)
             ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         changes = Changes(u_new, pressed, touched, damped)
-        own, ledger = self._exchange(model, state, tables, ghosts, interval, pressures, changes)
+        parts, ledger = self._exchange(model, state, tables, ghosts, interval, pressures, changes)
         flows = {name: (air.flow(p.u), air.flow(u_new)) for name, air in airs.items()}
-        finished, taken = finish_airs(model, state.own, laws_met, flows, dt)
-        own, ledger = own | finished, book(ledger, taken)
+        finished, taken = finish_airs(model, state.parts, laws_met, flows, dt)
+        parts, ledger = parts | finished, book(ledger, taken)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
         for shifting in self.shifting:
             dx = dx + shifting.displacement(self, model, u_new, sources, tables, dt)
@@ -248,7 +248,7 @@ class ISPH(AbstractParticleScheme):
         ledger = book(ledger, force_work(model, p, new, interval))
         limits = book(state.limits, projected.limited)
         status = checked_solution(state, projected)
-        state = State(new, own, ledger, limits, state.step + 1, status)
+        state = State(new, parts, ledger, limits, state.step + 1, status)
         return self.check(model, state, tables, p.x, at.particles.x)
 
     def _halfway(
@@ -258,11 +258,11 @@ class ISPH(AbstractParticleScheme):
 
         Its velocities are u (m/s).
         """
-        dt, own = interval.dt, dict(state.own)
+        dt, parts = interval.dt, dict(state.parts)
         for solid in (*model.moving, *model.bodies):
-            own[solid.name] = solid.halfway(own[solid.name], interval.after[solid.name], dt)
+            parts[solid.name] = solid.halfway(parts[solid.name], interval.after[solid.name], dt)
         particles = eqx.tree_at(lambda p: p.u, drift(state.particles, 0.5 * dt * drifting), u)
-        return eqx.tree_at(lambda s: (s.particles, s.own), state, (particles, own))
+        return eqx.tree_at(lambda s: (s.particles, s.parts), state, (particles, parts))
 
     def _exchange(
         self,
@@ -275,18 +275,18 @@ class ISPH(AbstractParticleScheme):
         changes: Changes,
     ) -> tuple[dict[str, Any], dict[str, Tally]]:
         """States of the solids after the step, and the ledger with its energies (J, J/m in 2-D)."""
-        p, dt, own = state.particles, interval.dt, dict(interval.after)
+        p, dt, parts = state.particles, interval.dt, dict(interval.after)
         amounts = dict(changes.damped)
         work = wall_work(self, model, interval.after, tables, ghosts, dt)
         amounts |= work
         given = -sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressures
         given_touching = jnp.zeros_like(dt)
         for body in model.bodies:
-            old, force = state.own[body.name], pressures.forces[body.name]
+            old, force = state.parts[body.name], pressures.forces[body.name]
             contact = touch_force(model, body, old, p, changes.touched, dt)
             new = advance_body(interval.before[body.name], pressures.accelerations[body.name], dt)
             new = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
-            own[body.name], exchanged, by_pressure, by_touch = body_work(
+            parts[body.name], exchanged, by_pressure, by_touch = body_work(
                 model, body, old, new, interval.t, dt
             )
             amounts |= exchanged
@@ -296,7 +296,7 @@ class ISPH(AbstractParticleScheme):
             -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)
         )
         amounts |= {"contact": contact - given_touching, "projection": lost - given}
-        return own, book(state.ledger, amounts)
+        return parts, book(state.ledger, amounts)
 
     def _sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
         """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see."""
@@ -319,7 +319,7 @@ class ISPH(AbstractParticleScheme):
     ) -> Float[Array, "N D"]:
         """Viscous acceleration of the water, nu lap u, m/s2."""
         p = state.particles
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
+        ghosts = self.ghost_velocity(model, state.parts, tables, ghosts)
         guard = laws.GUARD * self.smoothing.h**2
         sources = self._sources(ghosts, ghosts.u_shear)
         shear = self._sum(lambda pair, i, j: self.viscosity.shear(pair, i, j, guard), sources, tables)
@@ -332,11 +332,11 @@ class ISPH(AbstractParticleScheme):
         p, dt, still = state.particles, model.dt, jnp.zeros_like(state.particles.u)
         interval = at_rest(model, state)
         ghosts = self.place_ghosts(model, state, tables)
-        resting = self.ghost_velocity(model, state.own, tables, ghosts.seeing(tables, u=columns(still)))
+        resting = self.ghost_velocity(model, state.parts, tables, ghosts.seeing(tables, u=columns(still)))
         responses = {}
         for name, air in couple_airs(self, model, p, ghosts.water, tables).items():
             kicked = ghosts.seeing(tables, u=columns(air.push(still, dt)))
-            kicked = self.ghost_velocity(model, state.own, tables, kicked)
+            kicked = self.ghost_velocity(model, state.parts, tables, kicked)
             # of the walls' velocities only the part that follows the water
             sources = self._sources(kicked, kicked.u - resting.u)
             equation = self._equation(model, state, tables, kicked, sources, interval).unforced()
@@ -367,7 +367,7 @@ class ISPH(AbstractParticleScheme):
         """Pressure equation for the water of `at`, with the velocities of the sources."""
         walls = model.walls
         poisson = self._poisson(model, at.particles, ghosts, sources, tables)
-        force = self.wall_force(model, at.own, ghosts, interval)
+        force = self.wall_force(model, at.parts, ghosts, interval)
         nowhere = jnp.zeros_like(ghosts.p)
         beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
         couplings = {
@@ -417,8 +417,8 @@ class ISPH(AbstractParticleScheme):
         (shrinking, fill, slope, diagonal), weights = tables.fluid.weights(
             law, self.smoothing, sources.water, sources
         )
-        own = self.volume(p) * self.smoothing.kernel.value(jnp.zeros_like(fill), h, p.x.shape[1])
-        filled = (fill + own) / self.lattice.full
+        itself = self.volume(p) * self.smoothing.kernel.value(jnp.zeros_like(fill), h, p.x.shape[1])
+        filled = (fill + itself) / self.lattice.full
         free = self.surface.free(filled)
         extra = self.surface.missing(filled) * jnp.maximum(self.lattice.weights / h**2 - diagonal, 0.0)
         if all(side == "periodic" for side in walls.sides):
@@ -444,5 +444,5 @@ class ISPH(AbstractParticleScheme):
     def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
         """Divergence of the water's velocity at every particle, 1/s."""
         ghosts = self.place_ghosts(model, state, tables)
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
+        ghosts = self.ghost_velocity(model, state.parts, tables, ghosts)
         return -self._sum(laws.divergence, self._sources(ghosts, ghosts.u), tables)

@@ -100,7 +100,7 @@ class SymplecticEuler(AbstractIntegrator):
         p, dt = state.particles, model.dt
         interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, state, state, tables, dt)
         # the continuity equation sees the solids with the velocities after the step
-        after = _with_velocities(model, state.own, interval.after, bodies)
+        after = _with_velocities(model, state.parts, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
         # in the middle of the drift, as the leapfrog has it: before it the density of water in waves would
         # creep by dt |grad u|^2
@@ -112,16 +112,16 @@ class SymplecticEuler(AbstractIntegrator):
         bodies, exchanged = _with_body_work(model, interval, bodies)
         for body in model.bodies:
             # as the water: with the velocity after the step
-            pose = state.own[body.name].pose + dt * bodies[body.name].velocity
+            pose = state.parts[body.name].pose + dt * bodies[body.name].velocity
             bodies[body.name] = eqx.tree_at(lambda b: b.pose, bodies[body.name], pose)
         dx = dt * u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
         new = drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
-        own = {**interval.after, **bodies, **airs}
+        parts = {**interval.after, **bodies, **airs}
         ledger = book(state.ledger, taken | work | exchanged | force_work(model, p, new, interval))
         limits = book(state.limits, rates.limited)
-        state = State(new, own, ledger, limits, state.step + 1, state.status)
+        state = State(new, parts, ledger, limits, state.step + 1, state.status)
         return scheme.check(model, state, tables, p.x, new.x)
 
 
@@ -147,7 +147,7 @@ class PredictorCorrector(AbstractIntegrator):
         interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, start, at, tables, dt)
         sources = scheme.sources(ghosts, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        work = wall_work(scheme, model, at.own, tables, ghosts, dt)
+        work = wall_work(scheme, model, at.parts, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
@@ -155,10 +155,10 @@ class PredictorCorrector(AbstractIntegrator):
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
         new = drift(new, dx)
-        own = {**interval.after, **bodies, **airs}
+        parts = {**interval.after, **bodies, **airs}
         ledger = book(start.ledger, taken | work | exchanged | force_work(model, p0, new, interval))
         limits = book(start.limits, rates.limited)
-        return State(new, own, ledger, limits, start.step, start.status)
+        return State(new, parts, ledger, limits, start.step, start.status)
 
 
 class _Accelerated(NamedTuple):
@@ -184,9 +184,9 @@ def _accelerate(
     """Velocities dt (s) after `start`, with every force on the water of the state `at`."""
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
-    push = spring_acceleration(model, at.own, p, scheme.c0)
+    push = spring_acceleration(model, at.parts, p, scheme.c0)
     ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push)
-    ghosts = scheme.ghost_velocity(model, at.own, tables, ghosts)
+    ghosts = scheme.ghost_velocity(model, at.parts, tables, ghosts)
     sources = scheme.sources(ghosts, ghosts.u_shear)
     rates = scheme.momentum(model, p, sources, tables)
     u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x, interval.middle))
@@ -217,21 +217,21 @@ def _with_bodies(
         ghosts = ghosts._replace(p=coupling.press(ghosts.p, acceleration))
         new = advance_body(interval.before[body.name], acceleration, dt)
         force = coupling.force(p, ghosts.p)
-        contact = touch_force(model, body, at.own[body.name], at.particles, dt * push, dt)
+        contact = touch_force(model, body, at.parts[body.name], at.particles, dt * push, dt)
         bodies[body.name] = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
     return ghosts, bodies
 
 
 def _with_velocities(
-    model: Model, own: Mapping[str, Any], walls: Mapping[str, Any], bodies: Mapping[str, Any]
+    model: Model, parts: Mapping[str, Any], walls: Mapping[str, Any], bodies: Mapping[str, Any]
 ) -> dict[str, Any]:
     """States of the parts in their places before the step, with the solids' velocities after it."""
-    moved = {wall.name: wall.with_velocity(own[wall.name], walls[wall.name]) for wall in model.moving}
+    moved = {wall.name: wall.with_velocity(parts[wall.name], walls[wall.name]) for wall in model.moving}
     turned = {
-        body.name: eqx.tree_at(lambda b: b.velocity, own[body.name], bodies[body.name].velocity)
+        body.name: eqx.tree_at(lambda b: b.velocity, parts[body.name], bodies[body.name].velocity)
         for body in model.bodies
     }
-    return {**own, **moved, **turned}
+    return {**parts, **moved, **turned}
 
 
 def _with_body_work(

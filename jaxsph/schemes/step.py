@@ -124,13 +124,13 @@ def move_walls(scheme: AbstractScheme, model: Model, state: State, dt: Scalar) -
     """Interval of dt (s) from a state, with the moving walls advanced to its end."""
     V = scheme.volume(state.particles) / model.walls.width
     t = model.time(state)
-    moved = {w.name: w.move(state.own[w.name], state.particles, V, t, dt) for w in model.moving}
-    return Interval(state.own, {**state.own, **moved}, t, dt)
+    moved = {w.name: w.move(state.parts[w.name], state.particles, V, t, dt) for w in model.moving}
+    return Interval(state.parts, {**state.parts, **moved}, t, dt)
 
 
 def at_rest(model: Model, state: State) -> Interval:
     """Interval of a step from a state, with walls that keep their velocities."""
-    return Interval(state.own, state.own, model.time(state), model.dt)
+    return Interval(state.parts, state.parts, model.time(state), model.dt)
 
 
 def damp(
@@ -154,14 +154,14 @@ def damp(
 def wall_work(
     scheme: AbstractScheme,
     model: Model,
-    own: Mapping[str, Any],
+    parts: Mapping[str, Any],
     tables: Tables,
     ghosts: GhostFields,
     dt: Scalar,
 ) -> dict[str, Scalar]:
     """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
 
-    It is minus the water's force on the wall times the velocity of the wall's state in `own`.
+    It is minus the water's force on the wall times the velocity of the wall's state in `parts`.
     """
     work = {}
     for wall in model.moving:
@@ -169,7 +169,7 @@ def wall_work(
         targets = {"x": columns(ghosts.x[rows]), "p": ghosts.p[rows]}
         table = tables.around[wall.name]
         force = table.sum(laws.pressure_force, scheme.smoothing, targets, ghosts.water)
-        velocity = columns(wall.velocity(own[wall.name], ghosts.x[rows]))
+        velocity = columns(wall.velocity(parts[wall.name], ghosts.x[rows]))
         work[wall.name] = -dt * jnp.sum(dot(velocity, force) * ghosts.V[rows])
     return work
 

@@ -171,7 +171,7 @@ class DeltaSPH(AbstractRateScheme):
             return {}
         p = self.pressure(state.particles)
         for chamber in model.chambers:
-            p = p - state.own[chamber.name].P_a * chamber.weight(columns(state.particles.x))
+            p = p - state.parts[chamber.name].P_a * chamber.weight(columns(state.particles.x))
         return {"level_p": p}
 
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
@@ -280,7 +280,7 @@ class DeltaSPH(AbstractRateScheme):
     def _sources_now(self, model: Model, state: State, tables: Tables) -> Sources:
         """Sources of the pair sums at a state: water and ghosts as the viscous force sees them."""
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
-        ghosts = self.ghost_velocity(model, state.own, tables, ghosts)
+        ghosts = self.ghost_velocity(model, state.parts, tables, ghosts)
         return self.sources(ghosts, ghosts.u_shear)
 
 

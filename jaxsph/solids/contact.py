@@ -65,21 +65,21 @@ def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[j
 
 
 def spring_acceleration(
-    model: Model, own: Mapping[str, Any], water: Particles, c0: Scalar
+    model: Model, parts: Mapping[str, Any], water: Particles, c0: Scalar
 ) -> Float[Array, "N D"]:
     """Acceleration of the water by the contact springs of all solids, m/s2.
 
-    **Arguments**: `own`: states of the parts by name; `c0`: speed (m/s) that sets the springs' stiffness.
+    **Arguments**: `parts`: states of the parts by name; `c0`: speed (m/s) that sets the springs' stiffness.
     """
     total = jnp.zeros_like(water.x)
     for solid in model.every_solid():
-        total = total + solid.push(own.get(solid.name), water.x, model.dx, c0)
+        total = total + solid.push(parts.get(solid.name), water.x, model.dx, c0)
     return total
 
 
 def stop_at_solids(
     model: Model,
-    own: Mapping[str, Any],
+    parts: Mapping[str, Any],
     water: Particles,
     u: Float[Array, "N D"],
     push: Float[Array, "N D"],
@@ -95,7 +95,7 @@ def stop_at_solids(
     """
     wall = jnp.zeros_like(u)
     for solid in (*model.moving, *model.bodies):
-        motion = own[solid.name]
+        motion = parts[solid.name]
         near = solid.touches(motion, water.x, model.dx)
         wall = jnp.where(near[:, None], solid.velocity(motion, water.x), wall)
     size2 = jnp.sum(push**2, axis=1, keepdims=True)
@@ -107,13 +107,13 @@ def stop_at_solids(
 
 
 def touch_force(
-    model: Model, body: AbstractBody, own: Any, water: Particles, kick: Float[Array, "N D"], dt: Scalar
+    model: Model, body: AbstractBody, motion: Any, water: Particles, kick: Float[Array, "N D"], dt: Scalar
 ) -> Float[Array, "3"]:
     """Force on a body by the water that touches it, N, N, N m (per metre in 2-D).
 
     It is opposite to the change of that water's momentum: contact changed the velocities by `kick` (m/s) in
     a step of dt (s).
     """
-    near = body.touches(own, water.x, model.dx)
+    near = body.touches(motion, water.x, model.dx)
     momentum = jnp.where(near, water.m, 0.0)[:, None] * kick
-    return -jnp.einsum("knd,nd->k", body.directions(own, water.x), momentum) / dt
+    return -jnp.einsum("knd,nd->k", body.directions(motion, water.x), momentum) / dt

@@ -32,9 +32,9 @@ class TankWalls(AbstractSolid):
     """Whether the wall at the low end of the first axis moves."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
-    def push(self, own, x, dx, c0):
+    def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
-        del own
+        del motion
         low, high = jnp.asarray(self.low, x.dtype), jnp.asarray(self.high, x.dtype)
         ends = [SIDES[side] for side in self.sides]
         floor = [float(end[0] and not (self.paddle and axis == 0)) for axis, end in enumerate(ends)]
@@ -43,9 +43,9 @@ class TankWalls(AbstractSolid):
             high - x, dx, c0
         )
 
-    def contains(self, own, x, dx):
+    def contains(self, motion, x, dx):
         """See `AbstractSolid`."""
-        del own
+        del motion
         low, high = jnp.asarray(self.low, x.dtype), jnp.asarray(self.high, x.dtype)
         under = x < low - 0.5 * dx
         if self.paddle:
@@ -63,18 +63,18 @@ class ThinPlate(AbstractSolid):
     """Geometry of the plate."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
-    def push(self, own, x, dx, c0):
+    def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
-        del own
+        del motion
         plate = self.plate
         beside = jnp.abs(x[:, 0] - plate.middle) - 0.5 * plate.thickness
         side = jnp.where(x[:, 0] < plate.middle, -1.0, 1.0)
         along, up = corner_push(beside, plate.tip - x[:, -1], lambda gap: spring(gap, dx, c0))
         return jnp.zeros_like(x).at[:, 0].add(side * along).at[:, -1].add(-up)
 
-    def contains(self, own, x, dx):
+    def contains(self, motion, x, dx):
         """See `AbstractSolid`."""
-        del own
+        del motion
         plate = self.plate
         depth = jnp.minimum(x[:, 0] - plate.x0, plate.x1 - x[:, 0])
         return (depth > 0.4 * plate.thickness) & (x[:, -1] > plate.tip + 0.5 * dx)
@@ -91,17 +91,17 @@ class PlatformBed(AbstractSolid):
     """Geometry of the bed."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
-    def push(self, own, x, dx, c0):
+    def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
-        del own
+        del motion
         platform = self.platform
         beside, above = platform.start - x[:, 0], x[:, -1] - platform.height
         along, up = corner_push(beside, above, lambda gap: spring(gap, dx, c0))
         return jnp.zeros_like(x).at[:, 0].add(-along).at[:, -1].add(up)
 
-    def contains(self, own, x, dx):
+    def contains(self, motion, x, dx):
         """See `AbstractSolid`."""
-        del own
+        del motion
         inside = jnp.minimum(x[:, 0] - self.platform.start, self.platform.height - x[:, -1])
         return inside > 0.5 * dx
 
