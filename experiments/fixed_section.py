@@ -1,0 +1,125 @@
+"""Linear diffraction of regular waves by a fixed section on water of finite depth, two-dimensional.
+
+Time goes as exp(-i omega t), z is upwards from the still level, the waves come from x = -inf. A potential is
+given by the elevation that belongs to it: the incident one is exp(ikx) cosh k(z + h) / cosh kh, and the
+pressure is rho g times the potential, per amplitude of the incident waves.
+
+What the section adds is found on the boundary of the water between two verticals so far away that only waves
+are left there, by Green's identity with the source ln r and its image in the bed: on the surface its normal
+derivative is K = omega^2/g times itself, on the verticals ik times itself (waves that go out), on the section
+the negative of the incident one's. Constant elements, whose integrals are exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsph.waves.theory import GRAVITY, wavenumber
+
+Values = NDArray[np.floating]
+"""Real numbers."""
+Complex = NDArray[np.complexfloating]
+"""Complex numbers."""
+PER_WAVE = 80
+"""Elements to a wavelength of the surface, and to the depth on a vertical; halved, R^2 + T^2 is 1 % off."""
+FAR = 4.0
+"""Distance of the verticals from the section, in depths: what does not go out has fallen to exp(-pi/2 FAR)."""
+
+
+@dataclass(frozen=True)
+class Diffraction:
+    """Response of the fixed section to waves of unit amplitude."""
+
+    force: Complex
+    """Amplitudes of the force along x and upwards, shape (2,), N/m per m."""
+    reflection: float
+    """Height of the waves sent back over that of the incident ones (-)."""
+    transmission: float
+    """Height of the waves behind the section over that of the incident ones (-)."""
+
+
+def diffraction(
+    section: list[tuple[float, float]], depth: float, T: float, size: float, rho: float = 1000.0
+) -> Diffraction:
+    """Response of a section to waves of period T (s) on water of this depth (m).
+
+    section: corners below the still level and the two in it, from right to left, in m; the two in the level
+    are at -x and x. size: largest element on it (m).
+    """
+    omega = 2.0 * np.pi / T
+    k = float(wavenumber(omega, depth))
+    far = section[0][0] + FAR * depth
+    surface = int(PER_WAVE * (far - section[0][0]) * k / (2.0 * np.pi))
+    sides = [
+        _line((far, -depth), (far, 0.0), PER_WAVE),
+        _line((far, 0.0), section[0], surface),
+        *(_line(a, b, _count(a, b, size)) for a, b in zip(section[:-1], section[1:], strict=True)),
+        _line(section[-1], (-far, 0.0), surface),
+        _line((-far, 0.0), (-far, -depth), PER_WAVE),
+    ]
+    behind, above, *body, before, front = np.split(
+        np.arange(sum(len(side) for side in sides)), np.cumsum([len(side) for side in sides])[:-1]
+    )
+    on_section = np.concatenate(body)
+    ends = np.concatenate(sides)
+    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    length = np.hypot(*along.T)
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=-1) / length[:, None]
+
+    rise = k * (middle[:, 1] + depth)
+    incident = np.exp(1j * k * middle[:, 0]) * np.cosh(rise) / np.cosh(k * depth)
+    outwards = k * incident * (1j * normal[:, 0] + np.tanh(rise) * normal[:, 1])
+
+    own, given = np.zeros(len(ends), complex), np.zeros(len(ends), complex)
+    own[np.concatenate([above, before])] = omega**2 / GRAVITY
+    own[np.concatenate([behind, front])] = 1j * k
+    given[on_section] = -outwards[on_section]
+    source, dipole = _integrals(ends, middle, depth)
+    matrix = np.pi * np.eye(len(ends)) - dipole + source * own
+    added = np.linalg.solve(matrix, -source @ given)
+    total = incident + added
+
+    push = (total * length)[on_section] @ normal[on_section]
+
+    def wave(potential: Complex, at: Values) -> float:
+        """Amplitude of the wave in a potential on a vertical: its part along cosh k(z + h)."""
+        shape = np.cosh(rise[at])
+        return float(abs(potential[at] @ shape) / (shape @ shape) * np.cosh(k * depth))
+
+    return Diffraction(rho * GRAVITY * push, wave(added, front), wave(total, behind))
+
+
+def _count(a: tuple[float, float], b: tuple[float, float], size: float) -> int:
+    """Number of elements between two corners."""
+    return max(2, int(np.ceil(np.hypot(b[0] - a[0], b[1] - a[1]) / size)))
+
+
+def _line(a: tuple[float, float], b: tuple[float, float], count: int) -> Values:
+    """Ends of `count` elements from a to b, shape (count, 2, 2); they are smaller towards a and b."""
+    s = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, count + 1)))[:, None]
+    points = (1.0 - s) * np.array(a) + s * np.array(b)
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def _integrals(ends: Values, at: Values, depth: float) -> tuple[Values, Values]:
+    """Integrals of ln r and of its normal derivative over every element and its image, at every point `at`."""
+    image = ends[:, ::-1] * np.array([1.0, -1.0]) - np.array([0.0, 2.0 * depth])
+    of_elements, of_images = _of(ends, at), _of(image, at)
+    np.fill_diagonal(of_elements[1], 0.0)
+    return of_elements[0] + of_images[0], of_elements[1] + of_images[1]
+
+
+def _of(ends: Values, at: Values) -> tuple[Values, Values]:
+    """Integrals of ln r and of its derivative along the normal over elements, at points."""
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(*along.T)
+    t = along / length[:, None]
+    offset = at[:, None] - ends[None, :, 0]
+    x = np.sum(offset * t, axis=-1)
+    y = offset[..., 0] * t[:, 1] - offset[..., 1] * t[:, 0]
+    angle = np.arctan2(length * y, y**2 + x * (x - length))
+    logarithm = x * np.log(np.hypot(x, y)) - (x - length) * np.log(np.hypot(x - length, y))
+    return logarithm - length + y * angle, -angle
