@@ -8,6 +8,8 @@ import sys
 import types
 from typing import Any
 
+from jaxsph.start import prepare_jax
+
 _ROOMS = {
     "case.assemble": ("assemble",),
     "case.build": ("build",),
@@ -119,3 +121,5 @@ class _Facade(types.ModuleType):
 
 
 sys.modules[__name__].__class__ = _Facade
+
+prepare_jax()

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import find_peaks, savgol_filter
 
 from jaxsph.analysis.periods import Series, checked
 
@@ -35,9 +35,9 @@ def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1
     """
     t, y = checked(t, y)
     if window > 1:
-        y = savgol_filter(y, window, 2)
+        y = scipy.signal.savgol_filter(y, window, 2)
     threshold = prominence * np.ptp(y)
-    found = [(i, s) for s in (1, -1) for i in find_peaks(s * y, prominence=threshold)[0]]
+    found = [(i, s) for s in (1, -1) for i in scipy.signal.find_peaks(s * y, prominence=threshold)[0]]
     if not found:
         raise ValueError("the series has no extremum")
     index, sign = np.array(sorted(found)).T

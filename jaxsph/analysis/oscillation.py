@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from jaxsph.analysis.periods import Series, checked
 
@@ -78,7 +78,7 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
     grid = [(b / duration, 2.0 * np.pi * c / duration) for c in cycles for b in (0.0, 1.0, 4.0)]
     start = min(grid, key=lambda p: np.sum(solve(p, s[::stride], y[::stride])[1] ** 2))
     scale = np.array([1.0, 2.0 * np.pi]) / duration
-    result = least_squares(lambda q: solve(q * scale, s, y)[1], np.array(start) / scale)
+    result = scipy.optimize.least_squares(lambda q: solve(q * scale, s, y)[1], np.array(start) / scale)
     decay_rate, omega = result.x * scale
     (offset, c, sn), residual = solve((decay_rate, omega), s, y)
     if np.mean(residual**2) > 0.5 * variance:
@@ -114,5 +114,5 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
         return np.concatenate([off.real, off.imag])
 
     first = found[0] / size
-    decay = least_squares(rest, [first.real, first.imag, 0.0, 0.0, 0.0, 0.0]).x[4]
+    decay = scipy.optimize.least_squares(rest, [first.real, first.imag, 0.0, 0.0, 0.0, 0.0]).x[4]
     return float(-np.expm1(-decay * wavelength))

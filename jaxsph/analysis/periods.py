@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 Series = NDArray[np.float64]
 """Array of samples in double precision."""
@@ -130,4 +130,4 @@ def _has_transient(y: Series, least: float) -> bool:
     residual = np.sqrt(np.sum((y - np.mean(y) - slope * place) ** 2) / (n - 2))
     trend = abs(slope) * np.sqrt(place @ place) / max(residual, least, 1e-300)
     # two tests: each at half of the level, and both sides
-    return bool(max(first, trend) > stats.t.isf(0.25 * SIGNIFICANT, n - 2))
+    return bool(max(first, trend) > scipy.stats.t.isf(0.25 * SIGNIFICANT, n - 2))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import windows
 
 from jaxsph.analysis.periods import checked, whole_periods
 from jaxsph.analysis.spectrum import BANDS, TAPER, Spectrum, banded, even_step
@@ -146,7 +146,7 @@ def two_way_sea(
     if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
         raise ValueError(f"eta of shape {eta.shape} and x of {x.shape} are not of three gauges or more")
     step = even_step(t)
-    fade = windows.tukey(t.size, TAPER)
+    fade = scipy.signal.windows.tukey(t.size, TAPER)
     rest = (eta - eta.mean(axis=1, keepdims=True)) * fade / np.sqrt(np.mean(fade**2))
     B = 2.0 * np.fft.rfft(rest, axis=1) / t.size
     every = np.fft.rfftfreq(t.size, step)

@@ -9,8 +9,8 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal, stats
 
 from jaxsph.analysis.periods import Series, checked
 from jaxsph.waves import theory
@@ -66,7 +66,7 @@ class Spectrum(NamedTuple):
         A value over the true density is chi-square over its degrees of freedom, for Gaussian waves.
         """
         tail = 0.5 * (1.0 - share)
-        low, high = (self.freedom / stats.chi2.ppf(q, self.freedom) for q in (1.0 - tail, tail))
+        low, high = (self.freedom / scipy.stats.chi2.ppf(q, self.freedom) for q in (1.0 - tail, tail))
         return low * self.S, high * self.S
 
     def power(self, d: float, rho0: float = 1000.0, g: float = theory.GRAVITY) -> float:
@@ -86,7 +86,7 @@ def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
     if y.ndim != 1 or t.size < 8 * bands:
         raise ValueError(f"a spectrum needs one series of {8 * bands} samples at least, not {y.shape}")
     fade: Any = ("tukey", TAPER)  # the stubs know windows without parameters alone
-    f, S = signal.periodogram(y, 1.0 / step, window=fade, detrend="constant")
+    f, S = scipy.signal.periodogram(y, 1.0 / step, window=fade, detrend="constant")
     return banded(f, S, bands)
 
 

@@ -52,7 +52,7 @@ def gather(a: Array, index: Int[Array, " N"]) -> Array:
     In a batch this is one gather over the lanes laid end to end, which takes half of the time of one gather
     for each lane.
     """
-    return _taken(a, index)
+    return _taken_once(a, index)
 
 
 @gather.defjvp
@@ -70,6 +70,10 @@ def gather_linearly(a: Array, index: Int[Array, " N"]) -> Array:
 @jax.custom_batching.custom_vmap
 def _taken(a, index):
     return gather_linearly(a, index)
+
+
+_taken_once = jax.jit(_taken)
+"""`_taken`, traced once for arrays of one shape: a step has hundreds of gathers."""
 
 
 @_taken.def_vmap

@@ -44,6 +44,7 @@ def simulate(
 
     start = state.step
 
+    @jax.jit  # traced once, though it is asked for its shapes first
     def read(s, tables):
         return measured(probes, model, s, tables)
 

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
 from jaxsph.waves import theory
 from jaxsph.waves.linear_owc import IDEAL_AIR, LinearAir
@@ -96,7 +95,9 @@ def linear_sea_response(
     most = K_dm**2 * _GAUSSIAN * sigma(0.0)
     quadratic = 0.0
     if most > 0.0:
-        root = brentq(lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most)
+        root = scipy.optimize.brentq(
+            lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most
+        )
         quadratic = cast(float, root)  # and no more without full_output
     found, resistance = sigma(quadratic), air.resistance + quadratic
     q = passed(quadratic) * (1.0 - softness * resistance)
@@ -203,5 +204,5 @@ def _of_frequency(geometry: ChamberGeometry, omega: Real, g: float) -> tuple[Com
         return np.array([one.q_S for one in exact]), np.array([one.Z(1.0) for one in exact])
     nodes = np.geomspace(0.999 * np.min(omega), 1.001 * np.max(omega), _NODES)
     at = [radiation_and_scattering(geometry, float(w), g) for w in nodes]
-    q_S, Z = (CubicSpline(nodes, a)(omega) for a in ([one.q_S for one in at], [one.Z(1.0) for one in at]))
-    return q_S, Z
+    q_S = scipy.interpolate.CubicSpline(nodes, [one.q_S for one in at])(omega)
+    return q_S, scipy.interpolate.CubicSpline(nodes, [one.Z(1.0) for one in at])(omega)

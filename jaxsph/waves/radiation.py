@@ -36,8 +36,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import gamma, ive, jv, zeta
 
 from jaxsph.waves import theory
@@ -247,7 +247,9 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
 
 def _propagating(Kh: float) -> float:
     """Root kh of kh tanh kh = Kh, of the propagating mode (-)."""
-    found = brentq(lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=np.float64(1e-15))
+    found = scipy.optimize.brentq(
+        lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=np.float64(1e-15)
+    )
     return float(np.asarray(found))
 
 

@@ -9,8 +9,8 @@ import abc
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import quad
 
 Real = NDArray[np.floating]
 """Real numbers in double precision."""
@@ -36,8 +36,8 @@ class AbstractSpectrum(abc.ABC):
     def density(self, f: ArrayLike) -> Real:
         """Variance density S at the frequencies f (Hz), m2/Hz."""
         f = np.asarray(f, float)
-        whole = quad(lambda r: float(self.shape(np.array(r))), 0.05, 1.0)[0]
-        whole += quad(lambda r: float(self.shape(np.array(r))), 1.0, 30.0, limit=200)[0]
+        whole = scipy.integrate.quad(lambda r: float(self.shape(np.array(r))), 0.05, 1.0)[0]
+        whole += scipy.integrate.quad(lambda r: float(self.shape(np.array(r))), 1.0, 30.0, limit=200)[0]
         some = np.where(f > 0.0, f, 1.0) * self.Tp
         return np.where(f > 0.0, self.shape(some), 0.0) * self.Tp * (self.Hs / 4.0) ** 2 / whole
 

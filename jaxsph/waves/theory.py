@@ -44,6 +44,10 @@ def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
     return kd / d
 
 
+_solve_once = jax.jit(_solve_dispersion)
+"""`_solve_dispersion`, traced once: the waves of a step ask for it in several places."""
+
+
 @_solve_dispersion.defjvp
 def _solve_dispersion_jvp(primals, tangents):
     # The derivative by the implicit function theorem is exact at the root, whatever the iteration did, and
@@ -63,7 +67,7 @@ def wavenumber(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[
     """
     arguments = tuple(real(value) for value in (omega, d, g))
     dtype = jnp.result_type(*arguments)
-    return _solve_dispersion(*jnp.broadcast_arrays(*(a.astype(dtype) for a in arguments)))
+    return _solve_once(*jnp.broadcast_arrays(*(a.astype(dtype) for a in arguments)))
 
 
 def wavelength(T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Array, "..."]:
