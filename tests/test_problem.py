@@ -73,7 +73,7 @@ def test_a_function_is_run_with_a_file_a_page_and_a_result_of_its_own(own, whole
     path, told = whole
     file = RunFile.open(path)
     assert re.search(r"highest elevation +\d", told)
-    assert file.labels()["highest"] == ["highest elevation", "m", ""]
+    assert file.labels()["highest"] == ["highest elevation", "m", "", "device"]
     assert file.results()["highest"] == pytest.approx(file.series()["eta"].max(), rel=1e-6)
     assert file.case_keys()["arguments"] == {"amplitude": 0.03, "t1": 0.2}
     page = path.with_suffix(".html").read_text(encoding="utf-8")

@@ -226,8 +226,13 @@ def test_results_are_in_words_and_every_one_of_a_run_has_a_label(tmp_path):
     rows = {row["name"]: row for row in found["results"]}
     assert rows["xi"]["value"] == "0.61 ± 0.007" and "asked for" in rows["xi"]["meaning"]
     names = [row["name"] for row in found["results"]]
-    assert names[:4] == ["periods", "P_inc", "P_owc", "xi"]  # what is asked first; then as in a table
-    assert names[5:] == [name for name in in_order(rows) if name in names[5:]]
+    assert names == in_order(rows) and names[:3] == ["xi", "xi_scatter", "P_owc"]
+    assert found["answer"] == {
+        "label": "hydrodynamic efficiency",
+        "value": "0.61 ± 0.007",
+        "unit": "",
+        "expected": "",
+    }
     assert set(rows) <= set(LABELS)
     panels = {panel["name"]: panel for panel in found["panels"]}
     assert [line["name"] for line in panels["eta"]["lines"]] == ["x = 1 m", "x = 2 m"]

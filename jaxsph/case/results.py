@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.linear import incident_energy, incident_power
+from jaxsph.case.linear import incident_energy, incident_power, linear_owc, linear_sea, why_no_theory
 from jaxsph.case.sections import Sections
 from jaxsph.case.settling import given_waves, settled_periods, settled_window, travel_time
 from jaxsph.errors import CaseError
@@ -21,10 +21,12 @@ from jaxsph.problem.record import (
     MeanOfRecord,
     PowerMean,
     Record,
+    RegularWave,
     Result,
     Scalars,
     harvested,
 )
+from jaxsph.problem.results import amplitude, linear
 from jaxsph.waves import theory
 
 FEW = 5
@@ -41,6 +43,11 @@ class SettledPeriods(AbstractAveraging):
 
     case: Sections = eqx.field(static=True)
     """The case."""
+
+    def regular_wave(self):
+        """See `AbstractAveraging`."""
+        waves = self.case.waves
+        return RegularWave(waves.T, waves.H) if waves is not None and waves.kind == "regular" else None
 
     def window(self, t, powers, since):
         """See `AbstractAveraging`."""
@@ -95,7 +102,8 @@ def case_results(case: Sections) -> tuple[Result, ...]:
         return Result(functools.partial(_energy_of_a_group, case), what="absorbed energy"), reflection
     power = Result(functools.partial(_power, case), what="absorbed power")
     measured = Result(_over_measured, what="efficiency")
-    return Result(_periods, what="periods"), power, reflection, measured, *_coast(case)
+    theory_of = Result(functools.partial(_linear, case), what="linear theory")
+    return Result(_periods, what="periods"), power, reflection, measured, theory_of, *_coast(case)
 
 
 def _coast(case: Sections) -> tuple[Result, ...]:
@@ -186,6 +194,19 @@ def _over_measured(record: Record) -> Scalars:
     if not {"xi", "P_inc_measured"} <= set(made):
         return {}
     return {"xi_measured": made["xi"] * made["P_inc"] / made["P_inc_measured"]}
+
+
+def _linear(case: Sections, record: Record) -> Scalars:
+    """Efficiency and amplitudes of the chamber by linear theory, whose names say of which results."""
+    made = record.results
+    if "xi" not in made or not case.turbines or why_no_theory(case):
+        return {}
+    if case.waves.kind != "regular":
+        return {linear("xi"): linear_sea(case).xi}
+    found = linear_owc(case)
+    amplitudes = {"P_a": found.P_a, "flow": found.q, "chamber_level": found.level}
+    swings = {linear(amplitude(name)): float(abs(value)) for name, value in amplitudes.items()}
+    return {linear("xi"): float(found.xi)} | swings
 
 
 def incident_over(case: Sections, t_end: float, periods: int) -> float:

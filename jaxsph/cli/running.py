@@ -28,7 +28,7 @@ from jaxsph.cli.arguments import (
 from jaxsph.cli.terminal import messages, print_table, write_page
 from jaxsph.errors import JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
-from jaxsph.report.labels import in_order, in_words, label_of
+from jaxsph.report.labels import in_order, in_words, label_of, short
 from jaxsph.run import interrupt
 
 
@@ -137,11 +137,19 @@ def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -
 
 
 def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Labels and values of results; `flat`: in 2-D, where bodies and energies are per metre of width."""
-    rows = []
-    for name in in_order(results):
+    """Labels and values of results, their groups apart; what the page has besides is left out.
+
+    `flat`: in 2-D, where bodies and energies are per metre of width.
+    """
+    rows, group = [], None
+    for name in in_order(results, own):
+        if name.startswith("whole_"):
+            continue
         label = label_of(name, flat, own)
-        rows.append((label.text, f"{in_words(results[name]):>10} {label.unit}".rstrip()))
+        if group not in (None, label.group):
+            rows.append(("", ""))
+        group = label.group
+        rows.append((short(label), f"{in_words(results[name]):>10} {label.unit}".rstrip()))
     return rows
 
 

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar
-from jaxsph.model.meaning import Entry, Exchange, Reading
+from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
 
 __all__ = ["AbstractPart", "Sampled"]
 
@@ -62,4 +62,12 @@ class AbstractPart(eqx.Module):
     def read(self, state: Any, sampled: Sampled) -> Mapping[str, jax.Array]:
         """Readings of the part at a sample, by name; `state`: its own, `State.parts[name]`."""
         del state, sampled
+        return {}
+
+    def oscillations(self, dim: int) -> Mapping[str, Oscillation]:
+        """Readings whose amplitude in regular waves is a result, by the name of what swings; none by default.
+
+        The results are called `amplitude_NAME`, `mean_NAME` and, over the waves' amplitude, `rao_NAME`.
+        """
+        del dim
         return {}

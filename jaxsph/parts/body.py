@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.meaning import Entry, Exchange, Reading
+from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
 from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Tally
 from jaxsph.parts.pose import PosedSolid, turn
@@ -25,6 +25,9 @@ from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["BodyMotion", "RigidBody", "advance_body"]
+
+MOTIONS = ("surge", "heave", "pitch")
+"""Names of a body's motions, in the order of its coordinates."""
 
 
 class BodyMotion(eqx.Module):
@@ -154,6 +157,27 @@ class RigidBody(PosedSolid, AbstractBody):
             ),
         }
         return {self.called(name): reading for name, reading in self._told(motion, forces).items()}
+
+    def oscillations(self, dim):
+        """See `AbstractPart`."""
+        force, moment = ("N/m", "N") if dim == 2 else ("N", "N m")
+        motion = {
+            name: Oscillation(self.called(name), f"{name} of the {self.name}", unit, None, True, True)
+            for name, unit, free in zip(MOTIONS, ("m", "m", "rad"), self.free, strict=True)
+            if free
+        }
+        (reading,) = self._told({}, {"body_force_mean": None})
+        forces = {
+            name: Oscillation(self.called(reading), f"{words} on the {self.name}", unit, k, True, True)
+            for k, (name, words, unit) in enumerate(
+                (
+                    ("body_force_x", "force along the tank", force),
+                    ("body_force_z", "force upwards", force),
+                    ("body_moment", "moment", moment),
+                )
+            )
+        }
+        return {self.called(name): one for name, one in self._told(motion, forces).items()}
 
     def read(self, state, sampled):
         """See `AbstractPart`."""

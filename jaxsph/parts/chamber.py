@@ -17,7 +17,7 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model import laws
 from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.interfaces import AbstractChamber, AbstractGrip
-from jaxsph.model.meaning import Reading
+from jaxsph.model.meaning import Oscillation, Reading
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
 from jaxsph.parts.sides import Face, Sides
@@ -138,6 +138,16 @@ class Chamber(AbstractChamber):
             **self.air.readings(dim),
         }
         return {self.called(name): reading for name, reading in found.items()}
+
+    def oscillations(self, dim):
+        """See `AbstractPart`."""
+        pressure = Oscillation(self.called("P_a"), f"air pressure in the {self.name}", "Pa")
+        flow = Oscillation(
+            self.called("flow_mean"), f"air flow out of the {self.name}", "m2/s" if dim == 2 else "m3/s"
+        )
+        level = Oscillation(self.called("chamber_level"), f"level in the {self.name}", "m")
+        found = {"P_a": pressure, "flow": flow, "chamber_level": level._replace(over_waves=True)}
+        return {self.called(name): one for name, one in found.items()}
 
     def read(self, state, sampled):
         """See `AbstractPart`."""

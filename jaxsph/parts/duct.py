@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, Pressed
-from jaxsph.model.meaning import Reading
+from jaxsph.model.meaning import Oscillation, Reading
 from jaxsph.model.state import Tally
 
 __all__ = ["Duct"]
@@ -47,6 +47,14 @@ class Duct(AbstractDuct):
             "duct_flow_mean": Reading(flow, f"flow of air {way}{width}, mean since the last sample"),
         }
         return {self.called(name): reading for name, reading in found.items()}
+
+    def oscillations(self, dim):
+        """See `AbstractPart`."""
+        drop = Oscillation(self.called("pressure_drop"), f"drop of pressure in the {self.name}", "Pa")
+        flow = Oscillation(
+            self.called("duct_flow_mean"), f"air flow in the {self.name}", "m2/s" if dim == 2 else "m3/s"
+        )
+        return {self.called(name): one for name, one in (("pressure_drop", drop), ("duct_flow", flow))}
 
     def read(self, state, sampled):
         """See `AbstractPart`."""

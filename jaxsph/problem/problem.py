@@ -28,7 +28,7 @@ from jaxsph.problem.record import (
     WholeRecord,
     harvested,
 )
-from jaxsph.problem.results import energy_result, noise_result
+from jaxsph.problem.results import energy_result, noise_result, oscillation_result
 from jaxsph.problem.trouble import Remedies
 
 
@@ -65,8 +65,7 @@ class Problem:
         self.name: str = more.pop("name", "assembled")
         self.description: str = more.pop("description", "")
         self.averaging: AbstractAveraging = more.pop("averaging", WholeRecord())
-        averaged = not isinstance(self.averaging, WholeRecord)
-        self.results = (energy_result(model, averaged), noise_result, *results)
+        self._results = tuple(results)
         self.remedies: Remedies = more.pop("remedies", {})
         self.mean_of_power: Callable[[str], MeanOfRecord] = more.pop("mean_of_power", self._energy_of)
         if more:
@@ -109,11 +108,16 @@ class Problem:
         changed.state = _begun(changed.model, self.model, self.state)
         kept = (probe for probe in self.probes if not isinstance(probe, DEFAULT))
         changed.probes = (*default_probes(changed.model, changed.state, self.sample_dt), *kept, *probes)
-        energy = energy_result(changed.model, not isinstance(self.averaging, WholeRecord))
-        changed.results = (energy, *self.results[1:], *results)
+        changed._results = (*self._results, *results)
         changed.t1 = self.t1 if t1 is None else float(t1)
         changed._check()
         return changed
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Results to compute from the record: those that every problem has, and its own."""
+        energy = energy_result(self.model, not isinstance(self.averaging, WholeRecord))
+        return energy, noise_result, *self._results, oscillation_result(self.model, self.averaging)
 
     @property
     def sample_every(self) -> int:

@@ -63,8 +63,21 @@ class Result(NamedTuple):
     """What is made, in the words of the notice that says why it could not be."""
 
 
+class RegularWave(NamedTuple):
+    """Regular waves that were asked for."""
+
+    T: float
+    """Period, s."""
+    H: float
+    """Height, m."""
+
+
 class AbstractAveraging(eqx.Module):
     """Choice of the part of a record over which means are taken."""
+
+    def regular_wave(self) -> RegularWave | None:
+        """Regular waves whose whole periods the window holds; None for a sea, or no waves."""
+        return None
 
     @abc.abstractmethod
     def window(self, t: NDArray[np.float64], powers: Sequence[np.ndarray], since: float) -> Window:

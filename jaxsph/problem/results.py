@@ -1,4 +1,5 @@
-"""Results that every problem has: its energy balance, and the noise of its particles."""
+"""Results that every problem has: its energy balance, the noise of its particles, and in regular waves the
+amplitudes of what its parts let swing."""
 
 from __future__ import annotations
 
@@ -8,16 +9,18 @@ import numpy as np
 
 from jaxsph import analysis
 from jaxsph.model.interfaces import Model
-from jaxsph.model.meaning import Label
-from jaxsph.problem.record import Record, Result, Scalars, harvested
+from jaxsph.model.meaning import Group, Label
+from jaxsph.problem.record import AbstractAveraging, Record, Result, Scalars, harvested
 
 
 def energy_result(model: Model, averaged: bool) -> Result:
     """Energy balance of a model over the window, and of the whole record where means are `averaged`."""
     unit = "J/m" if len(model.g) == 2 else "J"
     words = {n: f"  {entry.long_name}" for n, entry in model.entries().items()}
-    labels = {f"energy_{n}": Label(text, unit) for n, text in words.items()}
-    labels |= {f"whole_energy_{n}": Label(f"{text}, whole run", unit) for n, text in words.items()}
+    labels = {f"energy_{n}": Label(text, unit, "", Group.NUMERICS) for n, text in words.items()}
+    labels |= {
+        f"whole_{name}": label._replace(text=f"{label.text}, whole run") for name, label in labels.items()
+    }
     return Result(functools.partial(_energy, averaged), labels, "energy balance")
 
 
@@ -47,3 +50,58 @@ def _noise(record: Record) -> Scalars:
 
 noise_result = Result(_noise, what="noise")
 """Noise of the particles over their speed."""
+
+
+def amplitude(name: str) -> str:
+    """Name of the result that is the amplitude of an `Oscillation`."""
+    return f"amplitude_{name}"
+
+
+LINEAR = "linear_"
+"""Beginning of the name of a result by linear theory."""
+
+
+def linear(name: str) -> str:
+    """Name of the result of linear theory beside the one called `name`."""
+    return f"{LINEAR}{name}"
+
+
+def oscillation_result(model: Model, averaging: AbstractAveraging) -> Result:
+    """Amplitudes of what a model's parts let swing in regular waves, over whole settled periods.
+
+    An amplitude is that of the first harmonic, by least squares. It is over that of the incident waves as the
+    gauges measured them, or as they were asked for where no gauges tell them from the reflected ones.
+    """
+    if averaging.regular_wave() is None:
+        return Result(lambda _: {}, what="amplitudes")
+    dim, labels = len(model.g), {}
+    for part in model.parts:
+        for name, one in part.oscillations(dim).items():
+            labels[amplitude(name)] = Label(f"{one.text}: amplitude", one.unit, "first harmonic")
+            if one.over_waves:
+                unit = "" if one.unit == "m" else f"{one.unit} per m"
+                labels[f"rao_{name}"] = Label(f"  {one.text}: over the waves' amplitude", unit)
+            if one.has_mean:
+                labels[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit)
+    return Result(functools.partial(_oscillations, averaging), labels, "amplitudes")
+
+
+def _oscillations(averaging: AbstractAveraging, record: Record) -> Scalars:
+    """Amplitudes, means and ratios to the waves' amplitude; none without a whole period."""
+    wave, window, model = averaging.regular_wave(), record.window, record.solution.model
+    if wave is None or not window.periods:
+        return {}
+    height, results = record.results.get("incident_height", wave.H), {}
+    for part in model.parts:
+        for name, one in part.oscillations(len(model.g)).items():
+            if one.reading not in record.solution.series:
+                continue
+            values = record[one.reading][window.over].astype(np.float64)
+            values = values if one.component is None else values[:, one.component]
+            size = float(abs(analysis.fundamental(record.t[window.over], values, wave.T)))
+            results[amplitude(name)] = size
+            if one.over_waves:
+                results[f"rao_{name}"] = size / (0.5 * height)
+            if one.has_mean:
+                results[f"mean_{name}"] = float(np.mean(values[1:]))
+    return results

@@ -15,12 +15,14 @@ from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear, why_no_the
 from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
+from jaxsph.model.meaning import Group
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.series import energy_terms, harvested, work_of
 from jaxsph.output.plot.spectrum import WITHIN
 from jaxsph.output.run_file import RunFile
+from jaxsph.problem.results import linear
 from jaxsph.report.frames import Frames
-from jaxsph.report.labels import in_order, in_words, label_of
+from jaxsph.report.labels import in_order, in_words, label_of, short
 from jaxsph.report.pack import Pack
 
 MOST_SAMPLES = 6000
@@ -59,11 +61,6 @@ UNSHOWN = (
     "limited",
 )
 """Series without a panel: what another one shows as well, and counts of the scheme's limiters."""
-FIRST = (
-    *("periods", "periods_left_out", "P_inc", "E_inc", "P_owc", "P_pto", "capture_width"),
-    *("xi", "xi_scatter", "xi_error", "xi_measured"),
-)
-"""Results that a page begins with, where they are there."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
 """Series whose values run along with the particles."""
 
@@ -76,6 +73,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
     counting = {n: a[series["time"] >= run.since - 1e-9] for n, a in series.items()}
     flat = keys.get("tank", {}).get("width") is None
     name = str(keys.get("name", run.path.stem))
+    rows = _result_rows(results, flat, run.labels())
     return {
         "name": name,
         "file": run.path.name,
@@ -84,7 +82,8 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
         "t1": float(keys.get("t1", 0.0)),
         "about": _about(run, keys, series) + _theory(case),
         "warnings": [*run.notices(), *_warnings(keys, case, series, results)],
-        "results": _result_rows(results, flat, run.labels()),
+        "results": rows,
+        "answer": _answer(rows),
         "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
         "spectra": _spectrum(case, counting, run.coordinates(), pack),
         "case": run.case_toml,
@@ -177,23 +176,32 @@ def _warnings(
 
 def _result_rows(
     results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]
-) -> list[dict[str, str]]:
+) -> list[dict[str, Any]]:
     errors = {"xi": _standard_error(results)}
     rows = []
-    for name in sorted(in_order(results), key=lambda name: name not in FIRST):
+    for name in in_order(results, own):
         label, error = label_of(name, flat, own), errors.get(name)
         value = in_words(results[name]) + ("" if error is None else f" ± {error:.1g}")
         rows.append(
             {
                 "name": name,
-                "label": label.text.strip(),
+                "label": short(label).strip(),
                 "part": label.text.startswith(" "),
                 "value": value,
                 "unit": label.unit,
                 "meaning": label.meaning,
+                "group": label.group,
             }
         )
     return rows
+
+
+def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
+    """What a page begins with: the first result of the device, and linear theory's; None without any."""
+    if not rows or rows[0]["group"] != Group.DEVICE:
+        return None
+    expected = next((row["value"] for row in rows if row["name"] == linear(rows[0]["name"])), "")
+    return {name: rows[0][name] for name in ("label", "value", "unit")} | {"expected": expected}
 
 
 def _standard_error(results: dict[str, float]) -> float | None:

@@ -4,13 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from jaxsph.model.meaning import Label
+from jaxsph.model.meaning import Group, Label
+from jaxsph.problem.results import LINEAR
 
-LABELS = {
-    "t_end": Label("end of the run", "s"),
-    "steps": Label("time steps"),
-    "wall_seconds": Label("wall time", "s", "compilation included"),
-    "particle_steps_per_second": Label("particle steps per second", "1/s"),
+_DEVICE = {
+    "xi": Label(
+        "hydrodynamic efficiency",
+        "",
+        "absorbed over incident power, or a group's energy, of the waves asked for, ± its standard error",
+    ),
+    "xi_error": Label(
+        "  efficiency: standard error", "", "of the mean over a sea, from the spread of its groups"
+    ),
+    "xi_scatter": Label(
+        "  efficiency: from period to period", "", "standard deviation of the efficiency of each period"
+    ),
+    "xi_measured": Label(
+        "  efficiency: of the measured incident power", "", "over the waves that were there"
+    ),
+    "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
+    "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
+    "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
+}
+_WAVES = {
+    "periods": Label("periods averaged", "", "whole ones at the end of the run"),
+    "periods_left_out": Label(
+        "  left out before them", "", "settled by the waves' travel, while the record still had a trend"
+    ),
+    "P_inc": Label("incident power", "W/m", "of the waves asked for, by theory"),
+    "E_inc": Label("energy of the group", "J/m", "of the waves asked for, by theory"),
+    "incident_height": Label("incident wave height", "m", "measured by the gauges"),
+    "Hm0": Label("significant height of the incident waves", "m", "measured by the gauges"),
+    "Te": Label("energy period of the incident waves", "s", "measured by the gauges"),
+    "P_inc_measured": Label("measured incident power", "W/m", "of the incident waves at the gauges"),
+    "reflection": Label("reflection coefficient", "", "height of reflected over height of incident waves"),
+}
+_NUMERICS = {
     "energy_paddle": Label(
         "work of the paddle", "J/m", "what the wavemaker gave the water while results were averaged"
     ),
@@ -42,33 +71,20 @@ LABELS = {
         "",
         "how far velocities scatter about their neighbours': below 0.1 in a good run",
     ),
-    "periods": Label("periods averaged", "", "whole ones at the end of the run"),
-    "periods_left_out": Label(
-        "  left out before them", "", "settled by the waves' travel, while the record still had a trend"
-    ),
-    "P_inc": Label("incident power", "W/m", "of the waves asked for, by theory"),
-    "E_inc": Label("energy of the group", "J/m", "of the waves asked for, by theory"),
-    "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
-    "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
-    "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
-    "xi": Label(
-        "hydrodynamic efficiency",
-        "",
-        "absorbed over incident power, or a group's energy, of the waves asked for, ± its standard error",
-    ),
-    "xi_scatter": Label("  from period to period", "", "standard deviation of the efficiency of each period"),
-    "xi_error": Label("  standard error", "", "of the mean over a sea, from the spread of its groups"),
-    "xi_measured": Label("  of the measured incident power", "", "over the waves that were there"),
-    "reflection": Label("reflection coefficient", "", "height of reflected over height of incident waves"),
-    "incident_height": Label("incident wave height", "m", "measured by the gauges"),
-    "Hm0": Label("significant height of the incident waves", "m", "measured by the gauges"),
-    "Te": Label("energy period of the incident waves", "s", "measured by the gauges"),
-    "P_inc_measured": Label("measured incident power", "W/m", "of the incident waves at the gauges"),
+    "t_end": Label("end of the run", "s"),
+    "steps": Label("time steps"),
+    "wall_seconds": Label("wall time", "s", "compilation included"),
+    "particle_steps_per_second": Label("particle steps per second", "1/s"),
 }
-LABELS |= {
+_NUMERICS |= {
     f"whole_{name}": label._replace(text=f"{label.text}, whole run", meaning="from the start of the run on")
-    for name, label in LABELS.items()
+    for name, label in _NUMERICS.items()
     if name.startswith("energy_")
+}
+LABELS = {
+    name: label._replace(group=group)
+    for group, labels in ((Group.DEVICE, _DEVICE), (Group.WAVES, _WAVES), (Group.NUMERICS, _NUMERICS))
+    for name, label in labels.items()
 }
 """Labels of the scalar results in two dimensions, in the order of a table."""
 
@@ -76,21 +92,46 @@ PER_METRE = ("P_inc", "E_inc", "P_inc_measured")
 """Names of the results that are per metre of width in three dimensions too."""
 
 
-def in_order(results: Collection[str]) -> list[str]:
-    """Names of results in the order of a table, those without a label last."""
-    return [name for name in LABELS if name in results] + [name for name in results if name not in LABELS]
+def in_order(results: Collection[str], own: Mapping[str, Sequence[str]] | None = None) -> list[str]:
+    """Names of results in the order of a table: by group, those of linear theory behind their namesakes.
+
+    `own`: labels of results that brought some with them, in their own order.
+    """
+    known, own = list(LABELS), own or {}
+    for name in own:
+        if name not in LABELS:  # an energy stands with the others, before what is not accounted for
+            energy = name[: name.find("energy_")] + "energy_residual"
+            known.insert(known.index(energy) if energy in known and "energy_" in name else len(known), name)
+    known += [name for name in results if name not in known]
+    groups = list(Group)
+
+    def key(name: str) -> tuple[int, int, bool]:
+        base = name.removeprefix(LINEAR)
+        group = groups.index(Group(label_of(base, True, own).group))
+        return group, known.index(base if base in known else name), base != name
+
+    return sorted(results, key=key)
 
 
 def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = None) -> Label:
     """Label of a result; bodies and energies are per metre of width only in two dimensions (`flat`).
 
-    `own`: words, unit and meaning of results that brought labels with them.
+    `own`: words, unit, meaning and group of results that brought labels with them.
     """
+    if name.startswith(LINEAR) and name not in (own or {}):
+        of = label_of(name.removeprefix(LINEAR), flat, own)
+        return of._replace(text=f"  {of.text.strip()}: linear theory", meaning="")
     if name not in LABELS:
         return Label(*(own or {}).get(name, (name,)))
     found = LABELS[name]
     per_metre = flat or name in PER_METRE
     return found if per_metre else found._replace(unit=found.unit.removesuffix("/m"))
+
+
+def short(label: Label) -> str:
+    """Text of a label in a table, under the row that it is a part of: what follows its colon."""
+    text = label.text
+    return f"  {text.rsplit(': ', 1)[-1].strip()}" if text.startswith(" ") else text
 
 
 def in_words(value: float) -> str:

@@ -35,7 +35,8 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     ]
     if waiting:
         warnings.insert(0, f"{waiting} of {waiting + len(members)} members have not ended yet.")
-    shown = [name for name in in_order(results) if not name.startswith(("slope ", "error "))]
+    ordered = in_order(results, stored.meanings.labels)
+    shown = [name for name in ordered if not name.startswith(("slope ", "error "))]
     matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]
     own = stored.meanings.first(shown)
     first = next(
@@ -66,7 +67,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
             "value": in_words(results[n]),
             "unit": label_of(n, flat, stored.meanings.labels).unit,
         }
-        for n in in_order(results)
+        for n in in_order(results, stored.meanings.labels)
     ]
     return {
         "index": index,

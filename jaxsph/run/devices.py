@@ -32,12 +32,11 @@ WORTH_SPARING = 0.1
 """Points away from the water over particles, from which it pays to leave them out on one device."""
 
 
-def describe_machine() -> str:
-    """What a run computes on, in words: its devices and JAX's version."""
-    found = jax.devices()
-    kind = "CPU" if found[0].platform == "cpu" else found[0].device_kind
-    many = f"{len(found)} devices" if len(found) > 1 else "1 device"
-    return f"{kind}, {many}, JAX {jax.__version__}"
+def describe_machine(devices: int) -> str:
+    """What a run computes on, in words: the devices that share it, and JAX's version."""
+    first = jax.devices()[0]
+    kind, one = ("CPU", "core") if first.platform == "cpu" else (first.device_kind, "device")
+    return f"{kind}, {devices} {one}{'s' if devices > 1 else ''}, JAX {jax.__version__}"
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]

@@ -70,10 +70,10 @@ def run(
     t1 = start.problem.t1 if t1 is None else t1
     check_end(start, t1)
 
-    def take() -> RunFile | None:
+    def take(shared_by: int) -> RunFile | None:
         if out is None:
             return None
-        return new_file(out, start, overwrite) if processes.is_first else RunFile(out)
+        return new_file(out, start, overwrite, shared_by) if processes.is_first else RunFile(out)
 
     return _drive(start, t1, take, progress, devices, processes)
 
@@ -107,7 +107,7 @@ def resume(
     t1 = start.problem.t1 if t1 is None else t1
     check_end(start, t1, ended=bool(file.results()))
 
-    def take() -> RunFile:
+    def take(_: int) -> RunFile:
         if changes:
             file.amend(change.case_toml, change.settings, change.numbers, change.since, change.checkpoint)
         return file
@@ -158,18 +158,18 @@ def load_start(path: str | Path, given: Any = None) -> Start:
 def _drive(
     start: Start,
     t1: float,
-    take: Callable[[], RunFile | None],
+    take: Callable[[int], RunFile | None],
     progress: bool,
     devices: int | None,
     processes: Processes,
 ) -> Solution:
-    """Runs to t1 (s); `take` makes or changes the run's file, when nothing can be refused any more."""
+    """Runs to t1 (s); `take(devices)` makes or changes the run's file, when nothing is refused any more."""
     recorder, count = Recorder(start, t1), len(start.state.particles.id)
     own = start.model
     model, state = share(own, start.state, devices or usual_devices(own, start.state))
     probes = everywhere(model.search.slabs, start.problem.probes)
     every, last = recorder.sample_every, recorder.last
-    file = take()
+    file = take(model.search.slabs.count)
     path = None if file is None else file.path
     recorder.file = file = file if processes.is_first else None
     bar = tqdm(

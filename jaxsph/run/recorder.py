@@ -104,8 +104,11 @@ def check_end(start: Start, t1: float, ended: bool = True) -> None:
         raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a larger t1")
 
 
-def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
-    """New file of a run, without samples. **Raises** FileError where it exists and is not to be replaced."""
+def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) -> RunFile:
+    """New file of a run that so many devices share, without samples.
+
+    **Raises** FileError where it exists and is not to be replaced.
+    """
     coordinates = {}
     for probe in start.problem.probes:
         coordinates |= probe.coordinates()
@@ -117,7 +120,7 @@ def new_file(path: str | Path, start: Start, overwrite: bool) -> RunFile:
         overwrite=overwrite,
         numbers=deciding_numbers(start.model, start.problem.state),
         scene=scene_of(start.problem),
-        machine=describe_machine(),
+        machine=describe_machine(devices),
     )
 
 

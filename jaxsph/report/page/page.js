@@ -84,16 +84,28 @@ function warnings() {
   return el("ul", { class: "warnings", "aria-label": "Warnings" }, ...all.map((text) => el("li", {}, text)));
 }
 
+// The first result of every run's device, with linear theory's beside it.
+function answer() {
+  const found = page.runs.filter((run) => run.answer);
+  if (!found.length) return null;
+  return el("ul", { class: "answer", "aria-label": "Answer" }, ...found.map((run) => el("li", {}, page.runs.length > 1 ? `${run.label}: ` : "", `${run.answer.label} `,
+    el("strong", {}, `${run.answer.value} ${run.answer.unit}`.trim()), run.answer.expected ? `; linear theory ${run.answer.expected}` : "")));
+}
+
 function results() {
   const names = [], rows = {};
   for (const run of page.runs) for (const row of run.results) if (!(row.name in rows)) { names.push(row.name); rows[row.name] = row; }
   if (!names.length) return null;
   const several = page.runs.length > 1;
   const head = el("tr", {}, el("th", { scope: "col" }, "result"), ...page.runs.map((run) => el("th", { scope: "col" }, several ? run.label : "value")), el("th", { scope: "col" }, "unit"), el("th", { scope: "col" }, "what it says"));
-  const body = names.map((name) => el("tr", { class: rows[name].part ? "part" : "" }, el("th", { scope: "row" }, rows[name].label),
-    ...page.runs.map((run) => el("td", { class: "value" }, (run.results.find((row) => row.name === name) || { value: "–" }).value)),
-    el("td", {}, rows[name].unit), el("td", { class: "meaning" }, rows[name].meaning)));
-  return section("Results", el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of results" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...body))));
+  const row = (name) => el("tr", { class: rows[name].part ? "part" : "" }, el("th", { scope: "row" }, rows[name].label),
+    ...page.runs.map((run) => el("td", { class: "value" }, (run.results.find((one) => one.name === name) || { value: "–" }).value)),
+    el("td", {}, rows[name].unit), el("td", { class: "meaning" }, rows[name].meaning));
+  const table = (group) => el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Table of results: ${group}` },
+    el("table", {}, el("thead", {}, head.cloneNode(true)), el("tbody", {}, ...names.filter((name) => rows[name].group === group).map(row))));
+  const groups = ["device", "waves"].filter((group) => names.some((name) => rows[name].group === group));
+  const shown = groups.map((group) => el("div", {}, el("h3", {}, group === "device" ? "Device" : "Waves"), table(group)));
+  return section("Results", ...shown, el("details", {}, el("summary", {}, "How far to trust them: energy balance, noise, cost"), table("numerics")));
 }
 
 function about() {
@@ -269,7 +281,7 @@ async function take(bytes) {
   const kept = { views: page.players.map((water) => [water.view, water.moved, water.look]), atEnd: page.follow !== false };
   Object.assign(page, { runs: content.runs, sweeps: content.sweeps, charts: [], maps: [], spectra: [] });
   if (kept.atEnd) page.t = Infinity;
-  const parts = [warnings(), ...sweepSections(), particles(), results(), about(), overTime(), spectra(), cases()];
+  const parts = [answer(), warnings(), ...sweepSections(), results(), particles(), about(), overTime(), spectra(), cases()];
   document.getElementById("content").replaceChildren(...parts.filter(Boolean));
   const going = page.runs.some((run) => !run.ended);
   document.getElementById("state").textContent = page.runs.length ? (going ? "The run goes on, or was stopped." : "The run has ended.") : "";
