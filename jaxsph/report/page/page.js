@@ -97,7 +97,7 @@ function results() {
   for (const run of page.runs) for (const row of run.results) if (!(row.name in rows)) { names.push(row.name); rows[row.name] = row; }
   if (!names.length) return null;
   const several = page.runs.length > 1;
-  const head = el("tr", {}, el("th", { scope: "col" }, "result"), ...page.runs.map((run) => el("th", { scope: "col" }, several ? run.label : "value")), el("th", { scope: "col" }, "unit"), el("th", { scope: "col" }, "what it says"));
+  const head = el("tr", {}, el("th", { scope: "col" }, "result"), ...page.runs.map((run) => el("th", { scope: "col", class: "value" }, several ? run.label : "value")), el("th", { scope: "col" }, "unit"), el("th", { scope: "col", class: "meaning" }, "what it says"));
   const row = (name) => el("tr", { class: rows[name].part ? "part" : "" }, el("th", { scope: "row" }, rows[name].label),
     ...page.runs.map((run) => el("td", { class: "value" }, (run.results.find((one) => one.name === name) || { value: "–" }).value)),
     el("td", {}, rows[name].unit), el("td", { class: "meaning" }, rows[name].meaning));
