@@ -27,7 +27,7 @@ _ROOMS = {
     "model.air": ("AbstractPTO",),
     "model.forces": ("AbstractConservativeForce", "AbstractForce", "CentralForce"),
     "model.interfaces": ("AbstractChamber", "AbstractDamper", "AbstractScheme", "Model"),
-    "model.meaning": ("Entry", "Label", "Reading"),
+    "model.meaning": ("Entry", "Label", "Oscillation", "Reading"),
     "model.part": ("AbstractPart", "Sampled"),
     "model.probe": ("AbstractProbe",),
     "model.solution": ("Solution",),
