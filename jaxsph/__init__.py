@@ -71,6 +71,7 @@ _ROOMS = {
     "problem.record": ("AbstractAveraging", "Record", "Result", "Window"),
     "report.page": ("report",),
     "report.watch": ("Watch",),
+    "run.duration": ("Duration", "duration"),
     "run.host": ("march", "restore", "resume", "run"),
     "run.simulate": ("simulate",),
     "schemes.incompressible": ("ISPH",),

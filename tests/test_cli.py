@@ -1,5 +1,6 @@
 """The command line, with a fake solver: what is passed on, what is printed, how it exits."""
 
+import re
 import types
 
 import numpy as np
@@ -69,6 +70,8 @@ def calls(monkeypatch, tmp_path):
     monkeypatch.setattr(js, "resume", resume, raising=False)
     monkeypatch.setattr(js, "check", lambda case: [("particles", "8,224")], raising=False)
     monkeypatch.setattr(js, "linear_check", lambda case: [("linear efficiency", "0.78")], raising=False)
+    found_duration = js.Duration(10.0, 0.01, 1200, 1)
+    monkeypatch.setattr(js, "duration", lambda case, devices=None: found_duration, raising=False)
     monkeypatch.setattr(js, "built_in_cases", lambda: {"owc": "a column"}, raising=False)
     return found
 
@@ -198,6 +201,23 @@ def test_check_and_cases(calls):
         ["linear", "efficiency", "0.78"],
     ]
     assert "chamber snapped" in result.stderr
+    timed = _jaxsph("check", "owc", "--time").stdout.splitlines()
+    assert timed[-1].split() == [
+        "wall",
+        "time",
+        "22",
+        "s",
+        "on",
+        "1",
+        "device",
+        "here,",
+        "10",
+        "s",
+        "of",
+        "it",
+        "to",
+        "start",
+    ]
     assert _jaxsph("cases").stdout == "owc  a column\n"
 
 
@@ -343,6 +363,7 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     assert over == {"pto.K_dm": [300.0], "waves.H": [0.02, 0.04]} and out.as_posix() == "runs/fake_sweep.h5"
     assert "pto.K_dm = 300, waves.H = 0.02  hydrodynamic efficiency 0.5" in result.stdout
     assert "failed: pto.K_dm = 300, waves.H = 0.04: too fast" in result.stderr
+    assert re.search(r"^2 runs of about 12 s each, [12] at a time: about (22|34) s$", result.stderr, re.M)
     _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300,400", "--grid", "waves.H=0.02", "--t1", 2)
     assert calls[1][3].changes == {"t1": 2.0}
     monkeypatch.setattr("jaxsph.cli.studies.CLUSTER_TIMEOUT", 0.2)

@@ -41,11 +41,12 @@ def check(given: Any) -> list[tuple[str, str]]:
     return [
         *rows,
         ("neighbours", f"{search.capacity} slots, searched every {search.rebuild_every} steps"),
-        ("wall time", f"about {_duration(seconds)} on one core of a current CPU"),
+        ("wall time", f"about {in_time(seconds)} on one core of a current CPU"),
     ]
 
 
-def _duration(seconds: float) -> str:
+def in_time(seconds: float) -> str:
+    """A time in words: seconds, minutes or hours."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

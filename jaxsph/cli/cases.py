@@ -7,22 +7,34 @@ from typing import Annotated
 
 import typer
 
-from jaxsph.cli.arguments import CaseName, Settings, complete_case, load
+from jaxsph.case.report import in_time
+from jaxsph.cli.arguments import CaseName, Devices, Settings, complete_case, load
 from jaxsph.cli.terminal import messages, print_table
 from jaxsph.errors import CaseError, FileError
 
 
-def check(case: CaseName, settings: Settings = None) -> None:
+def check(
+    case: CaseName,
+    settings: Settings = None,
+    timed: Annotated[
+        bool, typer.Option("--time", help="Compile the case and time its first steps on this machine.")
+    ] = False,
+    devices: Devices = None,
+) -> None:
     """Validate a case and say what its run will be."""
     import jaxsph as js
 
     with messages():
         loaded = load(case, settings)
-        if isinstance(loaded, js.Program):
-            print_table(js.check(loaded))
-            return
-        print_table(js.check(loaded) + js.linear_check(loaded))
-        for notice in loaded.notices():
+        is_case = not isinstance(loaded, js.Program)
+        rows = js.check(loaded) + (js.linear_check(loaded) if is_case else [])
+        if timed:
+            found = js.duration(loaded, devices)
+            on = f"{found.devices} device" + ("s" if found.devices > 1 else "")
+            text = f"{in_time(found.total)} on {on} here, {in_time(found.compilation)} of it to start"
+            rows = [*(row for row in rows if row[0] != "wall time"), ("wall time", text)]
+        print_table(rows)
+        for notice in loaded.notices() if is_case else ():
             typer.echo(f"note: {notice}", err=True)
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from jaxsph.case.report import in_time
 from jaxsph.cli.arguments import (
     CaseName,
     EndTime,
@@ -71,6 +72,8 @@ def sweep(
                 raise CaseError("--t1: is one of the parameters of --grid; give one of the two")
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
+        if not (quiet or out.exists()):
+            _announce(loaded, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
             loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
         )
@@ -118,6 +121,8 @@ def matrix(
             values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
         )
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
+        if not (quiet or out.exists()):
+            _announce(loaded, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
         print_table(_matrix_rows(done, scatter))
         typer.echo(f"recorded in {out}")
@@ -200,6 +205,8 @@ def optimise(  # of a command the options are the arguments
         way = method.of(spread, members)
         if table is not None:
             of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
+        if not (quiet or out.exists()) and method is Way.ensemble:
+            _announce(loaded, evaluations * members, None, None, "at most ")
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         for here in found.history:
             print_table(
@@ -210,6 +217,21 @@ def optimise(  # of a command the options are the arguments
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
+
+
+def _announce(loaded: Any, runs: int, workers: int | None, scheduler: str | None, most: str = "") -> None:
+    """Says how many runs there will be, and how long they take: the first steps of one are timed."""
+    import jaxsph as js
+    from jaxsph.run.devices import available_cores
+
+    if scheduler is not None:
+        typer.echo(f"{most}{runs} runs", err=True)
+        return
+    beside = min(runs, workers or available_cores())
+    one = js.duration(loaded, devices=1)
+    total = one.compilation + one.step * one.steps * math.ceil(runs / beside)
+    each = f"about {in_time(one.step * one.steps)} each, {beside} at a time"
+    typer.echo(f"{most}{runs} runs of {each}: {most}about {in_time(total)}", err=True)
 
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:

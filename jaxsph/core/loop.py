@@ -32,8 +32,12 @@ def blocks(
     state: S,
     n_blocks: int,
     steps_per_block: int,
+    until: jax.Array | None = None,
 ) -> tuple[S, Any]:
     """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
+
+    `until`: number of blocks to end after, known when the loop runs; the readings of later ones are zero. The
+    loop then has no reverse mode.
 
     In each block `prepare` makes the tables, `begin` takes readings with them and does what is done once in a
     block, then come the steps. Readings belong to the start of their block, so that a run cut at any block
@@ -48,4 +52,15 @@ def blocks(
         s, reading = begin(s, tables)
         return steps(lambda a: step(a, tables), s, steps_per_block), reading
 
-    return jax.lax.scan(block, state, length=n_blocks)
+    if until is None:
+        return jax.lax.scan(block, state, length=n_blocks)
+    traced = jax.jit(block)  # once, for the shapes of its readings and for the loop
+    _, shapes = jax.eval_shape(traced, state, None)
+
+    def add(k, carry):
+        state, readings = carry
+        state, reading = traced(state, None)
+        return state, jax.tree.map(lambda all, one: all.at[k].set(one), readings, reading)
+
+    readings = jax.tree.map(lambda a: jax.numpy.zeros((n_blocks, *a.shape), a.dtype), shapes)
+    return jax.lax.fori_loop(0, until, add, (state, readings))

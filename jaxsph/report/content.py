@@ -12,6 +12,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear, why_no_theory
+from jaxsph.case.report import in_time
 from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
@@ -115,7 +116,7 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
         rows.append(("time reached", f"{series['time'][-1]:.4g} s{end}"))
     seconds = run.results().get("wall_seconds", run.progress().get("wall_seconds"))
     if seconds is not None:
-        rows.append(("wall time", _duration(seconds)))
+        rows.append(("wall time", in_time(seconds)))
     rows.append(("computed on", run.machine or "not recorded"))
     rows.append(("version", f"jaxsph {run.version}"))
     return rows
@@ -125,12 +126,6 @@ def _theory(case: Case | None) -> list[tuple[str, str]]:
     """Row that says why no linear theory of a case's chambers is drawn; none where it is."""
     why = "" if case is None else why_no_theory(case)
     return [("linear theory", f"none is drawn: {why}")] if why else []
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def _warnings(

@@ -185,7 +185,13 @@ def _drive(
             before = int(state.step)
             n_steps = min(recorder.per_chunk, last - before)
             advance = functools.partial(
-                _called, bar, state=state, probes=probes, n_steps=n_steps, sample_every=every
+                _called,
+                bar,
+                state=state,
+                probes=probes,
+                n_steps=n_steps,
+                sample_every=every,
+                most=recorder.per_chunk,
             )
             model, state, readings = advance_chunk(
                 model, advance, bar.write, start.problem.name, start.problem.remedies

@@ -24,11 +24,13 @@ def simulate(
     n_steps: int,
     probes: Sequence[AbstractProbe] = (),
     sample_every: int | None = None,
+    until: jax.Array | None = None,
 ) -> tuple[State, dict[str, jax.Array]]:
     """Advances a state by `n_steps` time steps. Pure: may be jitted, vmapped and differentiated.
 
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
-    (the default); n_steps is a multiple of it.
+    (the default); n_steps is a multiple of it. `until`: number of steps to end after, at most n_steps, known
+    when the loop runs: later samples are zero, and there is no reverse mode.
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
     with "time" (s); the first sample is the state given, at whatever step it is. Failures are bits in
     `state.status`, never exceptions: look at them.
@@ -63,6 +65,7 @@ def simulate(
         state,
         n_steps // every,
         every,
+        None if until is None else until // every,
     )
     # the state's step decides which blocks are samples: one in every sample_every // every
     stride = sample_every // every
@@ -78,15 +81,25 @@ slot: two cores then take twice one core's time for a weighted sum, and without 
 
 
 def simulate_chunk(
-    model: Model, state: State, probes: Sequence[AbstractProbe], n_steps: int, sample_every: int
+    model: Model,
+    state: State,
+    probes: Sequence[AbstractProbe],
+    n_steps: int,
+    sample_every: int,
+    most: int | None = None,
 ) -> tuple[State, dict[str, jax.Array]]:
-    """Advances a state by `n_steps` time steps as `simulate` does, compiled."""
+    """Advances a state by `n_steps` time steps as `simulate` does, compiled.
+
+    `most`: the largest number of steps of this run's chunks, by default n_steps; one program does for all.
+    """
+    most = n_steps if most is None else most
     advance = _on_one_device if model.search.slabs.count == 1 else _on_devices
-    return advance(model, state, probes, n_steps, sample_every)
+    state, readings = advance(model, state, probes, most, sample_every, jnp.int32(n_steps))
+    return state, jax.tree.map(lambda a: a[: n_steps // sample_every], readings)
 
 
-def _simulate(model, state, probes, n_steps, sample_every):
-    return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every)
+def _simulate(model, state, probes, n_steps, sample_every, until):
+    return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every, until=until)
 
 
 _on_one_device = jax.jit(_simulate, static_argnums=(3, 4))

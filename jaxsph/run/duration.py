@@ -1,0 +1,63 @@
+"""How long a run takes on this machine: its program is compiled, and its first steps are timed."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, NamedTuple
+
+import jax
+
+from jaxsph.problem.sources import source_of
+from jaxsph.run.devices import everywhere, find_devices, share, usual_devices
+from jaxsph.run.simulate import simulate_chunk
+
+ENOUGH = 2.0
+"""Time (s) for which steps are timed, unless a single sample takes longer."""
+
+
+class Duration(NamedTuple):
+    """Time that a run takes, as its first steps foretell it."""
+
+    compilation: float
+    """Time until the first step, s: next to nothing once JAX has kept the program."""
+    step: float
+    """Time of one time step, s."""
+    steps: int
+    """Number of time steps to the run's end."""
+    devices: int
+    """Number of devices that share the run."""
+
+    @property
+    def total(self) -> float:
+        """Wall time of the whole run, s."""
+        return self.compilation + self.steps * self.step
+
+
+def duration(given: Any, devices: int | None = None) -> Duration:
+    """Time that a run of a case, a problem or a function takes on this machine, by its first steps.
+
+    The program that it compiles is the run's own, which JAX keeps. Water at rest takes fewer iterations of
+    the pressure than waves do. `devices`: as for `run`. **Raises** CaseError, as `run`.
+    """
+    find_devices(devices)
+    began = time.perf_counter()
+    problem = source_of(given).problem()
+    model, state = share(problem.model, problem.state, devices or usual_devices(problem.model, problem.state))
+    probes = everywhere(model.search.slabs, problem.probes)
+    every, most = problem.sample_every, problem.per_chunk
+
+    def take(n_steps: int) -> float:
+        """Time (s) of so many steps from the beginning."""
+        began = time.perf_counter()
+        jax.block_until_ready(simulate_chunk(model, state, probes, n_steps, every, most))
+        return time.perf_counter() - began
+
+    take(every)
+    compiled = time.perf_counter()
+    samples, took = 1, take(every)
+    while took < ENOUGH and samples * every < most:
+        samples = min(2 * samples, most // every)
+        took = take(samples * every)
+    step = took / (samples * every)
+    steps = round(problem.t1 / problem.sample_dt) * every
+    return Duration(max(compiled - began - every * step, 0.0), step, steps, model.search.slabs.count)
