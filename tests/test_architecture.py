@@ -121,8 +121,9 @@ def test_leaf_and_facade_import_no_room():
     ("name", "owners"),
     [
         ("scan", {"core.loop", "core.pairs"}),  # over time, and over the slots of a table
-        # over the candidates of a line of cells, and over Newton's steps for laws of several chambers
-        ("fori_loop", {"core.search.cells", "schemes.air"}),
+        # over a number of blocks of the time loop, over the candidates of a line of cells, and over Newton's
+        # steps for laws of several chambers
+        ("fori_loop", {"core.loop", "core.search.cells", "schemes.air"}),
         ("while_loop", {"schemes.poisson"}),  # over the Krylov iterations
         ("checkpoint", {"core.transforms", "core.pairs"}),  # of steps and blocks, and of slots
     ],

@@ -21,6 +21,7 @@ _COMMANDS = {
     "optimise": studies.optimise,
     "resume": running.resume,
     "plot": showing.plot,
+    "export": showing.export,
     "report": showing.write_report,
     "watch": showing.watch,
     "check": cases.check,

@@ -1,4 +1,4 @@
-"""Commands that show a run or a sweep: `jaxsph plot`, `report` and `watch`."""
+"""Commands that show a run or a sweep: `jaxsph plot`, `export`, `report` and `watch`."""
 
 from __future__ import annotations
 
@@ -75,6 +75,26 @@ def write_report(
         typer.echo(f"{page} ({page.stat().st_size / 1e6:.1f} MB)")
         if show:
             typer.launch(str(page))
+
+
+def export(
+    file: RunName,
+    csv: Annotated[bool, typer.Option("--csv", help="CSV files beside FILE (the default).")] = False,
+    xlsx: Annotated[bool, typer.Option("--xlsx", help="A workbook beside FILE.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="TABLE", help="Another name, in .csv or .xlsx.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace tables that exist.")] = False,
+) -> None:
+    """Write the results and readings of a run, or the members of a sweep, as tables for a spreadsheet."""
+    import jaxsph as js
+
+    with messages():
+        if csv + xlsx + (out is not None) > 1:
+            raise CaseError("--csv, --xlsx and --out: give one of them")
+        out = out if out is not None else Path(file).with_suffix(".xlsx" if xlsx else ".csv")
+        for written in js.export(file, out, overwrite=overwrite):
+            typer.echo(f"table: {written}")
 
 
 def watch(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 
 from jaxsph.core.transforms import keep, rematerialise
 
@@ -25,6 +26,32 @@ def steps(step: Callable[[S], S], state: S, n: int) -> S:
     return state
 
 
+def every_block(block: Callable[[S, None], tuple[S, Any]], state: S, n_blocks: int) -> tuple[S, Any]:
+    """State after n_blocks blocks, and the readings of each."""
+    return jax.lax.scan(block, state, length=n_blocks)
+
+
+def first_blocks(count: jax.Array) -> Callable[..., tuple[Any, Any]]:
+    """As `every_block` for the first `count` of them, a number that is known when the loop runs.
+
+    The readings of the others are zero, and there is no reverse mode.
+    """
+
+    def over(block, state, n_blocks):
+        block = jax.jit(block)  # traced once, for the shapes of its readings and for the loop
+        _, shapes = jax.eval_shape(block, state, None)
+
+        def add(k, carry):
+            state, readings = carry
+            state, reading = block(state, None)
+            return state, jax.tree.map(lambda all, one: all.at[k].set(one), readings, reading)
+
+        readings = jax.tree.map(lambda a: jnp.zeros((n_blocks, *a.shape), a.dtype), shapes)
+        return jax.lax.fori_loop(0, count, add, (state, readings))
+
+    return over
+
+
 def blocks(
     prepare: Callable[[S], tuple[S, T]],
     begin: Callable[[S, T], tuple[S, Any]],
@@ -32,16 +59,13 @@ def blocks(
     state: S,
     n_blocks: int,
     steps_per_block: int,
-    until: jax.Array | None = None,
+    over: Callable[..., tuple[S, Any]] = every_block,
 ) -> tuple[S, Any]:
     """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
 
-    `until`: number of blocks to end after, known when the loop runs; the readings of later ones are zero. The
-    loop then has no reverse mode.
-
     In each block `prepare` makes the tables, `begin` takes readings with them and does what is done once in a
     block, then come the steps. Readings belong to the start of their block, so that a run cut at any block
-    continues exactly.
+    continues exactly. `over`: the loop over them, `every_block` or `first_blocks`.
     Reverse mode stores tables and pair sums and runs the rest again: memory grows with the number of steps,
     by a state and its pair sums for each.
     """
@@ -52,15 +76,4 @@ def blocks(
         s, reading = begin(s, tables)
         return steps(lambda a: step(a, tables), s, steps_per_block), reading
 
-    if until is None:
-        return jax.lax.scan(block, state, length=n_blocks)
-    traced = jax.jit(block)  # once, for the shapes of its readings and for the loop
-    _, shapes = jax.eval_shape(traced, state, None)
-
-    def add(k, carry):
-        state, readings = carry
-        state, reading = traced(state, None)
-        return state, jax.tree.map(lambda all, one: all.at[k].set(one), readings, reading)
-
-    readings = jax.tree.map(lambda a: jax.numpy.zeros((n_blocks, *a.shape), a.dtype), shapes)
-    return jax.lax.fori_loop(0, until, add, (state, readings))
+    return over(block, state, n_blocks)

@@ -44,7 +44,7 @@ class Meanings(NamedTuple):
 
     def first(self, results: Collection[str]) -> str | None:
         """Name of the result to show of several: the efficiency, or the first that a problem brought."""
-        own = [name for name in self.labels if not name.startswith("energy_")]
+        own = [name for name in self.labels if not name.startswith(("energy_", "whole_"))]
         return next((name for name in ("xi", *own) if name in results), None)
 
     def joined(self, other: Meanings) -> Meanings:
@@ -62,6 +62,14 @@ class StoredSweep(NamedTuple):
     meanings: Meanings
     about: dict[str, Any]
     version: str
+
+    def place(self, index: int) -> dict[str, float]:
+        """Value of every parameter of a member, by the parameter's name."""
+        if tuple(len(values) for values in self.axes.values()) == self.shape:
+            at = np.unravel_index(index, self.shape)
+        else:
+            at = (index,) * len(self.axes)
+        return {name: float(v[k]) for (name, v), k in zip(self.axes.items(), at, strict=True)}
 
 
 class SweepFile:

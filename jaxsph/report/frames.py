@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
-from scipy.spatial import KDTree
 
+from jaxsph.analysis.fields import linear_fit, vorticity
 from jaxsph.output.plot.tank import Tank, cut_in_plane, pick_snapshots
 from jaxsph.output.run_file import RunFile
 from jaxsph.report.pack import Pack
@@ -22,8 +22,6 @@ MOST = 1_200_000
 """Largest number of particles times frames in a page: some 5 MB."""
 LEAST_FRAMES = 24
 """Number of frames below which a page does not go to save room: it shows fewer particles then."""
-NEIGHBOURS = 14
-"""Particles, itself among them, over which velocities are fitted by a linear field in two dimensions."""
 UNSEEN = 65535
 
 
@@ -41,19 +39,11 @@ def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> 
 
     **Arguments**: `rows`: particles about which it is fitted; by default each of them.
     """
-    axes, at = x.shape[1], x if rows is None else x[rows]
-    own = u if rows is None else u[rows]
-    count, near = len(at), min(NEIGHBOURS if axes == 2 else 3 * NEIGHBOURS, len(x))
-    if near < axes + 2:
-        return LocalFlow(np.zeros(count), np.zeros(count))
-    distance, index = KDTree(x).query(at, near)
-    radius = np.maximum(distance[:, -1:], 1e-12)
-    weight = (1.0 - (distance / radius) ** 2).clip(0.0) + 1e-3
-    terms = np.concatenate([np.ones((count, near, 1)), (x[index] - at[:, None]) / radius[..., None]], axis=2)
-    left = np.einsum("nk,nki,nkj->nij", weight, terms, terms) + 1e-6 * np.eye(axes + 1)
-    fit = np.linalg.solve(left, np.einsum("nk,nki,nkj->nij", weight, terms, u[index]))
-    slope = fit[:, 1:] / radius[..., None]
-    return LocalFlow(slope[:, -1, 0] - slope[:, 0, -1], np.linalg.norm(own - fit[:, 0], axis=1))
+    at, own = (x, u) if rows is None else (x[rows], u[rows])
+    if len(x) < x.shape[1] + 2:
+        return LocalFlow(np.zeros(len(at)), np.zeros(len(at)))
+    fit = linear_fit(x, u, at)
+    return LocalFlow(vorticity(fit.gradient), np.linalg.norm(own - fit.value, axis=1))
 
 
 @dataclass(frozen=True)

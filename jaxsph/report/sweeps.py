@@ -59,7 +59,7 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
 def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str, Any]:
     """One run of a sweep: where it is, what it gave, and its series."""
     one = stored.members[index]
-    at = _place(stored, index)
+    at = stored.place(index)
     results = {name: float(value) for name, value in one["results"].items()}
     rows = [
         {
@@ -79,15 +79,6 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
         "failure": one["failure"],
         "panels": panels(one["series"], stored.meanings.variables, {}, pack),
     }
-
-
-def _place(stored: StoredSweep, index: int) -> dict[str, float]:
-    """Value of every parameter of a member, by the parameter's name."""
-    if tuple(len(values) for values in stored.axes.values()) == stored.shape:
-        at = np.unravel_index(index, stored.shape)
-    else:
-        at = (index,) * len(stored.axes)
-    return {n: float(values[k]) for (n, values), k in zip(stored.axes.items(), at, strict=True)}
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.loop import blocks
+from jaxsph.core.loop import blocks, every_block, first_blocks
 from jaxsph.core.transforms import any_lane
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
@@ -24,18 +25,22 @@ def simulate(
     n_steps: int,
     probes: Sequence[AbstractProbe] = (),
     sample_every: int | None = None,
-    until: jax.Array | None = None,
 ) -> tuple[State, dict[str, jax.Array]]:
     """Advances a state by `n_steps` time steps. Pure: may be jitted, vmapped and differentiated.
 
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
-    (the default); n_steps is a multiple of it. `until`: number of steps to end after, at most n_steps, known
-    when the loop runs: later samples are zero, and there is no reverse mode.
+    (the default); n_steps is a multiple of it.
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
     with "time" (s); the first sample is the state given, at whatever step it is. Failures are bits in
     `state.status`, never exceptions: look at them.
     **Raises** ValueError for lengths that do not divide.
     """
+    every = _check(model, n_steps, sample_every)
+    return _advance(model, state, n_steps, tuple(probes), every, every_block)
+
+
+def _check(model: Model, n_steps: int, sample_every: int | None) -> int:
+    """Number of steps between samples. **Raises** ValueError for lengths that do not divide."""
     every = model.search.rebuild_every
     sample_every = every if sample_every is None else sample_every
     if n_steps % sample_every or sample_every % every:
@@ -43,7 +48,19 @@ def simulate(
             f"n_steps = {n_steps} must be a multiple of sample_every = {sample_every}, and that of the "
             f"model's rebuild_every = {every}"
         )
+    return sample_every
 
+
+def _advance(
+    model: Model,
+    state: State,
+    n_steps: int,
+    probes: tuple[AbstractProbe, ...],
+    sample_every: int,
+    over: Callable[..., Any],
+) -> tuple[State, dict[str, jax.Array]]:
+    """State and readings after a loop `over` blocks of up to n_steps steps."""
+    every = model.search.rebuild_every
     start = state.step
 
     @jax.jit  # traced once, though it is asked for its shapes first
@@ -65,7 +82,7 @@ def simulate(
         state,
         n_steps // every,
         every,
-        None if until is None else until // every,
+        over,
     )
     # the state's step decides which blocks are samples: one in every sample_every // every
     stride = sample_every // every
@@ -94,12 +111,14 @@ def simulate_chunk(
     """
     most = n_steps if most is None else most
     advance = _on_one_device if model.search.slabs.count == 1 else _on_devices
-    state, readings = advance(model, state, probes, most, sample_every, jnp.int32(n_steps))
+    state, readings = advance(model, state, tuple(probes), most, sample_every, jnp.int32(n_steps))
     return state, jax.tree.map(lambda a: a[: n_steps // sample_every], readings)
 
 
-def _simulate(model, state, probes, n_steps, sample_every, until):
-    return simulate(model, state, n_steps=n_steps, probes=probes, sample_every=sample_every, until=until)
+def _simulate(model, state, probes, most, sample_every, n_steps):
+    _check(model, most, sample_every)
+    over = first_blocks(n_steps // model.search.rebuild_every)
+    return _advance(model, state, most, probes, sample_every, over)
 
 
 _on_one_device = jax.jit(_simulate, static_argnums=(3, 4))

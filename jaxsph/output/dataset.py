@@ -1,0 +1,106 @@
+"""Runs and sweeps, and the fields of a snapshot, as `xarray` datasets for analysis and plots in notebooks."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from jaxsph.analysis.fields import FAR, linear_fit, vorticity
+from jaxsph.errors import FileError
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import SweepFile
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def read(path: str | Path) -> xarray.Dataset:
+    """Readings and results of a run, or of the members of a sweep, with their units and names.
+
+    Of a run: every series over `time` (s), gauges and sensors over their places, and as attributes the
+    results and the case's text. Of a sweep: results and series over the parameters. The run may go on meanwhile.
+    **Raises** FileError for a file that is none of jaxsph's, and where xarray is missing.
+    """
+    with wanted("js.read", "xarray and h5netcdf"):
+        import h5netcdf  # noqa: F401
+        import xarray
+    if SweepFile(path).is_one():
+        parts = [xarray.load_dataset(path, engine="h5netcdf", group=group) for group in (None, "series")]
+        return xarray.merge(parts, combine_attrs="override")
+    run = RunFile.open(path)
+    series, variables = run.series(), run.variables()
+    if "time" not in series:
+        raise FileError(f"{path}: the run has no readings yet")
+    places = {n: _variable((dim,), at, *words) for n, (dim, at, *words) in run.coordinates().items()}
+    time = {"time": _variable(("time",), series["time"], "s", "time")}
+    found = {
+        name: _variable(_dimensions(name, values.ndim, variables[name].dim), values, *_words(variables[name]))
+        for name, values in series.items()
+        if name != "time"
+    }
+    about = {"case": run.case_toml, "jaxsph_version": run.version, "notices": "\n".join(run.notices())}
+    return xarray.Dataset(found, time | places, run.results() | about)
+
+
+def on_grid(
+    snapshot: Mapping[str, Any], x: ArrayLike, z: ArrayLike, y: float | None = None
+) -> xarray.Dataset:
+    """Velocity (m/s), pressure (Pa) and vorticity (1/s) of a snapshot on the points of a grid.
+
+    **Arguments**: `snapshot`: as `RunFile.snapshot` gives it; `x` and `z`: coordinates of the grid, m; `y`:
+    of the plane across the tank, m, in three dimensions, by default the middle of the water. Points that are
+    not in the water are NaN. **Raises** ValueError for fewer particles than a field needs.
+    """
+    with wanted("js.on_grid", "xarray"):
+        import xarray
+    places, u, p = (np.asarray(snapshot[name], np.float64) for name in ("x", "u", "p"))
+    x, z = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(z, np.float64))
+    points = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
+    if places.shape[1] == 3:
+        middle = 0.5 * (places[:, 1].min() + places[:, 1].max()) if y is None else y
+        points = np.insert(points, 1, middle, axis=1)
+    fit = linear_fit(places, np.column_stack([u, p]), points)
+    spacing = float(np.median(KDTree(places).query(places, 2)[0][:, 1]))
+    shown = np.where(fit.nearest < FAR * spacing, 1.0, np.nan)
+    fields = {
+        "velocity_x": (fit.value[:, 0], "m s-1", "velocity of the water along the tank"),
+        "velocity_z": (fit.value[:, u.shape[1] - 1], "m s-1", "velocity of the water upwards"),
+        "pressure": (fit.value[:, -1], "Pa", "gauge pressure"),
+        "vorticity": (vorticity(fit.gradient[..., :-1]), "s-1", "vorticity, positive clockwise"),
+    }
+    shape = (len(z), len(x))
+    found = {
+        n: _variable(("z", "x"), (shown * a).reshape(shape), *words) for n, (a, *words) in fields.items()
+    }
+    at = {"x": _variable(("x",), x, "m", "along the tank"), "z": _variable(("z",), z, "m", "upwards")}
+    return xarray.Dataset(found, at, {"time": float(snapshot["time"])})
+
+
+def _variable(dims, values, units: str, long_name: str):
+    return dims, values, {"units": units, "long_name": long_name}
+
+
+def _words(variable) -> tuple[str, str]:
+    return variable.units, variable.long_name
+
+
+def _dimensions(name: str, axes: int, second: str | None) -> tuple[str, ...]:
+    """Names of a series' dimensions; a second one that has no name is called after the series."""
+    return ("time",) if axes == 1 else ("time", second or f"{name}_component")
+
+
+@contextlib.contextmanager
+def wanted(what: str, libraries: str) -> Iterator[None]:
+    """Context of imports that the extra `analysis` brings. **Raises** FileError where they are missing."""
+    try:
+        yield
+    except ImportError as error:
+        raise FileError(
+            f'{what} needs {libraries}, and {error.name} is not installed: pip install "jaxsph[analysis]"'
+        ) from None

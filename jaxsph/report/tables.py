@@ -1,0 +1,136 @@
+"""Tables of runs and sweeps for spreadsheets: CSV files, or one workbook."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxsph.errors import FileError
+from jaxsph.output.dataset import wanted
+from jaxsph.output.hdf5 import tell_write_errors
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.report.labels import in_order, label_of
+
+Cell = str | float | None
+"""Content of a cell; None leaves it empty."""
+
+
+class Table(NamedTuple):
+    """Table with a head and rows below it."""
+
+    name: str
+    """Name of the sheet, and of the file beside others."""
+    head: list[str]
+    """Names of the columns, with their units."""
+    rows: Sequence[Sequence[Cell]]
+    """Rows, a cell for each column."""
+
+
+def tables(path: str | Path) -> list[Table]:
+    """Tables of a file: of a run its results and its series, of a sweep a row for each member.
+
+    **Raises** FileError for a file that is none of jaxsph's.
+    """
+    return [_members(SweepFile(path))] if SweepFile(path).is_one() else list(_of_run(RunFile.open(path)))
+
+
+def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[Path]:
+    """Writes the tables of a run or a sweep as CSV or as an Excel workbook, by the ending of `out`.
+
+    A run's results and series are two CSV files, `out` with `_results` in its name and `out` itself, or two
+    sheets. **Returns** the files. **Raises** FileError for another ending, for a file that exists, and where
+    openpyxl is missing for a workbook.
+    """
+    out = Path(out)
+    if out.suffix not in (".csv", ".xlsx"):
+        raise FileError(f"{out}: the name must end in .csv or .xlsx")
+    found = tables(path)
+    *others, last = found
+    files = {out: [*found]} if out.suffix == ".xlsx" else {out: [last]}
+    if out.suffix == ".csv":
+        files |= {out.with_name(f"{out.stem}_{one.name}.csv"): [one] for one in others}
+    for file in files:
+        if file.exists() and not overwrite:
+            raise FileError(f"{file}: exists; give another name, or --overwrite")
+    for file, content in files.items():
+        with tell_write_errors(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            (_write_book if out.suffix == ".xlsx" else _write_csv)(file, content)
+    return sorted(files)
+
+
+def _of_run(run: RunFile) -> Iterator[Table]:
+    """Results of a run, each with its words, and its series over time, a column for each component."""
+    results, labels = run.results(), run.labels()
+    flat = run.case_keys().get("tank", {}).get("width") is None
+    rows: list[list[Cell]] = []
+    for name in in_order(results, labels):
+        label = label_of(name, flat, labels)
+        rows.append([name, results[name], label.unit, label.text.strip(), label.meaning])
+    yield Table("results", ["result", "value", "unit", "name", "meaning"], rows)
+    series, variables, places = run.series(), run.variables(), run.coordinates()
+    columns: dict[str, np.ndarray] = {"time (s)": series.get("time", np.zeros(0))}
+    for name, values in series.items():
+        if name == "time":
+            continue
+        units, dim = variables[name].units, variables[name].dim
+        where = [at for of, at, *_ in places.values() if of == dim]
+        if values.ndim == 1:
+            columns[f"{name} ({units})"] = values
+            continue
+        for k, column in enumerate(values.reshape(len(values), -1).T):
+            place = ", ".join(f"{at[k]:.4g}" for at in where if at.ndim == 1) or str(k + 1)
+            columns[f"{name} [{place}] ({_unit(units, k)})"] = column
+    yield Table(
+        "series", list(columns), [list(map(float, row)) for row in zip(*columns.values(), strict=True)]
+    )
+
+
+def _unit(units: str, component: int) -> str:
+    """Unit of a component of a reading, whose units may be several with commas between them."""
+    each = units.split(", ")
+    return each[component] if len(each) > component else units
+
+
+def _members(sweep: SweepFile) -> Table:
+    """A row for each member of a sweep: its parameters, its results, and why it failed."""
+    stored = sweep.read()
+    names = {name for one in stored.members.values() for name in one["results"]}
+    ordered = in_order(names, stored.meanings.labels)
+    flat = tomllib.loads(stored.case_toml).get("tank", {}).get("width") is None
+    units = {name: label_of(name, flat, stored.meanings.labels).unit for name in ordered}
+    titles = [f"{name} ({units[name]})" if units[name] else name for name in ordered]
+    head = [*stored.axes, *titles, "failure"]
+    rows = []
+    for index, one in sorted(stored.members.items()):
+        at = stored.place(index)
+        rows.append([*at.values(), *(one["results"].get(name) for name in ordered), one["failure"] or None])
+    return Table("members", head, rows)
+
+
+def _write_csv(path: Path, content: Sequence[Table]) -> None:
+    (table,) = content
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(table.head)
+        writer.writerows(table.rows)
+
+
+def _write_book(path: Path, content: Sequence[Table]) -> None:
+    with wanted("A workbook", "openpyxl"):
+        import openpyxl
+    book = openpyxl.Workbook(write_only=True)
+    for table in content:
+        sheet = book.create_sheet(table.name)
+        sheet.freeze_panes = "A2"
+        sheet.append(table.head)
+        for row in table.rows:
+            # a workbook has no cell for numbers that are not finite
+            sheet.append([None if isinstance(v, float) and not np.isfinite(v) else v for v in row])
+    book.save(path)

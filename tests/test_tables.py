@@ -1,0 +1,152 @@
+"""Runs and sweeps as tables and datasets, and the fields of a snapshot on a grid."""
+
+import csv
+import sys
+
+import numpy as np
+import openpyxl
+import pytest
+from typer.testing import CliRunner
+
+import jaxsph as js
+from jaxsph.cli.app import app
+from jaxsph.output.hdf5 import Variable
+from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import Meanings, SweepFile
+
+TOML = 'name = "fake"\nprecision = "float32"\n'
+VARIABLES = {
+    "P_a": Variable("Pa", "pressure of the air"),
+    "eta": Variable("m", "elevation", "gauge"),
+    "body_force": Variable("N m-1, N m-1, N", "force", "motion"),
+}
+
+
+@pytest.fixture
+def run(tmp_path):
+    """File of a run with readings of one number, of gauges and of components, and two results."""
+    places = {"gauge_x": ("gauge", np.array([1.0, 2.5]), "m", "position of the gauge")}
+    file = RunFile.create(tmp_path / "run.h5", TOML, {}, places)
+    series = {
+        "time": np.array([0.0, 0.1, 0.2]),
+        "P_a": np.array([0.0, 5.0, np.nan], np.float32),
+        "eta": np.array([[0.0, 0.1], [0.2, 0.3], [0.4, 0.5]], np.float32),
+        "body_force": np.ones((3, 3), np.float32),
+    }
+    file.append(series, VARIABLES, None, {"x": np.zeros(2)}, {})
+    file.finish({"noise": 0.02, "xi": 0.61, "mine": 2.0}, ("why",), {"mine": js.Label("my own", "m2")})
+    return file.path
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    """File of a sweep of two parameters, a member of which has failed and one has not ended."""
+    members = {
+        k: {"results": {"xi": 0.1 * k, "P_owc": 2.0 * k}, "series": {}, "failure": ""} for k in range(3)
+    }
+    members[1] = {"results": {}, "series": {}, "failure": "too fast"}
+    axes = {"pto.K_dm": np.array([300.0, 400.0]), "waves.H": np.array([0.02, 0.04])}
+    path = tmp_path / "sweep.h5"
+    SweepFile(path).write(TOML, axes, (2, 2), members, Meanings())
+    return path
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.reader(file))
+
+
+def test_a_run_is_two_tables(run):
+    assert [path.name for path in js.export(run, run.with_suffix(".csv"))] == ["run.csv", "run_results.csv"]
+    head, first, *_ = table(run.with_suffix(".csv"))
+    assert head[0] == "time (s)" and set(head[1:]) == {
+        *("P_a (Pa)", "eta [1] (m)", "eta [2.5] (m)"),
+        *("body_force [1] (N m-1)", "body_force [2] (N m-1)", "body_force [3] (N)"),
+    }
+    assert dict(zip(head, map(float, first), strict=True))["eta [2.5] (m)"] == pytest.approx(0.1)
+    results = {row[0]: row[1:] for row in table(run.with_name("run_results.csv"))}
+    assert float(results["xi"][0]) == 0.61 and results["xi"][2] == "hydrodynamic efficiency"
+    assert results["mine"][:3] == ["2.0", "m2", "my own"]
+    assert list(results)[:2] == ["result", "xi"]  # the device's first
+
+
+def test_a_sweep_is_a_row_for_each_member(sweep):
+    js.export(sweep, sweep.with_suffix(".csv"))
+    head, *rows = table(sweep.with_suffix(".csv"))
+    assert head == ["pto.K_dm", "waves.H", "xi", "P_owc (W/m)", "failure"]
+    assert rows[0][:2] == ["300.0", "0.02"] and rows[1][2:] == ["", "", "too fast"]
+    assert rows[2] == ["400.0", "0.02", "0.2", "4.0", ""] and len(rows) == 3
+
+
+def test_a_workbook_has_a_sheet_for_each_table(run):
+    (path,) = js.export(run, run.with_suffix(".xlsx"))
+    book = openpyxl.load_workbook(path)
+    assert book.sheetnames == ["results", "series"]
+    series = {cells[0].value: [cell.value for cell in cells[1:]] for cells in book["series"].columns}
+    assert series["P_a (Pa)"] == [0.0, 5.0, None] and series["eta [1] (m)"][2] == pytest.approx(0.4)
+
+
+def test_nothing_is_replaced_unasked_and_other_endings_are_refused(run):
+    run.with_name("run_results.csv").write_text("mine")
+    with pytest.raises(js.FileError, match="run_results.csv: exists"):
+        js.export(run, run.with_suffix(".csv"))
+    assert not run.with_suffix(".csv").exists()  # refused before anything is written
+    with pytest.raises(js.FileError, match=r"must end in \.csv or \.xlsx"):
+        js.export(run, run.with_suffix(".txt"))
+
+
+def test_the_command_writes_beside_the_file(run):
+    command = CliRunner().invoke(app, ["export", str(run), "--xlsx"])
+    assert command.exit_code == 0 and f"table: {run.with_suffix('.xlsx')}" in command.stdout
+    both = CliRunner().invoke(app, ["export", str(run), "--csv", "--xlsx"])
+    assert both.exit_code == 2 and "give one of them" in both.stderr
+
+
+def test_a_run_is_a_dataset_with_units_and_results(run):
+    found = js.read(run)
+    assert found["P_a"].attrs == {"units": "Pa", "long_name": "pressure of the air"}
+    assert found["eta"].dims == ("time", "gauge")
+    np.testing.assert_allclose(found["gauge_x"], [1.0, 2.5])
+    np.testing.assert_allclose(found["eta"].sel(time=0.1), [0.2, 0.3])
+    assert found.attrs["xi"] == 0.61 and found.attrs["notices"] == "why" and found.attrs["case"] == TOML
+
+
+def test_a_sweep_is_a_dataset_over_its_parameters(sweep):
+    found = js.read(sweep)
+    assert found["xi"].dims == ("pto.K_dm", "waves.H")
+    assert float(found["xi"].sel({"pto.K_dm": 400.0, "waves.H": 0.02})) == pytest.approx(0.2)
+    assert np.isnan(found["xi"].sel({"pto.K_dm": 300.0, "waves.H": 0.04}))
+
+
+@pytest.mark.parametrize(
+    ("missing", "call"),
+    [
+        ("xarray", lambda path: js.read(path)),
+        ("openpyxl", lambda path: js.export(path, path.with_suffix(".xlsx"))),
+    ],
+)
+def test_a_missing_library_names_the_extra(run, monkeypatch, missing, call):
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(js.FileError, match=r"pip install \"jaxsph\[analysis\]\""):
+        call(run)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_linear_flow_is_exact_on_a_grid_and_nothing_outside(dim):
+    rng = np.random.default_rng(0)
+    axes = [np.arange(0.05, 1.0, 0.1)] * dim
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    x += 0.01 * rng.standard_normal(x.shape)
+    u = np.zeros_like(x)
+    u[:, 0], u[:, -1] = 0.3 + 2.0 * x[:, -1], 0.5 * x[:, 0]
+    snapshot = {"x": x, "u": u, "p": 9810.0 * (1.0 - x[:, -1]), "time": 1.5}
+    at_x, at_z = np.array([0.2, 0.55]), np.array([0.3, 0.7, 1.5])
+    found = js.on_grid(snapshot, at_x, at_z)
+    assert found["pressure"].dims == ("z", "x") and found.attrs["time"] == 1.5
+    inside = found.isel(z=slice(2))
+    # the fit is kept regular by 1e-6 of its weights
+    np.testing.assert_allclose(inside["velocity_x"], np.tile(0.3 + 2.0 * at_z[:2, None], 2), rtol=1e-4)
+    np.testing.assert_allclose(inside["velocity_z"], np.tile(0.5 * at_x, (2, 1)), rtol=1e-4)
+    np.testing.assert_allclose(inside["pressure"], np.tile(9810.0 * (1.0 - at_z[:2, None]), 2), rtol=1e-4)
+    np.testing.assert_allclose(inside["vorticity"], 1.5, rtol=1e-4)
+    assert np.isnan(found["pressure"].sel(z=1.5)).all()
