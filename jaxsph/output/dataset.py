@@ -24,7 +24,7 @@ def read(path: str | Path) -> xarray.Dataset:
     """Readings and results of a run, or of the members of a sweep, with their units and names.
 
     Of a run: every series over `time` (s), gauges and sensors over their places, and as attributes the
-    results and the case's text. Of a sweep: results and series over the parameters. The run may go on meanwhile.
+    results and the case's text; it may go on meanwhile. Of a sweep: results and series over the parameters.
     **Raises** FileError for a file that is none of jaxsph's, and where xarray is missing.
     """
     with wanted("js.read", "xarray and h5netcdf"):
