@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 import jaxsph as js
 from jaxsph.case import limits
-from jaxsph.case.case import Case
+from jaxsph.case.case import Case, key_names
+from jaxsph.case.expected import EXPECTED, ONLY_IN
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.initial import initial_velocity
 from jaxsph.case.scheme import make_scheme
@@ -516,3 +517,22 @@ def test_probes_on_a_plate_and_under_it_are_taken():
 def test_long_samples_and_gauges_beside_solids_have_a_notice(changes, notice):
     assert any(re.search(notice, note) for note in OWC.replace(changes).notices())
     assert not any(re.search("sample_dt|is there", note) for note in OWC.notices())
+
+
+@pytest.mark.parametrize("key", sorted(EXPECTED))
+def test_a_key_that_users_expect_is_answered_with_what_there_is(key):
+    """And what is named in the answer exists."""
+    words = EXPECTED[key]
+    assert key not in key_names(Case)
+    named = [one for one in re.findall(r"`([A-Za-z_.0-9]+)`", words)]
+    real = {*key_names(Case), *js.built_in_cases(), "file", "force_NAME"}
+    assert set(named) <= real, set(named) - real
+    where = ONLY_IN.get(key, "tank")
+    with pytest.raises(js.CaseError, match=re.escape(words)):
+        OWC.replace({f"{where}.{key}" if where else key: 1.0})
+
+
+def test_a_misspelt_key_is_still_answered_with_the_nearest():
+    for key, near in (("tank.hight", "tank.height"), ("waves.h", "waves.H"), ("body.pto.dampin", "damping")):
+        with pytest.raises(js.CaseError, match=f"did you mean '.*{near}'"):
+            js.load_case("flap_2d").replace({key: 1.0})

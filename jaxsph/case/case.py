@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from jaxsph.case.air_sections import DEVICE_WALLS, LAWS, SMOOTH_LAWS, air_keys
 from jaxsph.case.build import build
+from jaxsph.case.expected import instead
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
 from jaxsph.case.notices import limit_notices
@@ -237,6 +238,8 @@ def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
     everything = key_names(Case)
     name = _shown(prefix + key)
     near = [k for k in everything if k.lower() == (prefix + key).lower()]
+    if not near and (there := instead(prefix + key)):
+        return f"unknown key {name}: {there} (keys here: {here})"
     near = near or difflib.get_close_matches((prefix + key)[:100], everything, n=1, cutoff=0.5)
     near = near or [k for k in everything if k.rsplit(".", 1)[-1] == key]
     hint = f"; did you mean {near[0]!r}?" if near else ""
