@@ -19,6 +19,8 @@ from jaxsph.problem.trouble import Remedies, Trouble
 
 REPLAYS = 6
 """Times that one chunk is replayed with larger tables before the run gives up."""
+EARLY = 20
+"""Steps within which a particle inside a wall was put there, rather than driven there by the water."""
 FASTER = 1.25
 """Factor on the largest speed so far, by which tables that went stale are then searched often enough."""
 
@@ -142,6 +144,11 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
     if failed & Failure.THROUGH_WALL and float(status.where[-1]) >= top:
         return f"a particle has left over the rim of the tank, which is {top:g} m high", Trouble.OVER_RIM
     if failed & Failure.THROUGH_WALL:
+        if int(status.step) <= EARLY:
+            return f"a particle was inside a wall within the first {EARLY} steps", (
+                "the set-up is the likely cause: look at the place named for water, walls and bodies that "
+                "overlap, or for a gap between them narrower than the spacing"
+            )
         return "a particle has gone through a wall", Trouble.THROUGH_WALL
     if failed & Failure.TOO_FAST:
         return model.scheme.too_fast, Trouble.TOO_FAST
