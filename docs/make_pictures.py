@@ -1,8 +1,9 @@
 """Pictures of pages for the documentation, taken by Chromium: light and dark, of a run and of a power matrix.
 
-    python docs/make_pictures.py RUN.html MATRIX.html
+    python docs/make_pictures.py RUN.html [MATRIX.html]
 
-The first is the page of the built-in OWC, the second that of `annual_power`; they go to docs/pictures.
+The first is the page of the built-in OWC, the second that of `annual_power`, whose pictures stay as they are
+without it; they go to docs/pictures.
 """
 
 import shutil
@@ -18,6 +19,7 @@ VIEWS = {
     "report_run_light": (0, "light", 1280, 1000, "body", 20.05),
     "report_run_dark": (0, "dark", 1280, 1000, "body", 20.65),
     "report_charts_light": (0, "light", 1280, 1000, "section:has(.chart) h2", 20.05),
+    "report_results_light": (0, "light", 1280, 1000, "section:has(td.meaning) h2", 20.05),
     "report_narrow_dark": (0, "dark", 390, 844, "body", 20.05),
     "report_matrix_light": (1, "light", 1280, 760, "body", None),
     "report_matrix_dark": (1, "dark", 1280, 760, "body", None),
@@ -30,6 +32,8 @@ def main(pages: list[str]) -> None:
     with sync_playwright() as library:
         browser = library.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
         for name, (number, colours, width, height, top, t) in VIEWS.items():
+            if number >= len(pages):
+                continue
             page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=colours)
             page.goto(f"file://{Path(pages[number]).resolve()}")
             page.evaluate("jaxsph.ready")

@@ -281,7 +281,7 @@ async function take(bytes) {
   const kept = { views: page.players.map((water) => [water.view, water.moved, water.look]), atEnd: page.follow !== false };
   Object.assign(page, { runs: content.runs, sweeps: content.sweeps, charts: [], maps: [], spectra: [] });
   if (kept.atEnd) page.t = Infinity;
-  const parts = [answer(), warnings(), ...sweepSections(), results(), particles(), about(), overTime(), spectra(), cases()];
+  const parts = [answer(), warnings(), ...sweepSections(), particles(), results(), about(), overTime(), spectra(), cases()];
   document.getElementById("content").replaceChildren(...parts.filter(Boolean));
   const going = page.runs.some((run) => !run.ended);
   document.getElementById("state").textContent = page.runs.length ? (going ? "The run goes on, or was stopped." : "The run has ended.") : "";

@@ -1,0 +1,66 @@
+"""Start of a run: time to its second reading, new and again; wall times, foretold and actual."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from experiments.common import Report
+
+CASES = ("owc", "wave_tank", "flap_2d", "section_fixed", "beach")
+"""Cases whose wall time is foretold."""
+FORETELL = """
+import sys
+import jaxsph as js
+print("foretold", js.duration(js.load_case(sys.argv[1]), devices=1).total)
+"""
+"""Program that foretells the wall time (s) of a case."""
+
+
+def main(cases: str = ",".join(CASES)) -> None:
+    """Times starts of the built-in OWC, and foretells and runs these cases; each in a process of its own."""
+    with Report("bench_start", "Start of a run, and its time foretold") as report:
+        with tempfile.TemporaryDirectory() as folder:
+            for when, bar in (("new", None), ("again", 4.0)):
+                took = _timed(["run", "owc", "--t1", "0.02", "--overwrite"], Path(folder))
+                report.row(
+                    f"built-in OWC to its second reading, started {when}",
+                    took,
+                    "s",
+                    bar="" if bar is None else f"{bar:g} s",
+                    passes=None if bar is None else took < bar,
+                )
+            for name in cases.split(","):
+                command = [sys.executable, "-c", FORETELL, name]
+                told = subprocess.run(
+                    command, check=True, capture_output=True, text=True, env=_environment(Path(folder))
+                )
+                foretold = float(re.findall(r"foretold ([\d.]+)", told.stdout)[0])
+                took = _timed(["run", name, "--devices", "1", "--overwrite"], Path(folder))
+                report.row(
+                    f"{name}: foretold over actual wall time",
+                    foretold / took,
+                    bar="0.7 to 1.3",
+                    passes=0.7 < foretold / took < 1.3,
+                )
+                report.row(f"{name}: wall time", took, "s")
+
+
+def _timed(arguments: list[str], folder: Path) -> float:
+    """Wall time (s) of a command without pictures and page; what it compiles is kept in the folder."""
+    began = time.perf_counter()
+    extra = ["--quiet", "--no-plot", "--no-report", "--out", str(folder / "run.h5")]
+    subprocess.run([sys.executable, "-m", "jaxsph", *arguments, *extra], check=True, env=_environment(folder))
+    return time.perf_counter() - began
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    return os.environ | {
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "programs"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
