@@ -152,6 +152,11 @@ def results_page() -> str:
         "|---|---|---|---|",
     ]
     parts += [f"| `{n}` | {one.text.strip()} | {one.unit} | {one.meaning} |" for n, one in LABELS.items()]
+    parts.append(
+        "\nOf what swings in regular waves: `amplitude_NAME`, `mean_NAME`, `rao_NAME`, the first harmonic, "
+        "the mean and the first harmonic over the waves' amplitude "
+        "([what comes out](../cases.md#what-comes-out)); `linear_RESULT` is linear theory's value of a result.\n"
+    )
     parts += ["\n## Readings over time\n", "| name | reading |", "|---|---|"]
     parts += [f"| `{name}` | {title} |" for name, title in PANELS.items()]
     parts.append("\nOf two chambers or bodies each reading's name ends in that of its part.\n")

@@ -5,8 +5,10 @@ Python blocks of one file are one script, each at its own line. A block that can
 documentation makes from the program are in no file, and their links its own strict build checks.
 """
 
+import ast
 import doctest
 import importlib
+import inspect
 import os
 import re
 import shlex
@@ -20,8 +22,10 @@ import typer
 
 import jaxsph as js
 from experiments import __main__ as experiments
+from jaxsph.case.case import Case, key_names
 from jaxsph.cli.app import app
 from jaxsph.cli.arguments import bounds_of, setting_of, values_of
+from jaxsph.run import chunks
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")])
@@ -247,3 +251,17 @@ def test_examples_of_docstrings_are_right():
         if ">>>" in path.read_text(encoding="utf-8"):
             module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
             assert doctest.testmod(module).failed == 0
+
+
+def test_every_way_in_which_a_run_stops_is_on_the_page_about_trouble():
+    """And the keys that it names exist."""
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    said = [js.ISPH.too_fast, js.DeltaSPH.too_fast, "a linear solution for the pressure did not converge"]
+    for node in ast.walk(ast.parse(inspect.getsource(chunks._cause))):
+        if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple):
+            parts = [n.value for n in ast.walk(node.value.elts[0]) if isinstance(n, ast.Constant)]
+            said.append(max((part for part in parts if isinstance(part, str)), key=len, default=""))
+    assert len(said) >= 10 and "a value is no longer finite" in said
+    assert [text for text in said if text.split(", which")[0].strip(" (") not in page] == []
+    named = re.findall(r"`((?:scheme|fluid|tank|waves|output)\.\w+)", page)
+    assert set(named) <= set(key_names(Case))
