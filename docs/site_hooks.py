@@ -155,7 +155,7 @@ def results_page() -> str:
     parts.append(
         "\nOf what swings in regular waves: `amplitude_NAME`, `mean_NAME`, `rao_NAME`, the first harmonic, "
         "the mean and the first harmonic over the waves' amplitude "
-        "([what comes out](../cases.md#what-comes-out)); `linear_RESULT` is linear theory's value of a result.\n"
+        "([what comes out](../cases.md#what-comes-out)); `linear_RESULT` is linear theory's value of it.\n"
     )
     parts += ["\n## Readings over time\n", "| name | reading |", "|---|---|"]
     parts += [f"| `{name}` | {title} |" for name, title in PANELS.items()]
