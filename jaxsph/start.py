@@ -28,6 +28,10 @@ def prepare_jax() -> None:
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     folder = Path(platformdirs.user_cache_dir("jaxsph", appauthor=False)) / "compiled" / _processor()
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        return  # nothing can be kept, and JAX would say so for each program
     settings = {
         "jax_compilation_cache_dir": str(folder),
         "jax_persistent_cache_min_compile_time_secs": 0.0,
@@ -44,7 +48,7 @@ def prepare_jax() -> None:
 
 def remove_oldest(folder: Path, most: int) -> None:
     """Removes the oldest files of a folder, if all of them take more than `most` bytes."""
-    with contextlib.suppress(OSError):  # another process removes them too, or there is no folder yet
+    with contextlib.suppress(OSError):  # another process removes them too
         files = sorted(
             ((entry.stat(), entry.path) for entry in os.scandir(folder)), key=lambda file: file[0].st_mtime
         )

@@ -1,5 +1,6 @@
 """The command line, with a fake solver: what is passed on, what is printed, how it exits."""
 
+import os
 import re
 import types
 
@@ -48,6 +49,7 @@ def _ended(results, notices=()):
 def calls(monkeypatch, tmp_path):
     """The solver's part of the API, faked; each call is recorded."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))  # commands of studies set others
     found = []
     solution = _ended({"xi": 0.4871, "steps": 1200.0, "mine": 1.5})
 

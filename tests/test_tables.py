@@ -41,13 +41,15 @@ def run(tmp_path):
 @pytest.fixture
 def sweep(tmp_path):
     """File of a sweep of two parameters, a member of which has failed and one has not ended."""
+    series = {"time": np.arange(3.0), "noise": np.full(3, 0.5)}
     members = {
-        k: {"results": {"xi": 0.1 * k, "P_owc": 2.0 * k}, "series": {}, "failure": ""} for k in range(3)
+        k: {"results": {"xi": 0.1 * k, "noise": 0.02}, "series": series, "failure": ""} for k in range(3)
     }
     members[1] = {"results": {}, "series": {}, "failure": "too fast"}
+    meanings = Meanings({"noise": Variable("m s-1", "noise of the particles")})
     axes = {"pto.K_dm": np.array([300.0, 400.0]), "waves.H": np.array([0.02, 0.04])}
     path = tmp_path / "sweep.h5"
-    SweepFile(path).write(TOML, axes, (2, 2), members, Meanings())
+    SweepFile(path).write(TOML, axes, (2, 2), members, meanings)
     return path
 
 
@@ -73,9 +75,9 @@ def test_a_run_is_two_tables(run):
 def test_a_sweep_is_a_row_for_each_member(sweep):
     js.export(sweep, sweep.with_suffix(".csv"))
     head, *rows = table(sweep.with_suffix(".csv"))
-    assert head == ["pto.K_dm", "waves.H", "xi", "P_owc (W/m)", "failure"]
+    assert head == ["pto.K_dm", "waves.H", "xi", "noise", "failure"]
     assert rows[0][:2] == ["300.0", "0.02"] and rows[1][2:] == ["", "", "too fast"]
-    assert rows[2] == ["400.0", "0.02", "0.2", "4.0", ""] and len(rows) == 3
+    assert rows[2] == ["400.0", "0.02", "0.2", "0.02", ""] and len(rows) == 3
 
 
 def test_a_workbook_has_a_sheet_for_each_table(run):
@@ -116,6 +118,7 @@ def test_a_sweep_is_a_dataset_over_its_parameters(sweep):
     assert found["xi"].dims == ("pto.K_dm", "waves.H")
     assert float(found["xi"].sel({"pto.K_dm": 400.0, "waves.H": 0.02})) == pytest.approx(0.2)
     assert np.isnan(found["xi"].sel({"pto.K_dm": 300.0, "waves.H": 0.04}))
+    assert found["noise"].ndim == 2 and found["noise_series"].dims == ("pto.K_dm", "waves.H", "time")
 
 
 @pytest.mark.parametrize(

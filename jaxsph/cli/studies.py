@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -64,6 +65,8 @@ def sweep(
     """Run a case for every combination of values, or go on with an interrupted sweep."""
     import jaxsph as js
 
+    _compile_as_members()
+
     with messages(), _cluster(scheduler) as executor:
         loaded = load(case, settings)
         over = each_once((values_of(text) for text in grid), "--grid")
@@ -113,6 +116,8 @@ def matrix(
 ) -> None:
     """Power matrix: mean power in irregular seas of every height and period, and over a scatter table."""
     import jaxsph as js
+
+    _compile_as_members()
 
     with messages(), _cluster(scheduler) as executor:
         loaded = load(case, settings)
@@ -198,6 +203,9 @@ def optimise(  # of a command the options are the arguments
     """Search the values that make a result largest, or go on with an interrupted search."""
     import jaxsph as js
 
+    if method is Way.ensemble:
+        _compile_as_members()
+
     with messages():
         loaded = load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
@@ -217,6 +225,13 @@ def optimise(  # of a command the options are the arguments
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
+
+
+def _compile_as_members() -> None:
+    """Makes JAX, which has not begun yet, compile as the processes of members do, for them to find."""
+    from jaxsph.study.members import FORWARD_FLAGS
+
+    os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
 
 
 def _announce(loaded: Any, runs: int, workers: int | None, scheduler: str | None, most: str = "") -> None:

@@ -24,15 +24,19 @@ def read(path: str | Path) -> xarray.Dataset:
     """Readings and results of a run, or of the members of a sweep, with their units and names.
 
     Of a run: every series over `time` (s), gauges and sensors over their places, and as attributes the
-    results and the case's text; it may go on meanwhile. Of a sweep: results and series over the parameters.
+    results and the case's text; it may go on meanwhile. Of a sweep: results and series over the parameters, a
+    series called `..._series` where a result has its name.
     **Raises** FileError for a file that is none of jaxsph's, and where xarray is missing.
     """
     with wanted("js.read", "xarray and h5netcdf"):
         import h5netcdf  # noqa: F401
         import xarray
     if SweepFile(path).is_one():
-        parts = [xarray.load_dataset(path, engine="h5netcdf", group=group) for group in (None, "series")]
-        return xarray.merge(parts, combine_attrs="override")
+        results, series = (
+            xarray.load_dataset(path, engine="h5netcdf", group=group) for group in (None, "series")
+        )
+        both = {name: f"{name}_series" for name in series.data_vars if name in results}
+        return results.merge(series.rename(both))
     run = RunFile.open(path)
     series, variables = run.series(), run.variables()
     if "time" not in series:

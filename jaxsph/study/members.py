@@ -212,14 +212,7 @@ def _claim(path: Path) -> Iterator[_Claim]:
 
 def _run_process(command: list[Any], log: Path, claim: _Claim) -> int:
     """Runs a command for as long as the claim holds, its messages going to a file; returns its status."""
-    # what one member has compiled the next need not; a machine of another kind could not run it
-    compiled = log.parent / "compiled" / socket.gethostname()
-    environment = {
-        "XLA_FLAGS": FORWARD_FLAGS,
-        "JAX_COMPILATION_CACHE_DIR": str(compiled),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-    } | os.environ
-    environment[ATTACHED] = "1"
+    environment = {"XLA_FLAGS": FORWARD_FLAGS} | os.environ | {ATTACHED: "1"}
     with (
         log.open("w") as messages,
         # the pipe closes when this process ends, in whatever way, and the child ends with it
