@@ -375,3 +375,20 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     assert both.exit_code == 2 and "--t1: is one of the parameters" in both.stderr
     bad = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=a")
     assert bad.exit_code == 2 and "KEY=FIRST:LAST:COUNT" in bad.stderr
+
+
+def test_a_study_is_refused_before_a_run_of_it_is_timed(monkeypatch, tmp_path):
+    def never(*_, **__):
+        raise AssertionError("timed before it was refused")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.setattr(js, "duration", never, raising=False)
+    for command in (
+        ("sweep", "owc", "--grid", "waves.heading=1,2"),
+        ("matrix", "owc", "--hs", "0.02", "--tp", "1.2"),
+        ("optimise", "owc", "--over", "pto.Kdm=100:200"),
+        ("sweep", "owc", "--grid", "dx=0.02,-1"),
+    ):
+        refused = _jaxsph(*command)
+        assert refused.exit_code == 2 and "error" in refused.stderr, command

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -76,7 +76,7 @@ def sweep(
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not (quiet or out.exists()):
-            _announce(loaded, math.prod(map(len, over.values())), workers, scheduler)
+            _announce(loaded, over, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
             loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
         )
@@ -127,7 +127,8 @@ def matrix(
         )
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
         if not (quiet or out.exists()):
-            _announce(loaded, len(Hs) * len(Tp) * seeds, None, scheduler)
+            seas = {"waves.Hs": Hs, "waves.Tp": Tp}
+            _announce(loaded, seas, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
         print_table(_matrix_rows(done, scatter))
         typer.echo(f"recorded in {out}")
@@ -214,7 +215,7 @@ def optimise(  # of a command the options are the arguments
         if table is not None:
             of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
         if not (quiet or out.exists()) and method is Way.ensemble:
-            _announce(loaded, evaluations * members, None, None, "at most ")
+            _announce(loaded, bounds, evaluations * members, None, None, "at most ")
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         for here in found.history:
             print_table(
@@ -234,11 +235,24 @@ def _compile_as_members() -> None:
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
 
 
-def _announce(loaded: Any, runs: int, workers: int | None, scheduler: str | None, most: str = "") -> None:
-    """Says how many runs there will be, and how long they take: the first steps of one are timed."""
+def _announce(
+    loaded: Any,
+    over: Mapping[str, Sequence[float]],
+    runs: int,
+    workers: int | None,
+    scheduler: str | None,
+    most: str = "",
+) -> None:
+    """Says how many runs over these values there will be, and how long they take, by the first steps of one.
+
+    **Raises** CaseError for the first and last values that a case does not take, before anything is timed.
+    """
     import jaxsph as js
     from jaxsph.run.devices import available_cores
 
+    for name, values in over.items():
+        for value in (values[0], values[-1]):
+            loaded.replace({name: value})
     if scheduler is not None:
         typer.echo(f"{most}{runs} runs", err=True)
         return
