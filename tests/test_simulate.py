@@ -887,3 +887,30 @@ def test_derivative_of_a_run_with_respect_to_K_dm():
         # step x 1e-3 J/m: 1e-9. Forty steps are far below the growth time of 0.1 s. What is left are the
         # kernel's cut and the limits in the ghosts, where a pair may lie on one side or the other.
         assert float(slope) == pytest.approx(float(difference), rel=1e-4)
+
+
+def test_one_program_serves_chunks_of_every_length(hydrostatic):
+    """Bit for bit as a loop of that length, and compiled once: the last chunk of a run is often shorter."""
+    case, model, state = hydrostatic
+    every = model.search.rebuild_every
+    probes = case.problem().probes
+    compiled = simulate._on_one_device._cache_size()
+    for blocks in (5, 2):
+        found, series = simulate.simulate_chunk(model, state, probes, blocks * every, every, 5 * every)
+        run = functools.partial(js.simulate, n_steps=blocks * every, probes=probes, sample_every=every)
+        expected, alone = jax.jit(run)(model, state)
+        assert len(series["time"]) == blocks
+        for name, values in alone.items():
+            np.testing.assert_array_equal(series[name], values)
+        assert bool(eqx.tree_equal(found.particles, expected.particles))
+    assert simulate._on_one_device._cache_size() == compiled + 1
+
+
+def test_a_run_is_foretold_by_its_own_program(hydrostatic):
+    case, _, _ = hydrostatic
+    told = js.duration(case, devices=1)
+    assert told.steps == round(case.t1 / float(case.problem().model.dt)) and told.devices == 1
+    assert 0.0 < told.step < 1.0 and told.total == told.compilation + told.steps * told.step
+    compiled = simulate._on_one_device._cache_size()
+    js.run(case, t1=case.output.snapshot_dt, progress=False, devices=1)
+    assert simulate._on_one_device._cache_size() == compiled
