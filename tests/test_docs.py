@@ -265,3 +265,25 @@ def test_every_way_in_which_a_run_stops_is_on_the_page_about_trouble():
     assert [text for text in said if text.split(", which")[0].strip(" (") not in page] == []
     named = re.findall(r"`((?:scheme|fluid|tank|waves|output)\.\w+)", page)
     assert set(named) <= set(key_names(Case))
+
+
+def test_every_source_that_is_cited_is_among_the_references():
+    """Surname and year, as in "Zhu et al. 2020", "Mansard and Funke (1980)", "Madsen's (1971)"."""
+    page = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
+    entries = [" ".join(entry.split()) for entry in page.split("\n- ")[1:]]
+    cited = re.compile(
+        r"([A-Z][a-zé]+(?:-[A-Z][a-z]+)?)(?:'s)?(?:,? (?:and|&) ([A-Z][a-z]+)| et al\.)?,? \(?"
+        r"((?:18|19|20)\d\d)\)?(?![-\d])"
+    )
+    no_names = {"November", "Hydrodynamics", "Layout", "Python", "Version"}
+    missing = set()
+    sources = [*SOURCES, *ROOT.glob("experiments/**/*.py"), *ROOT.glob("docs/**/*.md"), ROOT / "README.md"]
+    for path in sources:
+        if path.name == "references.md":
+            continue
+        for last, second, year in cited.findall(path.read_text(encoding="utf-8")):
+            names = [name for name in (last, second) if name]
+            known = any(f"({year})" in one and all(n in one for n in names) for one in entries)
+            if not known and not set(names) & no_names:
+                missing.add(f"{' and '.join(names)} {year} ({named(path)})")
+    assert missing == set() and len(entries) > 50
