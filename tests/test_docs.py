@@ -287,3 +287,10 @@ def test_every_source_that_is_cited_is_among_the_references():
             if not known and not set(names) & no_names:
                 missing.add(f"{' and '.join(names)} {year} ({named(path)})")
     assert missing == set() and len(entries) > 50
+
+
+def test_every_built_in_case_is_in_the_gallery():
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    assert set(js.built_in_cases()) <= set(re.findall(r"`(\w+)`", page))
+    pictures = re.findall(r"evidence/(\S+\.png)", page)
+    assert pictures and all((ROOT / "experiments" / "results" / one).exists() for one in pictures)
