@@ -143,7 +143,12 @@ def matrix(
 def slope(  # of a command the options are the arguments
     case: CaseName,
     over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
-    of: Annotated[str, typer.Option("--of", help="The result: xi, P_owc or energy_pto.")] = "xi",
+    of: Annotated[
+        str,
+        typer.Option(
+            "--of", help="The result: xi, P_owc, energy_pto, or of an ensemble any, such as amplitude_P_a."
+        ),
+    ] = "xi",
     method: Method = Way.ensemble,
     members: Annotated[
         int, typer.Option(help="Runs around the case's value, through which a parabola is fitted.")
@@ -182,7 +187,13 @@ def optimise(  # of a command the options are the arguments
     over: Annotated[
         list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
     ],
-    of: Annotated[str, typer.Option("--of", help="What to maximise: xi, P_owc or energy_pto.")] = "xi",
+    of: Annotated[
+        str,
+        typer.Option(
+            "--of",
+            help="What to maximise: xi, P_owc, energy_pto, or of ensembles any, such as amplitude_P_a.",
+        ),
+    ] = "xi",
     method: Method = Way.ensemble,
     members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
     spread: Annotated[
