@@ -29,17 +29,17 @@ class LinearFit(NamedTuple):
     """Distance from the nearest particle `[N]`, m."""
 
 
-def linear_fit(x: Real, f: Real, at: Real) -> LinearFit:
-    """Fields f `[M, F]` of the particles at x `[M, D]` (m), fitted about the points `at` `[N, D]` (m).
+def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
+    """Fields f `[M, F]` of the particles of a tree, M in D dimensions, about the points `at` `[N, D]` (m).
 
     The fit is weighted by 1 - (r/R)^2, R being the distance of the last neighbour. **Raises** ValueError for
     fewer particles than the fit needs.
     """
-    axes = x.shape[1]
-    near = min(NEIGHBOURS[axes], len(x))
+    axes, x = particles.m, particles.data
+    near = min(NEIGHBOURS[axes], particles.n)
     if near < axes + 2:
-        raise ValueError(f"{len(x)} particles are too few for a field: {axes + 2} are needed")
-    distance, index = KDTree(x).query(at, near)
+        raise ValueError(f"{particles.n} particles are too few for a field: {axes + 2} are needed")
+    distance, index = particles.query(at, near)
     radius = np.maximum(distance[:, -1:], 1e-12)
     weight = (1.0 - (distance / radius) ** 2).clip(0.0) + 1e-3
     offset = (x[index] - at[:, None]) / radius[..., None]

@@ -200,7 +200,6 @@ def _summed(law, smoothing, targets, sources, table, take):
     """Sum of the law over the slots of the table; `take` gathers a source's fields."""
     pair_terms = _terms(law, smoothing, targets, sources, take)
     empty = sources["x"][0].shape[0] - 1
-    # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
     shapes = None
 
     def noted(slot):
@@ -210,6 +209,7 @@ def _summed(law, smoothing, targets, sources, table, take):
         return terms
 
     terms, closed = jax.closure_convert(noted, table[0])
+    # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
     terms = jax.checkpoint(terms)
 
     def zero():

@@ -41,13 +41,13 @@ def read(path: str | Path) -> xarray.Dataset:
     series, variables = run.series(), run.variables()
     if "time" not in series:
         raise FileError(f"{path}: the run has no readings yet")
+    time = {"time": _variable(("time",), series.pop("time"), "s", "time")}
     places = {n: _variable((dim,), at, *words) for n, (dim, at, *words) in run.coordinates().items()}
-    time = {"time": _variable(("time",), series["time"], "s", "time")}
-    found = {
-        name: _variable(_dimensions(name, values.ndim, variables[name].dim), values, *_words(variables[name]))
-        for name, values in series.items()
-        if name != "time"
-    }
+    found = {}
+    for name, values in series.items():
+        one = variables[name]
+        dims = ("time", one.dim or f"{name}_component")[: values.ndim]
+        found[name] = _variable(dims, values, one.units, one.long_name)
     about = {"case": run.case_toml, "jaxsph_version": run.version, "notices": "\n".join(run.notices())}
     return xarray.Dataset(found, time | places, run.results() | about)
 
@@ -69,8 +69,9 @@ def on_grid(
     if places.shape[1] == 3:
         middle = 0.5 * (places[:, 1].min() + places[:, 1].max()) if y is None else y
         points = np.insert(points, 1, middle, axis=1)
-    fit = linear_fit(places, np.column_stack([u, p]), points)
-    spacing = float(np.median(KDTree(places).query(places, 2)[0][:, 1]))
+    particles = KDTree(places)
+    fit = linear_fit(particles, np.column_stack([u, p]), points)
+    spacing = float(np.median(particles.query(places, 2)[0][:, 1]))
     shown = np.where(fit.nearest < FAR * spacing, 1.0, np.nan)
     fields = {
         "velocity_x": (fit.value[:, 0], "m s-1", "velocity of the water along the tank"),
@@ -88,15 +89,6 @@ def on_grid(
 
 def _variable(dims, values, units: str, long_name: str):
     return dims, values, {"units": units, "long_name": long_name}
-
-
-def _words(variable) -> tuple[str, str]:
-    return variable.units, variable.long_name
-
-
-def _dimensions(name: str, axes: int, second: str | None) -> tuple[str, ...]:
-    """Names of a series' dimensions; a second one that has no name is called after the series."""
-    return ("time",) if axes == 1 else ("time", second or f"{name}_component")
 
 
 @contextlib.contextmanager

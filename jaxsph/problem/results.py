@@ -4,13 +4,14 @@ amplitudes of what its parts let swing."""
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 
 import numpy as np
 
 from jaxsph import analysis
 from jaxsph.model.interfaces import Model
-from jaxsph.model.meaning import Group, Label
-from jaxsph.problem.record import AbstractAveraging, Record, Result, Scalars, harvested
+from jaxsph.model.meaning import Group, Label, Oscillation
+from jaxsph.problem.record import AbstractAveraging, Record, RegularWave, Result, Scalars, harvested
 
 
 def energy_result(model: Model, averaged: bool) -> Result:
@@ -72,36 +73,45 @@ def oscillation_result(model: Model, averaging: AbstractAveraging) -> Result:
     An amplitude is that of the first harmonic, by least squares. It is over that of the incident waves as the
     gauges measured them, or as they were asked for where no gauges tell them from the reflected ones.
     """
-    if averaging.regular_wave() is None:
+    wave = averaging.regular_wave()
+    if wave is None:
         return Result(lambda _: {}, what="amplitudes")
-    dim, labels = len(model.g), {}
+    found = [_asked_of(name, one) for name, one in _swinging(model)]
+    labels = {result: label for one in found for result, (label, _) in one.items()}
+    return Result(functools.partial(_oscillations, wave), labels, "amplitudes")
+
+
+def _swinging(model: Model) -> Iterator[tuple[str, Oscillation]]:
+    """What a model's parts let swing, by name."""
     for part in model.parts:
-        for name, one in part.oscillations(dim).items():
-            labels[amplitude(name)] = Label(f"{one.text}: amplitude", one.unit, "first harmonic")
-            if one.over_waves:
-                unit = "" if one.unit == "m" else f"{one.unit} per m"
-                labels[f"rao_{name}"] = Label(f"  {one.text}: over the waves' amplitude", unit)
-            if one.has_mean:
-                labels[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit)
-    return Result(functools.partial(_oscillations, averaging), labels, "amplitudes")
+        yield from part.oscillations(len(model.g)).items()
 
 
-def _oscillations(averaging: AbstractAveraging, record: Record) -> Scalars:
+def _asked_of(
+    name: str, one: Oscillation, size: float = 0.0, mean: float = 0.0, wave: float = 1.0
+) -> dict[str, tuple[Label, float]]:
+    """Results of what swings: label and value, from its amplitude, its mean and the waves' amplitude."""
+    found = {amplitude(name): (Label(f"{one.text}: amplitude", one.unit, "first harmonic"), size)}
+    if one.over_waves:
+        unit = "" if one.unit == "m" else f"{one.unit} per m"
+        found[f"rao_{name}"] = Label(f"  {one.text}: over the waves' amplitude", unit), size / wave
+    if one.has_mean:
+        found[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit), mean
+    return found
+
+
+def _oscillations(wave: RegularWave, record: Record) -> Scalars:
     """Amplitudes, means and ratios to the waves' amplitude; none without a whole period."""
-    wave, window, model = averaging.regular_wave(), record.window, record.solution.model
-    if wave is None or not window.periods:
-        return {}
-    height, results = record.results.get("incident_height", wave.H), {}
-    for part in model.parts:
-        for name, one in part.oscillations(len(model.g)).items():
-            if one.reading not in record.solution.series:
-                continue
-            values = record[one.reading][window.over].astype(np.float64)
-            values = values if one.component is None else values[:, one.component]
-            size = float(abs(analysis.fundamental(record.t[window.over], values, wave.T)))
-            results[amplitude(name)] = size
-            if one.over_waves:
-                results[f"rao_{name}"] = size / (0.5 * height)
-            if one.has_mean:
-                results[f"mean_{name}"] = float(np.mean(values[1:]))
+    window, results = record.window, {}
+    if not window.periods:
+        return results
+    of_waves = 0.5 * record.results.get("incident_height", wave.H)
+    for name, one in _swinging(record.solution.model):
+        if one.reading not in record.solution.series:
+            continue
+        values = record[one.reading][window.over].astype(np.float64)
+        values = values if one.component is None else values[:, one.component]
+        size = float(abs(analysis.fundamental(record.t[window.over], values, wave.T)))
+        asked = _asked_of(name, one, size, float(np.mean(values[1:])), of_waves)
+        results |= {result: value for result, (_, value) in asked.items()}
     return results

@@ -23,7 +23,7 @@ from jaxsph.output.plot.spectrum import WITHIN
 from jaxsph.output.run_file import RunFile
 from jaxsph.problem.results import linear
 from jaxsph.report.frames import Frames
-from jaxsph.report.labels import in_order, in_words, label_of, short
+from jaxsph.report.labels import in_order, in_words, is_flat, label_of, short
 from jaxsph.report.pack import Pack
 
 MOST_SAMPLES = 6000
@@ -72,9 +72,8 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
     case = _case_of(keys)
     results = run.results()
     counting = {n: a[series["time"] >= run.since - 1e-9] for n, a in series.items()}
-    flat = keys.get("tank", {}).get("width") is None
     name = str(keys.get("name", run.path.stem))
-    rows = _result_rows(results, flat, run.labels())
+    rows = _result_rows(results, is_flat(keys), run.labels())
     return {
         "name": name,
         "file": run.path.name,

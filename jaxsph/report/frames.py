@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
+from scipy.spatial import KDTree
 
 from jaxsph.analysis.fields import linear_fit, vorticity
 from jaxsph.output.plot.tank import Tank, cut_in_plane, pick_snapshots
@@ -42,7 +43,7 @@ def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> 
     at, own = (x, u) if rows is None else (x[rows], u[rows])
     if len(x) < x.shape[1] + 2:
         return LocalFlow(np.zeros(len(at)), np.zeros(len(at)))
-    fit = linear_fit(x, u, at)
+    fit = linear_fit(KDTree(x), u, at)
     return LocalFlow(vorticity(fit.gradient), np.linalg.norm(own - fit.value, axis=1))
 
 

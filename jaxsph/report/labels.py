@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 from jaxsph.model.meaning import Group, Label
 from jaxsph.problem.results import LINEAR
@@ -100,8 +101,9 @@ def in_order(results: Collection[str], own: Mapping[str, Sequence[str]] | None =
     known, own = list(LABELS), own or {}
     for name in own:
         if name not in LABELS:  # an energy stands with the others, before what is not accounted for
-            energy = name[: name.find("energy_")] + "energy_residual"
-            known.insert(known.index(energy) if energy in known and "energy_" in name else len(known), name)
+            whole, energy, _ = name.partition("energy_")
+            rest = f"{whole}energy_residual"
+            known.insert(known.index(rest) if energy and rest in known else len(known), name)
     known += [name for name in results if name not in known]
     groups = list(Group)
 
@@ -126,6 +128,11 @@ def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = No
     found = LABELS[name]
     per_metre = flat or name in PER_METRE
     return found if per_metre else found._replace(unit=found.unit.removesuffix("/m"))
+
+
+def is_flat(keys: Mapping[str, Any]) -> bool:
+    """Whether a case, by its keys, is two-dimensional, and its results are per metre of width."""
+    return keys.get("tank", {}).get("width") is None
 
 
 def short(label: Label) -> str:

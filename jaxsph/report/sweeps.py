@@ -12,7 +12,7 @@ from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
 from jaxsph.report.content import panels
-from jaxsph.report.labels import in_order, in_words, label_of
+from jaxsph.report.labels import in_order, in_words, is_flat, label_of
 from jaxsph.report.pack import Pack
 
 MOST_LINEAR = 100
@@ -25,7 +25,7 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     """What a page shows of a sweep, ended or not. **Raises** FileError where it cannot be read."""
     stored = sweep.read()
     keys = tomllib.loads(stored.case_toml)
-    flat = keys.get("tank", {}).get("width") is None
+    flat = is_flat(keys)
     results = over_members(stored.members, stored.shape)
     search = any(name.startswith("slope ") for name in results)
     members = [_member(stored, index, flat, pack) for index in sorted(stored.members)]

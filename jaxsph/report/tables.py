@@ -15,7 +15,7 @@ from jaxsph.output.dataset import wanted
 from jaxsph.output.hdf5 import tell_write_errors
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
-from jaxsph.report.labels import in_order, label_of
+from jaxsph.report.labels import in_order, is_flat, label_of
 
 Cell = str | float | None
 """Content of a cell; None leaves it empty."""
@@ -68,7 +68,7 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[P
 def _of_run(run: RunFile) -> Iterator[Table]:
     """Results of a run, each with its words, and its series over time, a column for each component."""
     results, labels = run.results(), run.labels()
-    flat = run.case_keys().get("tank", {}).get("width") is None
+    flat = is_flat(run.case_keys())
     rows: list[list[Cell]] = []
     for name in in_order(results, labels):
         label = label_of(name, flat, labels)
@@ -103,7 +103,7 @@ def _members(sweep: SweepFile) -> Table:
     stored = sweep.read()
     names = {name for one in stored.members.values() for name in one["results"]}
     ordered = in_order(names, stored.meanings.labels)
-    flat = tomllib.loads(stored.case_toml).get("tank", {}).get("width") is None
+    flat = is_flat(tomllib.loads(stored.case_toml))
     units = {name: label_of(name, flat, stored.meanings.labels).unit for name in ordered}
     titles = [f"{name} ({units[name]})" if units[name] else name for name in ordered]
     head = [*stored.axes, *titles, "failure"]

@@ -110,13 +110,16 @@ def simulate_chunk(
     `most`: the largest number of steps of this run's chunks, by default n_steps; one program does for all.
     """
     most = n_steps if most is None else most
+    for steps in (most, n_steps):
+        _check(model, steps, sample_every)
     advance = _on_one_device if model.search.slabs.count == 1 else _on_devices
     state, readings = advance(model, state, tuple(probes), most, sample_every, jnp.int32(n_steps))
-    return state, jax.tree.map(lambda a: a[: n_steps // sample_every], readings)
+    if n_steps < most:
+        readings = jax.tree.map(lambda a: a[: n_steps // sample_every], readings)
+    return state, readings
 
 
 def _simulate(model, state, probes, most, sample_every, n_steps):
-    _check(model, most, sample_every)
     over = first_blocks(n_steps // model.search.rebuild_every)
     return _advance(model, state, most, probes, sample_every, over)
 
