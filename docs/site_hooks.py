@@ -21,6 +21,7 @@ sys.path.insert(0, str(ROOT))  # the experiments are no part of the installed pa
 
 import jaxsph  # noqa: E402
 from experiments import __main__ as experiments  # noqa: E402
+from experiments import prose, sentences  # noqa: E402
 from experiments.common import VERDICT, shown  # noqa: E402
 from jaxsph.case.commented import Key, keys_of, sections_of  # noqa: E402
 from jaxsph.case.sections import Sections  # noqa: E402
@@ -57,7 +58,9 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Shows examples where they are named; links to files outside docs lead to the pages made of them."""
+    """Shows examples where they are named, and the present numbers; links to files outside docs lead to the
+    pages made of them."""
+    markdown = prose.renewed(f"docs/{page.file.src_uri}", markdown, prose.Results(), sentences.PROSE)
     markdown = re.sub(r"<!-- example: (\w+) -->", lambda found: _fenced(found[1]), markdown)
     up = "../" * page.file.src_uri.count("/")
     markdown = re.sub(

@@ -4,7 +4,8 @@
     python -m experiments run NAME --help      its options; without a NAME, the names
     python -m experiments table [NAME ...]     prints the committed rows of those whose names begin so
     python -m experiments again [NAME ...]     runs all whose rows are committed, or those, one after another
-    python -m experiments gallery              writes experiments/README.md: a picture and a line for each
+    python -m experiments gallery              writes experiments/README.md, a picture and a line for each,
+                                               and the numbers in the README and docs/
 
 A row is flagged MISSED where it is outside its bar, and `worse than the paper` where the paper's own value
 is nearer to theory.
@@ -26,6 +27,7 @@ from typing import Annotated, Any
 
 import typer
 
+from experiments import sentences
 from experiments.common import COMMITTED, OWN, VERDICT, Report, shown
 
 GALLERY = Path(__file__).parent / "README.md"
@@ -122,8 +124,9 @@ def again(
 
 @app.command()
 def gallery() -> None:
-    """Writes experiments/README.md from the committed results."""
+    """Writes experiments/README.md, and the numbers in the README and docs/, from the committed results."""
     GALLERY.write_text(gallery_text(), encoding="utf-8")
+    sentences.renew()
 
 
 def experiments() -> dict[str, Path]:

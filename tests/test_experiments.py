@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import jaxsph as js
 from experiments import __main__ as runner
-from experiments import common
+from experiments import common, prose, sentences
 from experiments.common import COMMITTED, OWN, Report
 from experiments.studies import convergence, damping_study, owc_methods
 from experiments.verification import thin_wall
@@ -257,3 +257,41 @@ def test_convergence_reports_the_runs_that_are_there(results, monkeypatch, tmp_p
 def test_convergence_passes_over_runs_that_are_not_there(monkeypatch, tmp_path):
     monkeypatch.setattr(common, "RUNS", tmp_path)
     assert convergence._runs("incompressible", ((0.01,), ("weakly_compressible",)), 14.0) == {}
+
+
+def test_numbers_in_prose_are_those_of_the_committed_results():
+    results = prose.Results()
+    for page in sentences.pages():
+        text = (sentences.ROOT / page).read_text(encoding="utf-8")
+        assert prose.renewed(page, text, results, sentences.PROSE) == text, (
+            f"{page}: run `python -m experiments gallery`"
+        )
+
+
+def test_numbers_in_prose_follow_the_results_and_nothing_else_changes(tmp_path):
+    (tmp_path / "tank.json").write_text(
+        json.dumps(
+            {
+                "rows": [
+                    {"check": "a", "here": -0.04},
+                    {"check": "a", "here": 1234.5},
+                    {"check": "b", "here": 2},
+                ]
+            }
+        )
+    )
+    results = prose.Results(tmp_path)
+    assert results("tank", "a", after="a") == 1234.5
+    for check, after in (("c", None), ("b", "c"), ("a", "b")):
+        with pytest.raises(KeyError, match="tank has no row"):
+            results("tank", check, after)
+    sentence = prose.Sentence(
+        "lost {:z.1f} % and gained {:,.0f} N", lambda r: (r("tank", "a"), r("tank", "a", "a")), ("p",)
+    )
+    page = "In 3 tanks, lost 17 % and\ngained -1e-3 N. 4 more"
+    assert (
+        prose.renewed("p", page, results, (sentence,)) == "In 3 tanks, lost 0.0 % and\ngained 1,234 N. 4 more"
+    )
+    for text in ("nothing", page + page):
+        with pytest.raises(ValueError, match=r"p has 'lost .* must have it once"):
+            prose.renewed("p", text, results, (sentence,))

@@ -1,0 +1,81 @@
+"""Numbers in prose that are taken from the committed results."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from experiments.common import COMMITTED
+
+NUMBER = r"[+-]?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?"
+"""A number as it is printed, with its sign."""
+
+
+class Results:
+    """Rows of the committed results."""
+
+    def __init__(self, folder: Path = COMMITTED) -> None:
+        self._folder = folder
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+
+    def __call__(self, name: str, check: str, after: str | None = None, column: str = "here") -> float:
+        """Value of the row `check` in the results `name`: the first one, or the first below the row `after`.
+
+        **Raises** KeyError if there is no such row.
+        """
+        rows = self.rows(name)
+        labels = [row["check"] for row in rows]
+        if after is not None and after not in labels:
+            raise KeyError(f"{name} has no row {after!r}")
+        start = 0 if after is None else labels.index(after) + 1
+        if check not in labels[start:]:
+            raise KeyError(f"{name} has no row {check!r}" + (f" below {after!r}" if after else ""))
+        return rows[labels.index(check, start)][column]
+
+    def rows(self, name: str, beginning: str = "") -> list[dict[str, Any]]:
+        """Rows of the results `name` whose checks have this beginning."""
+        if name not in self._rows:
+            text = (self._folder / f"{name}.json").read_text(encoding="utf-8")
+            self._rows[name] = json.loads(text)["rows"]
+        return [row for row in self._rows[name] if row["check"].startswith(beginning)]
+
+
+class Sentence(NamedTuple):
+    """Part of a sentence with numbers from the results."""
+
+    text: str
+    """Its words, with a format field where each number stands. Line breaks count as spaces."""
+    numbers: Callable[[Results], tuple[float, ...]]
+    """The numbers in their order."""
+    pages: tuple[str, ...]
+    """Pages where it stands, from the project's folder."""
+
+
+def renewed(page: str, text: str, results: Results, sentences: tuple[Sentence, ...]) -> str:
+    """The text of a page with the present numbers.
+
+    **Raises** ValueError if one of the page's sentences is not in it, or is in it twice.
+    """
+    for sentence in sentences:
+        if page in sentence.pages:
+            text = _renewed(sentence, text, page, results)
+    return text
+
+
+def _renewed(sentence: Sentence, text: str, page: str, results: Results) -> str:
+    words = re.split(r"(\{[^}]*\})", sentence.text)
+    pattern = "".join(
+        f"({NUMBER})" if n % 2 else r"\s+".join(re.escape(part) for part in word.split(" "))
+        for n, word in enumerate(words)
+    )
+    found = list(re.finditer(pattern, text))
+    if len(found) != 1:
+        raise ValueError(f"{page} has {sentence.text!r} {len(found)} times: must have it once")
+    numbers = [form.format(value) for form, value in zip(words[1::2], sentence.numbers(results), strict=True)]
+    for group in range(len(numbers), 0, -1):
+        start, end = found[0].span(group)
+        text = text[:start] + numbers[group - 1] + text[end:]
+    return text

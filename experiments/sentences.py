@@ -1,0 +1,389 @@
+"""Sentences of the README and the documentation whose numbers are taken from the committed results.
+
+`python -m experiments gallery` writes the present numbers into the pages; a test compares them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from experiments.prose import Results, Sentence, renewed
+
+ROOT = Path(__file__).parents[1]
+README, TUTORIAL, METHOD = "README.md", "docs/tutorial.md", "docs/method.md"
+WAVES, SLOPES = "docs/how-to/own-waves.md", "docs/how-to/slopes.md"
+ISPH, WCSPH = "docs/theory/incompressible.md", "docs/theory/weakly-compressible.md"
+SPACINGS = (20, 10, 5)
+"""Spacings of the convergence study, mm."""
+
+
+def of_owc(name: str) -> Callable[[Results], float]:
+    """Energy `name` of the built-in OWC, in per cent of the paddle's work."""
+    return lambda r: 100 * r("owc_0.02", f"energy: {name}") / r("owc_0.02", "energy: paddle")
+
+
+def spacings(what: str, kind: str = "incompressible") -> Callable[[Results], tuple[float, ...]]:
+    """`what` of the convergence study by the scheme `kind`, at the three spacings or the first two."""
+    present = SPACINGS if kind == "incompressible" else SPACINGS[:2]
+    return lambda r: tuple(r("convergence", f"{kind}, {mm} mm: {what}") for mm in present)
+
+
+def over_theory(r: Results, name: str, beginning: str) -> tuple[float, float]:
+    """Least and largest ratio to theory of the rows with this beginning."""
+    return ends(row["here"] / row["theory"] for row in r.rows(name, beginning))
+
+
+def too_low(r: Results, *names: str) -> tuple[float, float]:
+    """Least and largest amount by which efficiencies in low waves are below linear theory, per cent of it."""
+    return ends(100 * (1 - ratio) for name in names for ratio in over_theory(r, name, "xi at "))
+
+
+def ends(values: Iterable[float]) -> tuple[float, float]:
+    """The least and the largest value."""
+    found = list(values)
+    return min(found), max(found)
+
+
+PROSE = (
+    # README
+    Sentence(
+        "RMS pressure error over rho g d | 1 % | {:.2f} %",
+        lambda r: (r("hydrostatic", "2-D, dx = d/40, float32: RMS pressure error / rho g d"),),
+        (README,),
+    ),
+    Sentence(
+        "decay of the amplitude | 1 %; reported | {:+.1f} %; {:.3f} /s",
+        lambda r: (
+            r("incompressible", "standing wave, incompressible: period error"),
+            r("incompressible", "the same: amplitude's decay, incompressible"),
+        ),
+        (README,),
+    ),
+    Sentence(
+        "over the column's width | 0.043 | {:.3f}",
+        lambda r: (r("dam_break_front", "H/dx = 60: front outside the shifted envelope, largest"),),
+        (README,),
+    ),
+    Sentence(
+        "(paper: 5.9, 6.1, 5.6 %) | {:.1f}, {:.1f}, {:.1f} %",
+        lambda r: tuple(r("wave_tank_0.01_incompressible", f"MAE_a at {x} wavelengths") for x in (0.5, 1, 2)),
+        (README,),
+    ),
+    Sentence(
+        "energy not accounted for, of the paddle's work | 2 % | {:.3f} %",
+        lambda r: (r("owc_0.02", "not accounted for / paddle"),),
+        (README,),
+    ),
+    Sentence(
+        "(linear theory, without losses: {:.3f})",
+        lambda r: (r("convergence", "linear theory, zeta = 0: xi"),),
+        (README,),
+    ),
+    Sentence("| 5 and 2.5 % apart | {:.3f}, {:.3f} and {:.3f} |", spacings("xi"), (README,)),
+    Sentence(
+        "| 10 % | **{:.0f} to {:.0f} % too low** |",
+        lambda r: too_low(r, "small_waves_0.01"),
+        (README,),
+    ),
+    Sentence(
+        "impulse of the force (measured: {:.1f} N s) | 20 % | {:.1f} N s",
+        lambda r: (
+            r("column_0.01", "impulse of the force to 1.5 s", column="theory"),
+            r("column_0.01", "impulse of the force to 1.5 s"),
+        ),
+        (README,),
+    ),
+    # tutorial
+    Sentence("The **hydrodynamic efficiency** is {:.2f}", lambda r: (r("owc_0.02", "xi"),), (TUTORIAL,)),
+    Sentence(
+        "{:.0f} % goes to the turbine and {:.0f} % to hyperviscosity",
+        lambda r: (of_owc("pto")(r), of_owc("hyperviscosity")(r)),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "the efficiency is {:.3f}, {:.3f} and {:.3f} at dx = 0.02, 0.01 and 0.005 m",
+        spacings("xi"),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "The coarsest is {:.1f} % below the finest",
+        lambda r: (100 * (1 - spacings("xi")(r)[0] / spacings("xi")(r)[-1]),),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "has its maximum near {:.0f}, with an efficiency of {:.2f}",
+        lambda r: (
+            r("best_damping_0.02", "best K_dm of the fitted sweep"),
+            r("best_damping_0.02", "largest xi of the fitted sweep"),
+        ),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "Starting from 150 it ends at {:.0f}, from 2400 at {:.0f}",
+        lambda r: tuple(r("best_damping_0.02", f"from K_dm = {start}: best K_dm") for start in (150, 2400)),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "the annual mean is {:.3f} ± {:.3f} W/m, which is {:.2f} of linear theory",
+        lambda r: (
+            power := r("annual_power_0.02", "annual mean power"),
+            r("annual_power_0.02", "its standard error"),
+            power / r("annual_power_0.02", "annual mean power", column="theory"),
+        ),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "the ratio lies between {:.2f} and {:.2f}",
+        lambda r: over_theory(r, "annual_power_0.02", "mean power, "),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "the error of a single cell is {:.0f} to {:.0f} %",
+        lambda r: (
+            r("annual_power_0.02", "standard error of a cell, least"),
+            r("annual_power_0.02", "standard error of a cell, largest"),
+        ),
+        (TUTORIAL,),
+    ),
+    Sentence(
+        "the slope of the mean power is known to {:.0f} %",
+        lambda r: (
+            100
+            * r("sea_slope_0.02", "1e4 times its standard error", "1e4 times the ensemble's slope")
+            / r("sea_slope_0.02", "1e4 times the ensemble's slope"),
+        ),
+        (TUTORIAL,),
+    ),
+    # method
+    Sentence(
+        "has {:.2f} of the Gaussian's in pure strain",
+        lambda r: (r("lattice_stress", "2-D: the polynomial over Gaussian, strained"),),
+        (METHOD,),
+    ),
+    Sentence(
+        "high loses {:.3f} of its amplitude a second, as in a tank without walls; with the paper's mirror "
+        "nodes it loses {:.3f}",
+        lambda r: tuple(r("contact_line_0.04_0.01", f"{wall}: decay") for wall in ("images", "mirror")),
+        (METHOD,),
+    ),
+    Sentence(
+        "floats with a draught {:.1f} % off",
+        lambda r: (abs(r("floating", "box of 0.3 of the water's density: draught's error")),),
+        (METHOD,),
+    ),
+    Sentence(
+        "For the OWC {:.3f} % of the paddle's work is not accounted for",
+        lambda r: (abs(r("owc_0.02", "not accounted for / paddle")),),
+        (METHOD,),
+    ),
+    Sentence(
+        "It takes {:.0f} % in the built-in case at dx = 0.02 m (`owc`), and {:.0f}, {:.0f} and {:.0f} % at",
+        lambda r: (of_owc("hyperviscosity")(r), *spacings("hyperviscosity / paddle")(r)),
+        (METHOD,),
+    ),
+    Sentence(
+        "The projection** takes {:.1f} % in the built-in OWC (`owc`) and up to {:.0f} % in high waves",
+        lambda r: (
+            of_owc("projection")(r),
+            r("high_waves", "dx = 0.04 m, cfl = 0.25, relaxation = 1.5: projection, of the paddle's work"),
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "incompressible water goes on moving at {:.2f} m/s, beside one of five at {:.3f} m/s",
+        lambda r: tuple(
+            r("thin_wall", f"incompressible, wall of {n} spacings, after all of it") for n in (1, 5)
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "the OWC's efficiency is {:.0f} to {:.0f} % below linear theory",
+        lambda r: too_low(r, "small_waves_0.01", "small_waves_0.02"),
+        (METHOD,),
+    ),
+    Sentence(
+        "lose {:.0f} % in the projection and {:.0f} % to hyperviscosity. With `scheme.cfl` = 0.12 instead of "
+        "0.25 they lose {:.0f} and {:.0f} %",
+        lambda r: tuple(
+            r("high_waves", f"dx = 0.04 m, cfl = {cfl}, relaxation = 1.5: {what}, of the paddle's work")
+            for cfl in (0.25, 0.12)
+            for what in ("projection", "hyperviscosity")
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "the period is {:.0f} % too long where a wave has 25 spacings",
+        lambda r: (r("contact_line_0.04_0.01", "images: period off linear theory"),),
+        (METHOD,),
+    ),
+    Sentence(
+        "Still water moves at {:.2f} % of sqrt(g d)",
+        lambda r: (r("still_tank_0.02", "3-D, d/dx = 20, 10 s: largest speed after 3 s over sqrt(g d)"),),
+        (METHOD,),
+    ),
+    Sentence(
+        "The flap at dx = 0.04 m loses {:.0f} % in the projection and {:.0f} % to hyperviscosity",
+        lambda r: (
+            r("flap_3d_0.04", "lost in the projection, of the paddle's work"),
+            r("flap_3d_0.04", "taken by hyperviscosity, of the paddle's work"),
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "loses {:.1f} % of the wave height per wavelength where waves are four spacings high; incompressible "
+        "water loses {:.1f} %",
+        lambda r: (
+            r("wave_tank_0.025", "decay per wavelength"),
+            r("wave_tank_0.025_incompressible", "decay per wavelength"),
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "plate {:.1f} % of the paddle's work is made from nothing",
+        lambda r: (-r("convergence", "weakly compressible, 10 mm: not accounted for / paddle"),),
+        (METHOD,),
+    ),
+    Sentence(
+        "grow e-fold in {:.2f} s",
+        lambda r: (r("lattice_growth_0.02", "h = 1.2 dx: e-folding time of what neighbours differ by"),),
+        (METHOD, SLOPES),
+    ),
+    Sentence(
+        "| {:.3f}, {:.3f}, {:.3f} (standard errors {:.3f}, {:.3f}, {:.3f}): {:.1f} and {:.1f} % apart; "
+        "linear theory without losses {:.3f} |",
+        lambda r: (
+            *spacings("xi")(r),
+            *spacings("xi, standard error")(r),
+            abs(r("convergence", "incompressible: change of xi from 20 to 10 mm")),
+            abs(r("convergence", "incompressible: change of xi from 10 to 5 mm")),
+            r("convergence", "linear theory, zeta = 0: xi"),
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "| {:.3f}, {:.3f}: {:.1f} % apart |",
+        lambda r: (
+            *spacings("xi", "weakly compressible")(r),
+            abs(r("convergence", "weakly compressible: change of xi from 20 to 10 mm")),
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "| {:+.1f}, {:+.1f} % off linear theory | `heave` |",
+        lambda r: tuple(
+            r("heave_0.01", "the same: off theory", f"incompressible: {what}")
+            for what in ("period", "damping ratio over the first two swings")
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "| {:.1f} to {:.1f} % | `wave_tank --dx 0.02 --incompressible` |",
+        lambda r: ends(r("wave_tank_0.02_incompressible", f"MAE_a at {x} wavelengths") for x in (0.5, 1, 2)),
+        (METHOD,),
+    ),
+    Sentence(
+        "| 0.01 m | {:+.1f} % | `vessel` |",
+        lambda r: (100 * (r("vessel_0.01", "period") / r("vessel_0.01", "period", column="theory") - 1),),
+        (METHOD,),
+    ),
+    Sentence(
+        "the OWC has {:.1f}, {:.1f} and {:.1f} % at dx = 0.02, 0.01 and 0.005 m",
+        lambda r: tuple(100 * value for value in spacings("noise")(r)),
+        (METHOD,),
+    ),
+    Sentence(
+        "the pressure arrives at t sqrt(g/H) = {:.2f}, in incompressible water at {:.2f}, where {:.2f} "
+        "was measured",
+        lambda r: tuple(
+            r("incompressible", "the same: pressure arrives on the disc, t sqrt(g/H)", after, column)
+            for after, column in (
+                ("standing wave, weakly compressible: period error", "here"),
+                (
+                    "dam break, H/dx = 30, incompressible: front 5 H from the wall behind it, t sqrt(g/H)",
+                    "here",
+                ),
+                ("standing wave, weakly compressible: period error", "paper"),
+            )
+        ),
+        (METHOD,),
+    ),
+    Sentence(
+        "the OWC's efficiencies differ by {:.1f} %",
+        lambda r: (100 * abs(r("convergence", "incompressible less weakly compressible, 10 mm: xi")),),
+        (METHOD,),
+    ),
+    # theory and guides
+    Sentence(
+        "{:.0f} % to hyperviscosity at dx = 0.02 m, {:.1f} % in the projection; {:.3f} % not accounted for",
+        lambda r: (
+            of_owc("hyperviscosity")(r),
+            of_owc("projection")(r),
+            abs(r("owc_0.02", "not accounted for / paddle")),
+        ),
+        (ISPH,),
+    ),
+    Sentence(
+        "| {:.0f} % in the projection |",
+        lambda r: (r("flap_3d_0.04", "lost in the projection, of the paddle's work"),),
+        (ISPH,),
+    ),
+    Sentence(
+        "waves lower than a spacing | {:.0f} to {:.0f} % of the efficiency",
+        lambda r: too_low(r, "small_waves_0.01", "small_waves_0.02"),
+        (ISPH,),
+    ),
+    Sentence(
+        "The efficiency differs by {:.1f} % from that of a tank four wavelengths long, and the run takes "
+        "{:.2f} of its time",
+        lambda r: (
+            100
+            * abs(
+                r("relaxation_zone_0.02", "OWC, zone, 1.5 wavelengths: xi")
+                / r("relaxation_zone_0.02", "OWC, paddle, four wavelengths: xi")
+                - 1
+            ),
+            r("relaxation_zone_0.02", "wall time, zone over paddle"),
+        ),
+        (WAVES,),
+    ),
+    Sentence(
+        "| the derivative through one run, with tangents smoothed along the way | {:.1f} times one run",
+        lambda r: (r("bench_slopes", "value and slope, filtered: time over the run's"),),
+        (SLOPES,),
+    ),
+    Sentence(
+        "{:.1f} times the time of the steps; in reverse mode {:.1f} times, and {:.0f} GB for a wave period",
+        lambda r: (
+            r("bench_slopes", "value and slope, exact: time over the run's"),
+            r("bench_slopes", "reverse mode of one wave period: time over the run's"),
+            r("bench_slopes", "reverse mode of one wave period: memory"),
+        ),
+        (SLOPES,),
+    ),
+    *(
+        Sentence(
+            f"| {shown} | {{:z.{digits}f}}e-4 ± {{:.{digits}f}}e-4 | {{:.{digits}f}}e-4 |",
+            lambda r, damping=damping: tuple(
+                r("filter_study_0.02", f"K_dm = {damping}: 1e4 times {what}")
+                for what in ("the slope of the fit", "its standard error", "the filtered slope")
+            ),
+            (SLOPES,),
+        )
+        for shown, damping, digits in (("257", "257", 1), ("535", "534.66", 1), ("1300", "1300", 2))
+    ),
+)
+"""Sentences with numbers from the results."""
+
+
+def pages() -> list[str]:
+    """Pages with such sentences, from the project's folder."""
+    return sorted({page for sentence in PROSE for page in sentence.pages})
+
+
+def renew() -> None:
+    """Writes the present numbers into all pages."""
+    results = Results()
+    for page in pages():
+        path = ROOT / page
+        path.write_text(renewed(page, path.read_text(encoding="utf-8"), results, PROSE), encoding="utf-8")
