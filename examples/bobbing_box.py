@@ -1,4 +1,4 @@
-"""A problem of your own: a box that is let go above its place and bobs. Its arguments are its keys.
+"""A problem of your own: a box released above its equilibrium bobs. The arguments of `box` are its keys.
 
 jaxsph run examples/bobbing_box.py:box --set density=400
 jaxsph sweep examples/bobbing_box.py:box --grid density=300,400,500
@@ -8,7 +8,7 @@ import numpy as np
 
 import jaxsph as js
 
-DEPTH, SIDE = 0.4, 0.24  # of the water and of the box, m
+DEPTH, SIDE = 0.4, 0.24  # depth of the water and side of the box, m
 
 
 def box(dx: float = 0.04, density: float = 500.0, lift: float = 0.04) -> js.Problem:
@@ -21,7 +21,7 @@ def box(dx: float = 0.04, density: float = 500.0, lift: float = 0.04) -> js.Prob
     x, volume = js.still_water(walls, DEPTH, dx, [shape])
     still = dict(p=9810.0 * (DEPTH - x[:, 1]), volume=volume, g=(0.0, -9.81), dx=dx, sample_dt=0.02)
     model, state = js.assemble(x, 0.0 * x, scheme=scheme, walls=walls, bodies=[body], **still)
-    fall = js.Result(largest_fall, {"fall": js.Label("farthest that the box falls", "m")})
+    fall = js.Result(largest_fall, {"fall": js.Label("largest fall of the box", "m")})
     return js.Problem(model, state, sample_dt=0.02, t1=1.0, results=[fall])
 
 

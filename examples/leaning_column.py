@@ -1,4 +1,4 @@
-"""A water column behind a leaning wall, by the wall's angle, its draught and the chamber's length.
+"""A water column behind a leaning wall: slopes over the wall's angle, its draught and the chamber's length.
 
 jaxsph slope examples/leaning_column.py:column --over angle --of energy_pto --set t1=1.0
 """
@@ -11,7 +11,7 @@ import jaxsph as js
 
 
 def column(
-    angle: float = 0.57,  # of the wall off the upright, rad
+    angle: float = 0.57,  # of the wall from the vertical, rad
     draught: float = 0.107,  # m
     length: float = 0.413,  # of the chamber at the surface, m
     dx: float = 0.04,
@@ -39,4 +39,4 @@ if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     program = js.Program(column, {"precision": "float64"})
     found = js.derivative(program, "angle", of="energy_pto", method=js.Exact())
-    print(f"{found.value:.4f} J/m, and {found.slope:.4f} J/m per rad more")
+    print(f"{found.value:.4f} J/m, with a slope of {found.slope:.4f} J/m per rad")

@@ -1,4 +1,4 @@
-"""A damper of your own: a porous screen, whose drag goes as the square of the water's speed in it.
+"""A damper of your own: a porous screen, whose drag is proportional to the square of the water's speed.
 
 jaxsph run examples/own_damper.py:screened --set drag=20
 """
@@ -18,7 +18,7 @@ class Screen(js.AbstractDamper):
     def entries(self):
         return {self.name: js.Entry(f"energy taken by the {self.name}")}
 
-    def damp(self, x, u, t, dt):  # du/dt = -drag |u| u, exactly over the step
+    def damp(self, x, u, t, dt):  # exact solution of du/dt = -drag |u| u over the step
         inside = (x[:, 0] > self.x0) & (x[:, 0] < self.x1)
         speed = jnp.sqrt(jnp.sum(u**2, axis=1) + 1e-12)
         return u / (1.0 + jnp.where(inside, self.drag * speed * dt, 0.0))[:, None]
@@ -33,4 +33,4 @@ def screened(drag: float = 10.0, t1: float = 0.5) -> js.Problem:
 
 if __name__ == "__main__":
     solution = js.run(js.Program(screened, {}), out="runs/own_damper.h5", overwrite=True)
-    print(f"the screen takes {solution['power_screen'].sum() * 0.01:.3f} J/m")
+    print(f"the screen absorbs {solution['power_screen'].sum() * 0.01:.3f} J/m")

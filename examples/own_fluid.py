@@ -1,6 +1,6 @@
-"""A fluid of your own from arrays: a vortex that viscosity slows down in a periodic box, against theory.
+"""A fluid of your own from arrays: vortices in a periodic box decay by viscosity, compared with theory.
 
-`js.assemble` takes positions, velocities and pressures; `js.march` runs what it gives.
+`js.assemble` makes a model from positions, velocities and pressures; `js.march` runs the model.
 """
 
 import numpy as np
@@ -9,13 +9,13 @@ import jaxsph as js
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.viscosity import LaplacianViscosity
 
-n, nu, rho = 25, 0.01, 1000.0  # particles along a side of 1 m; m2/s; kg/m3
+n, nu, rho = 25, 0.01, 1000.0  # particles per side of 1 m; viscosity, m2/s; density, kg/m3
 dx = 1.0 / n
 box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
 scheme = js.DeltaSPH.of(
     dx, 10.0, rho0=rho, viscosity=LaplacianViscosity(nu), period=box.period, shifting=Shifting(12.0)
 )
-walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())  # none, as all sides are periodic
+walls = js.Ghosts.build(box, dx, scheme.smoothing, js.FreeSlip())  # no ghosts, because all sides are periodic
 
 centres = (np.arange(n) + 0.5) * dx
 x = np.stack(np.meshgrid(centres, centres, indexing="ij"), axis=-1).reshape(-1, 2)

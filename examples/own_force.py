@@ -1,4 +1,4 @@
-"""A body force of your own: the inertia of water in a tank that is shaken.
+"""A body force of your own: the inertial force on water in a shaken tank.
 
 jaxsph run examples/own_force.py:shaken --set amplitude=0.5
 """
@@ -24,4 +24,4 @@ def shaken(amplitude: float = 0.3, omega: float = 4.0, dx: float = 0.05, t1: flo
 
 if __name__ == "__main__":
     solution = js.run(js.Program(shaken, {}), out="runs/own_force.h5", overwrite=True)
-    print(f"the tank's motion gives {solution['power_paddle'].sum() * 0.01:.3f} J/m to the water")
+    print(f"the tank's motion transfers {solution['power_paddle'].sum() * 0.01:.3f} J/m to the water")

@@ -1,4 +1,4 @@
-"""A probe of your own: the steepest slope of the surface, and a result made of its readings.
+"""A probe of your own: the steepest slope of the surface, and a result computed from its readings.
 
 jaxsph run examples/own_probe.py:steep --set amplitude=0.05
 """
@@ -27,7 +27,7 @@ def steep(amplitude: float = 0.03, t1: float = 0.5) -> js.Problem:
     problem = js.load_case("hydrostatic").replace(changes).problem()
     at = jnp.linspace(0.1, 0.9, 9)
     probe = Steepness(js.WaveGauge(at, jnp.ones(9)), apart=0.1)
-    result = js.Result(steepest, {"steepest": js.Label("steepest slope of the run")})
+    result = js.Result(steepest, {"steepest": js.Label("steepest slope in the run")})
     return problem.with_parts(probes=[probe], results=[result], t1=t1)
 
 

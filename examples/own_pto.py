@@ -1,7 +1,7 @@
-"""A power take-off of your own: a linear turbine that works while the water rises, and lets air in freely.
+"""A power take-off of your own: a linear turbine that works while the water rises and lets air in freely.
 
-A law says the air's pressure from the flow q that there would be without it, and from how much a pressure
-lowers that flow in the step: q = q_free - compliance P_a. Solved together the turbine is stable for every c.
+`pressure` returns the gauge pressure P_a of the air. It receives the flow q_free at P_a = 0 and the
+compliance -dq/dP_a of the step: q = q_free - compliance P_a. Solving both together is stable for every c.
 jaxsph run examples/own_pto.py:one_way --set c=2e4
 """
 
@@ -35,4 +35,4 @@ if __name__ == "__main__":
     print(f"largest pressure {P_a.max():.1f} Pa, largest flow {1e3 * flow.max():.2f} l/s per metre")
     rising = flow > 0.0
     c = np.sum(P_a[rising] * flow[rising]) / np.sum(flow[rising] ** 2)
-    print(f"least pressure {P_a.min():.1f} Pa; P_a / flow while the water rises = {c:.4g} Pa s/m2")
+    print(f"lowest pressure {P_a.min():.1f} Pa; P_a / flow while the water rises = {c:.4g} Pa s/m2")

@@ -1,4 +1,4 @@
-"""A shape of your own: an elliptical float, let go above its place.
+"""A shape of your own: an elliptical float, released above its equilibrium.
 
 jaxsph run examples/own_shape.py:bob --set density=600
 """
@@ -12,15 +12,15 @@ import jaxsph as js
 
 class Ellipse(js.AbstractShape):
     centre: tuple = eqx.field(static=True)  # m
-    axes: tuple = eqx.field(static=True)  # halves of its width and height, m
+    axes: tuple = eqx.field(static=True)  # half the width and half the height, m
 
-    def distance(self, x):  # to first order: the implicit function over its gradient
+    def distance(self, x):  # to first order: implicit function divided by its gradient
         axes = jnp.asarray(self.axes, x.dtype)
         s = (x - jnp.asarray(self.centre, x.dtype)) / axes
         f, slope = (jnp.sqrt(jnp.sum(a**2, axis=1) + 1e-12) for a in (s, s / axes))
         return (f - 1.0) * f / slope
 
-    def bounds(self):  # its area, its particles and its picture follow from its distance between these
+    def bounds(self):  # area, particles and picture are derived from `distance` within these
         return np.subtract(self.centre, self.axes), np.add(self.centre, self.axes)
 
 
@@ -37,4 +37,4 @@ def bob(density: float = 500.0, t1: float = 0.5, dx: float = 0.04) -> js.Problem
 
 if __name__ == "__main__":
     solution = js.run(js.Program(bob, {}), out="runs/own_shape.h5", overwrite=True)
-    print(f"the float goes down by {-1e3 * solution['heave'].min():.1f} mm")
+    print(f"the float sinks by {-1e3 * solution['heave'].min():.1f} mm")

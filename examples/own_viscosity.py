@@ -1,4 +1,4 @@
-"""A viscosity of your own: water thickened so that its viscosity falls with the rate of shear.
+"""A viscosity of your own: a shear-thinning liquid, less viscous at higher shear rates.
 
 jaxsph run examples/own_viscosity.py:thick --set nu=0.02
 """
@@ -11,8 +11,8 @@ import jaxsph as js
 
 
 class Thinning(js.AbstractViscosity):
-    nu: jnp.ndarray  # of slow shear, m2/s
-    rate: jnp.ndarray  # at which it is a half, 1/s
+    nu: jnp.ndarray  # at low shear rates, m2/s
+    rate: jnp.ndarray  # shear rate that halves the viscosity, 1/s
 
     def coefficient(self, h, c0, dim):
         return 2.0 * self.nu
@@ -20,7 +20,7 @@ class Thinning(js.AbstractViscosity):
     def kinematic(self, h, c0, dim):
         return self.nu
 
-    def shear(self, pair, i, j, guard):  # nu / (1 + rate of shear over that of a half)
+    def shear(self, pair, i, j, guard):  # viscosity nu / (1 + shear rate / self.rate)
         plain = js.LaplacianViscosity(self.nu).shear(pair, i, j, guard)
         jump = sum((b - a) ** 2 for a, b in zip(i["u"], j["u"], strict=True))
         rate = jnp.sqrt(jump / (pair.r2 + guard) + 1e-12)

@@ -1,6 +1,6 @@
-"""A wavemaker of your own: a piston that pushes once and makes one hump, in the place of regular waves.
+"""A wavemaker of your own: a piston that pushes once and makes a single hump instead of regular waves.
 
-A motion that is a function of time says its displacement; its velocity follows from it.
+A motion given as a function of time defines its displacement; the velocity is derived from it.
 jaxsph run examples/own_wavemaker.py:hump --set stroke=0.03
 """
 

@@ -1,13 +1,13 @@
-"""A run: waves drive an oscillating water column, and what was measured is in one file and at hand.
+"""A run: waves drive an oscillating water column; its readings are in one file and in `solution`.
 
-Coarse, so that it takes half a minute; without the changes it is the built-in case, in five.
+The case is coarse and takes half a minute. Without the changes it is the built-in case, which takes five.
 """
 
 import jaxsph as js
 
 case = js.load_case("owc").replace(
     {
-        "dx": 0.04,  # m, the spacing of the particles
+        "dx": 0.04,  # m, spacing of the particles
         "tank.length": 1.2,
         "device.wall_thickness": 0.04,
         "probes": {"gauges": [0.5]},

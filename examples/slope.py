@@ -1,7 +1,8 @@
-"""A slope: the energy that the turbine takes and its derivative over the damping, through the program itself.
+"""A slope: the energy that the turbine absorbs and its derivative over the damping, through the time loop.
 
-It is right to round-off, but after a second or so of steps it follows single particles and speaks of ever
-smaller changes. For efficiencies of settled waves take `js.derivative(case, "pto.K_dm")`, a fit through runs.
+The derivative is exact to round-off. After about a second of steps it follows single particles, and is valid
+for ever smaller changes. For efficiencies in settled waves use `js.derivative(case, "pto.K_dm")`, a fit to
+several runs.
 """
 
 import equinox as eqx
@@ -12,7 +13,7 @@ import jaxsph as js
 
 case = js.load_case("owc").replace(
     {
-        "dx": 0.04,  # m, the spacing of the particles
+        "dx": 0.04,  # m, spacing of the particles
         "tank.length": 1.2,
         "device.wall_thickness": 0.04,
         "probes": {"gauges": [0.5]},
@@ -23,7 +24,7 @@ solution = js.run(case, t1=3.6, progress=False)
 model, state = solution.model, solution.state
 
 
-def absorbed(K_dm):  # J/m that the PTO takes in the next 180 steps: a pure function
+def absorbed(K_dm):  # energy that the PTO absorbs in the next 180 steps, J/m: a pure function
     changed = eqx.tree_at(lambda m: m.chambers[0].pto.K_dm, model, K_dm)
     new, _ = js.simulate(changed, state, n_steps=180)
     return new.ledger["pto"].total - state.ledger["pto"].total

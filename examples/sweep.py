@@ -1,13 +1,13 @@
 """A sweep: the same waves with three dampings of the turbine, one run per core, in one file.
 
-Called again it reads what the file holds and runs only what is missing.
+Run again, it reads the finished runs from the file and runs only the missing ones.
 """
 
 import jaxsph as js
 
 case = js.load_case("owc").replace(
     {
-        "dx": 0.04,  # m, the spacing of the particles
+        "dx": 0.04,  # m, spacing of the particles
         "tank.length": 1.2,
         "device.wall_thickness": 0.04,
         "probes": {"gauges": [0.5]},

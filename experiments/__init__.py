@@ -1,5 +1,5 @@
-"""Runs that show what the solver does, each printing its numbers: `python -m experiments run NAME`.
+"""Experiments that measure what the solver does and print the numbers: `python -m experiments run NAME`.
 
-`verification` compares with exact solutions and theory, `validation` with measurements; `studies` answer a
-question about devices, waves or slopes; `benchmarks` measure time and memory.
+`verification` compares with exact solutions and theory, and `validation` with measurements. Each of the
+`studies` answers a question about devices, waves or slopes. `benchmarks` measure time and memory.
 """

@@ -1,14 +1,14 @@
-"""Experiments by name, and every check in one table: paper, theory, here.
+"""Command line of the experiments: run them by name, and print every check beside paper and theory.
 
-    python -m experiments run NAME [OPTIONS]   runs one: rows and pictures go to runs/results
-    python -m experiments run NAME --help      its options; without a NAME, the names
-    python -m experiments table [NAME ...]     prints the committed rows of those whose names begin so
-    python -m experiments again [NAME ...]     runs all whose rows are committed, or those, one after another
+    python -m experiments run NAME [OPTIONS]   runs one experiment; rows and pictures go to runs/results
+    python -m experiments run NAME --help      shows its options; without a NAME lists the names
+    python -m experiments table [NAME ...]     prints the committed rows, of names with these beginnings
+    python -m experiments again [NAME ...]     repeats the experiments with committed rows, or these only
     python -m experiments gallery              writes experiments/README.md, a picture and a line for each,
                                                and the numbers in the README and docs/
 
-A row is flagged MISSED where it is outside its bar, and `worse than the paper` where the paper's own value
-is nearer to theory.
+A row is flagged `MISSED` if it is outside its bar, and `worse than the paper` if the paper's value is nearer
+to theory.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ GALLERY = Path(__file__).parent / "README.md"
 FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
-What was measured, made from the committed results by `python -m experiments gallery`;
-`python -m experiments table` prints every row with theory, paper and bar. Each section's command makes its
-rows and picture again, in your own `runs/results`: runs are kept in `runs/` and go on where they were
-interrupted. With `--commit` behind it a command renews what is shown here. Times are of processes that share
-two cores with others.
+Measured results, written from the committed results by `python -m experiments gallery`;
+`python -m experiments table` prints every row with theory, paper and bar. The command of a section makes its
+rows and picture again in `runs/results`. Runs are kept in `runs/` and continue from where they were
+interrupted. With `--commit` at the end, the command renews the results shown here. Times are for processes
+that share two cores with other processes.
 """
 
 app = typer.Typer(
-    help="Runs the experiments and prints what they found.",
+    help="Runs the experiments and prints their results.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -50,7 +50,7 @@ app = typer.Typer(
 
 
 @app.command(
-    # what is not of `run` itself belongs to the experiment, `--help` too
+    # options that `run` does not define are passed to the experiment, including `--help`
     context_settings={
         "allow_extra_args": True,
         "ignore_unknown_options": True,
@@ -60,9 +60,9 @@ app = typer.Typer(
 def run(
     context: typer.Context,
     name: Annotated[str, typer.Argument()] = "--help",
-    commit: Annotated[bool, typer.Option("--commit", help="Into experiments/results instead.")] = False,
+    commit: Annotated[bool, typer.Option("--commit", help="Write into experiments/results instead.")] = False,
 ) -> None:
-    """Runs one experiment, its rows and pictures into runs/results; without a NAME lists the names."""
+    """Runs one experiment and writes rows and pictures into runs/results; without a NAME lists the names."""
     if name == "--help":
         _list()
         return
@@ -75,9 +75,9 @@ def run(
 @app.command()
 def table(
     names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
-    own: Annotated[bool, typer.Option("--own", help="Of your own runs, in runs/results.")] = False,
+    own: Annotated[bool, typer.Option("--own", help="Rows of your own runs, in runs/results.")] = False,
 ) -> None:
-    """Prints the rows of the experiments asked for, and how many miss their bars."""
+    """Prints the rows of the named experiments, and how many of them miss their bars."""
     missed = total = 0
     for found in results(names, OWN if own else COMMITTED):
         print(f"\n{_heading(found)}\n  {found['command']}  ({found['seconds']:.0f} s; {found['machine']})")
@@ -95,13 +95,13 @@ def table(
 @app.command()
 def again(
     names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
-    folder: Annotated[Path, typer.Option(help="Where runs and rows go.")] = Path("runs/again"),
+    folder: Annotated[Path, typer.Option(help="Folder for runs and rows.")] = Path("runs/again"),
     commit: Annotated[bool, typer.Option("--commit", help="Copies the rows to experiments/results.")] = False,
 ) -> None:
-    """Runs the experiments whose rows are committed, the shortest first, and tells which failed.
+    """Runs the experiments whose rows are committed, the shortest first, and lists those that failed.
 
-    Each is a process of its own, in a folder where no run of an older version is read: remove it to begin
-    anew; called again with it, this goes on where it was.
+    Each experiment is a separate process that works in --folder, so that no run of an older version is read.
+    If called again, the command continues where it stopped. Remove the folder to start afresh.
     """
     made, failed = folder.resolve() / OWN, []
     folder.mkdir(parents=True, exist_ok=True)
@@ -130,14 +130,17 @@ def gallery() -> None:
 
 
 def experiments() -> dict[str, Path]:
-    """File of every experiment by its name: those in the four folders that have a `main`."""
+    """Files of the experiments by name: all files in the four folders."""
     here = Path(__file__).parent
     files = sorted(path for folder in FOLDERS for path in (here / folder).glob("*.py"))
     return {path.stem: path for path in files if path.stem != "__init__"}
 
 
 def parser(name: str) -> Any:
-    """Command of an experiment, its options those of its `main`; BadParameter for a name that none has."""
+    """Command of an experiment, with the options of its `main`.
+
+    **Raises** BadParameter if no experiment has this name.
+    """
     known = experiments()
     if name not in known:
         near = difflib.get_close_matches(name, known, 1)
@@ -162,19 +165,19 @@ def _list() -> None:
 
 
 def results(names: list[str] | None = None, folder: Path = COMMITTED) -> list[dict[str, Any]]:
-    """Results in a folder, of the experiments whose names begin with one of those given."""
+    """Results in a folder, of experiments whose names begin with one of the given names."""
     return [found for _, found in _committed(names, folder)]
 
 
 def _committed(names: list[str] | None, folder: Path = COMMITTED) -> list[tuple[str, dict[str, Any]]]:
-    """The same, each with the name of its file."""
+    """Results as in `results`, each with the name of its file."""
     paths = sorted(folder.glob("*.json"))
     chosen = [p for p in paths if not names or any(p.stem.startswith(name) for name in names)]
     return [(path.name, json.loads(path.read_text(encoding="utf-8"))) for path in chosen]
 
 
 def flag(row: dict[str, Any]) -> str:
-    """Verdict on a row, and whether the paper's value is nearer to theory than the one here."""
+    """Verdict on a row, and whether the paper's value is nearer to theory than the value here."""
     values = [row[key] for key in ("here", "paper", "theory")]
     worse = ""
     if all(isinstance(value, float) for value in values):
@@ -184,7 +187,7 @@ def flag(row: dict[str, Any]) -> str:
 
 
 def gallery_text(folder: Path = COMMITTED) -> str:
-    """The gallery as Markdown, of the results in a folder."""
+    """The gallery as Markdown, from the results in a folder."""
     parts = [INTRODUCTION]
     for found in results(folder=folder):
         rows = [row for row in found["rows"] if row["passes"] is not None] or found["rows"][:2]

@@ -1,4 +1,4 @@
-"""What the experiments share: a run kept in a file, and a report of what was found."""
+"""Shared functions of the experiments: runs kept in files, and reports of the results."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.solids.placement import lattice as filled
 
 RUNS = Path("runs")
-"""Where runs are kept; a second call reads them, or goes on where they were interrupted."""
+"""Folder of the runs; a second call reads them, or continues from where they were interrupted."""
 REFERENCE = Path(__file__).parent / "reference"
-"""Measured series, see the README there."""
+"""Folder of measured series; see the README in it."""
 COMMITTED = Path(__file__).parent / "results"
-"""Rows and pictures of every experiment as they are committed; only `run --commit` writes there."""
+"""Folder of the committed rows and pictures of every experiment; written only with `--commit`."""
 OWN = RUNS / "results"
-"""Rows and pictures of your own runs."""
+"""Folder of the rows and pictures of your own runs."""
 
 
 def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
-    """The file of the case's run to t1 (s), made, finished or only read.
+    """The file of the case's run to t1 (s): computed, completed or only read.
 
-    **Raises** ValueError where `runs/<name>.h5` is of another case: remove it or choose another name.
+    **Raises** ValueError if `runs/<name>.h5` holds a run of another case: remove it or choose another name.
     """
     path = RUNS / f"{name}.h5"
     end = case.t1 if t1 is None else t1
@@ -56,22 +56,22 @@ def reference(name: str) -> np.ndarray:
 class Report:
     """Rows and pictures of one experiment, printed as they come and written into `folder`.
 
-    A context: leaving it without an exception writes `<name>.json`, which `python -m experiments table`
-    gathers into the table of all checks, so a row is what was measured and never typed in.
+    Use it as a context: leaving it without an exception writes `<name>.json`. `python -m experiments table`
+    gathers these files into the table of all checks, so that rows are always measured and never typed in.
     """
 
     folder: ClassVar[Path] = OWN
-    """Where reports go: `runs/results`, or with `--commit` what is committed."""
+    """Folder of the reports: `runs/results`, or with `--commit` the folder of committed results."""
     command: ClassVar[str] = ""
-    """The command that makes the experiment again, as `python -m experiments run` was called."""
+    """The command that repeats the experiment, as `python -m experiments run` was called."""
 
     def __init__(self, name: str, title: str, dx: float | None = None) -> None:
-        """An experiment called `name` (a file's name), with a title for people and its spacing dx (m)."""
+        """An experiment called `name` (used as file name), with a title to show and its spacing dx (m)."""
         self.name, self.title, self.dx = name, title, dx
         self.rows: list[dict[str, Any]] = []
         self.pictures: list[str] = []
         self.seconds: float | None = None
-        """Wall time of the runs, where the experiment knows it better than its own duration (s)."""
+        """Wall time of the runs (s), if the experiment sets it; otherwise its duration is reported."""
 
     def __enter__(self) -> Report:
         self._began = time.perf_counter()
@@ -89,21 +89,21 @@ class Report:
         bar: str = "",
         passes: bool | None = None,
     ) -> None:
-        """One check: what came out here, in theory and in the paper; the bar, and whether it is met."""
+        """Adds one check: the values here, in theory and in the paper; the bar, and whether it is met."""
         found = {"check": check, "here": _plain(here), "unit": unit, "theory": _plain(theory)}
         found |= {"paper": _plain(paper), "bar": bar, "passes": None if passes is None else bool(passes)}
         self.rows.append(found)
         print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
 
     def picture(self, figure: Figure, suffix: str = "") -> None:
-        """Keeps a figure beside the rows, as `<name><suffix>.png`."""
+        """Saves a figure beside the rows, as `<name><suffix>.png`."""
         self.folder.mkdir(parents=True, exist_ok=True)
         file = f"{self.name}{suffix}.png"
         figure.savefig(self.folder / file, dpi=100)
         self.pictures.append(file)
 
     def table(self, columns: Mapping[str, Sequence[float]]) -> None:
-        """Keeps whole columns (name with unit: values), one row per run, as `<name>.csv`."""
+        """Saves whole columns (name with unit: values), one row per run, as `<name>.csv`."""
         self.folder.mkdir(parents=True, exist_ok=True)
         rows = zip(*columns.values(), strict=True)
         with (self.folder / f"{self.name}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -123,17 +123,17 @@ class Report:
 
 
 def of_paddle(results: Mapping[str, float], energy: str, budget: str = "") -> float:
-    """Energy of the budget over the paddle's work, %; `budget`: "whole_" for that of the whole run."""
+    """Energy of the budget over the paddle's work, %; `budget`: "whole_" for the budget of the whole run."""
     return 100 * results[f"{budget}energy_{energy}"] / results[f"{budget}energy_paddle"]
 
 
 def observed_order(dx: Sequence[float], errors: Sequence[float]) -> float:
-    """Slope of log(error) over log(dx): the order of convergence seen over these resolutions."""
+    """Observed order of convergence: slope of log(error) over log(dx)."""
     return float(np.polyfit(np.log(dx), np.log(errors), 1)[0])
 
 
 def lattice(low: Sequence[float], high: Sequence[float], dx: float) -> np.ndarray:
-    """Positions `[N, D]` (m) of a box filled with particles of spacing dx."""
+    """Positions `[N, D]` (m) of particles of spacing dx that fill a box."""
     return filled(tuple(low), tuple(high), dx)[0]
 
 
@@ -141,7 +141,7 @@ VERDICT = {None: "", True: "ok", False: "MISSED"}
 
 
 def shown(value: float | str | None, unit: str = "") -> str:
-    """A value for people: four digits and its unit."""
+    """A value as printed: four digits and its unit."""
     if value is None:
         return ""
     text = value if isinstance(value, str) else f"{value:.4g}"
@@ -149,14 +149,14 @@ def shown(value: float | str | None, unit: str = "") -> str:
 
 
 def _plain(value: Any) -> float | str | None:
-    """What JSON can hold: a number of any kind as a float of six digits."""
+    """A value that JSON can hold: numbers of any kind become floats of six digits."""
     if value is None or isinstance(value, str):
         return value
     return float(f"{float(value):.6g}")
 
 
 def machine() -> str:
-    """Where this runs: backend, device and the cores that the process may use."""
+    """This machine in words: backend, device and the cores that the process may use."""
     device = jax.devices()[0]
     if device.platform != "cpu":
         return f"{device.platform}: {device.device_kind}"
@@ -164,12 +164,12 @@ def machine() -> str:
 
 
 def use_threads(count: int) -> None:
-    """Keeps this process to so many cores; call it before JAX first computes, which starts its threads."""
+    """Limits this process to `count` cores; call it before JAX first computes and starts its threads."""
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:count])
 
 
 def timed(evaluate: Callable[[], Any]) -> float:
-    """Seconds of one call, until its arrays are there."""
+    """Wall time of one call until its arrays are computed, s."""
     began = time.perf_counter()
     jax.block_until_ready(evaluate())
     return time.perf_counter() - began

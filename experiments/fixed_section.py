@@ -1,13 +1,14 @@
-"""Linear diffraction of regular waves by a fixed section on water of finite depth, two-dimensional.
+"""Linear diffraction of regular waves by a fixed section in water of finite depth, two-dimensional.
 
-Time goes as exp(-i omega t), z is upwards from the still level, the waves come from x = -inf. A potential is
-given by the elevation that belongs to it: the incident one is exp(ikx) cosh k(z + h) / cosh kh, and the
+The time factor is exp(-i omega t), z is upwards from the still level, and the waves come from x = -inf.
+Potentials are scaled to their elevation: the incident potential is exp(ikx) cosh k(z + h) / cosh kh, and the
 pressure is rho g times the potential, per amplitude of the incident waves.
 
-What the section adds is found on the boundary of the water between two verticals so far away that only waves
-are left there, by Green's identity with the source ln r and its image in the bed: on the surface its normal
-derivative is K = omega^2/g times itself, on the verticals ik times itself (waves that go out), on the section
-the negative of the incident one's. Constant elements, whose integrals are exact.
+The potential added by the section is solved on the boundary of the water between two vertical lines, so far
+away that only waves are left there. Green's identity is used with the source ln r and its image in the bed.
+The normal derivative of the added potential is K = omega^2/g times the potential on the surface, ik times it
+on the verticals (outgoing waves), and on the section the negative of the incident potential's derivative.
+The elements are constant and their integrals exact.
 """
 
 from __future__ import annotations
@@ -21,34 +22,34 @@ from numpy.typing import NDArray
 from jaxsph.waves.theory import GRAVITY, wavenumber
 
 Values = NDArray[np.floating]
-"""Real numbers."""
+"""Array of real numbers."""
 Complex = NDArray[np.complexfloating]
-"""Complex numbers."""
+"""Array of complex numbers."""
 PER_WAVE = 80
-"""Elements to a wavelength of the surface, and to the depth on a vertical; halved, R^2 + T^2 is 1 % off."""
+"""Elements per wavelength on the surface, and per depth on a vertical; halved, R^2 + T^2 is 1 % off."""
 FAR = 4.0
-"""Distance of the verticals from the section, in depths: what does not go out has fallen to exp(-1.6 FAR)."""
+"""Distance of the verticals from the section, in depths: local waves have decayed to exp(-1.6 FAR)."""
 
 
 @dataclass(frozen=True)
 class Diffraction:
-    """Response of the fixed section to waves of unit amplitude."""
+    """Response of a fixed section to waves of unit amplitude."""
 
     force: Complex
-    """Amplitudes of the force along x and upwards, shape (2,), N/m per m."""
+    """Complex amplitudes of the force along x and upwards, shape (2,), N/m per m."""
     reflection: float
-    """Height of the waves sent back over that of the incident ones (-)."""
+    """Height of the reflected waves over the height of the incident waves (-)."""
     transmission: float
-    """Height of the waves behind the section over that of the incident ones (-)."""
+    """Height of the waves behind the section over the height of the incident waves (-)."""
 
 
 def diffraction(
     section: list[tuple[float, float]], depth: float, T: float, size: float, rho: float = 1000.0
 ) -> Diffraction:
-    """Response of a section to waves of period T (s) on water of this depth (m).
+    """Response of a section to waves of period T (s) in water of this depth (m).
 
-    section: corners below the still level and the two in it, from right to left, in m; the two in the level
-    are at -x and x. size: largest element on it (m).
+    `section`: corners (m) from right to left, those below the still level and the two in the level, which are
+    at -x and x. `size`: length of the largest element on the section, m.
     """
     omega = 2.0 * np.pi / T
     k = float(wavenumber(omega, depth))
@@ -86,7 +87,7 @@ def diffraction(
     push = (total * length)[on_section] @ normal[on_section]
 
     def wave(potential: Complex, at: Values) -> float:
-        """Amplitude of the wave in a potential on a vertical: its part along cosh k(z + h)."""
+        """Amplitude of the wave in a potential on a vertical: the part proportional to cosh k(z + h)."""
         shape = np.cosh(rise[at])
         return float(abs(potential[at] @ shape) / (shape @ shape) * np.cosh(k * depth))
 
@@ -99,14 +100,14 @@ def _count(a: tuple[float, float], b: tuple[float, float], size: float) -> int:
 
 
 def _line(a: tuple[float, float], b: tuple[float, float], count: int) -> Values:
-    """Ends of `count` elements from a to b, shape (count, 2, 2); they are smaller towards a and b."""
+    """Ends of `count` elements from a to b, shape (count, 2, 2); the elements are smaller near a and b."""
     s = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, count + 1)))[:, None]
     points = (1.0 - s) * np.array(a) + s * np.array(b)
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
 def _integrals(ends: Values, at: Values, depth: float) -> tuple[Values, Values]:
-    """Integrals of ln r and of its normal derivative over every element and its image, at points."""
+    """Integrals of ln r and of its normal derivative over every element and its image, at the points `at`."""
     image = ends[:, ::-1] * np.array([1.0, -1.0]) - np.array([0.0, 2.0 * depth])
     of_elements, of_images = _of(ends, at), _of(image, at)
     np.fill_diagonal(of_elements[1], 0.0)
@@ -114,7 +115,7 @@ def _integrals(ends: Values, at: Values, depth: float) -> tuple[Values, Values]:
 
 
 def _of(ends: Values, at: Values) -> tuple[Values, Values]:
-    """Integrals of ln r and of its derivative along the normal over elements, at points."""
+    """Integrals of ln r and of its normal derivative over elements, at the points `at`."""
     along = ends[:, 1] - ends[:, 0]
     length = np.hypot(*along.T)
     t = along / length[:, None]

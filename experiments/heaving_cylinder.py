@@ -1,25 +1,26 @@
-"""Linear theory of a half-immersed circular cylinder in heave on water of finite depth, and its free motion.
+"""Linear theory of a half-immersed circular cylinder in heave in water of finite depth, and its free motion.
 
-A cylinder of radius a floats with its axis in the still surface of water of depth h; per metre of width. Time
-goes as exp(-i omega t), K = omega^2/g, and zeta = z + ix with z upwards from the still level; a potential
-and its stream function are the real and imaginary parts of an analytic function of zeta, r and theta polar
-about the axis with theta = 0 straight down. At unit heave velocity the stream function on the cylinder is x.
+A cylinder of radius a floats with its axis in the still surface of water of depth h; all values are per metre
+of width. The time factor is exp(-i omega t), K = omega^2/g, and zeta = z + ix with z upwards from the still
+level. A potential and its stream function are the real and imaginary parts of an analytic function of zeta.
+r and theta are polar coordinates about the axis, with theta = 0 straight down. At unit heave velocity the
+stream function on the cylinder is x.
 
-The potential is Ursell's sum for deep water, every term of it carried over to the depth h:
+The potential is Ursell's sum for deep water with every term extended to the depth h:
 
-- A source in the surface. In deep water it is, with the integral's principal value,
+- A source in the surface. In deep water it is, as a principal value,
 
       PV int exp(k zeta) / (k - K) dk = exp(K zeta) (E1(K zeta) + i pi)    (Im zeta > 0).
 
-  On depth h the kernel is cosh k(h + zeta) / (k sinh kh - K cosh kh). What it has more, D(k), falls off as
-  exp(-2kh), and its poles, at k0 and at K, are taken out and integrated by hand. i pi times the residue at
-  k0 makes the waves go outwards.
+  At depth h the kernel is cosh k(h + zeta) / (k sinh kh - K cosh kh). Its difference from the deep-water
+  kernel, D(k), decays as exp(-2kh). The poles of D at k0 and at K are subtracted and integrated analytically.
+  Adding i pi times the residue at k0 makes the waves outgoing.
 - Multipoles, whose kernels are the source's times k^(2m - 2) (k^2 - K^2) / (2m - 1)!. In deep water they are
-  cos(2m theta)/r^2m + K/(2m - 1) cos((2m - 1) theta)/r^(2m - 1) and make no waves; the depth adds an integral
-  over D(k) again, and the small wave of k0 instead of K.
+  cos(2m theta)/r^2m + K/(2m - 1) cos((2m - 1) theta)/r^(2m - 1) and make no waves. The finite depth adds an
+  integral over D(k) again, and the small wave at k0 instead of K.
 
-Their strengths make the stream function x on the cylinder, in the sense of least squares. At infinite
-frequency the surface has phi = 0, and the multipoles that K multiplies are left.
+The strengths are fitted by least squares so that the stream function on the cylinder is x. At infinite
+frequency the surface has phi = 0, and only the multipole terms proportional to K remain.
 
 Sources: F. Ursell, On the heaving motion of a circular cylinder on the surface of a fluid, Q. J. Mech. Appl.
 Math. 2 (1949) 218-231; W. E. Cummins, The impulse response function and ship motions, Schiffstechnik 9
@@ -38,25 +39,25 @@ from scipy.optimize import brentq
 from scipy.special import exp1, gammaln
 
 Values = NDArray[np.floating]
-"""Real numbers."""
+"""Array of real numbers."""
 Complex = NDArray[np.complexfloating]
-"""Complex numbers."""
+"""Array of complex numbers."""
 MULTIPOLES, POINTS = 20, 100
-"""Numbers of multipoles, and of points on a quarter of the cylinder: a Gauss rule's."""
+"""Number of multipoles, and number of Gauss points on a quarter of the cylinder."""
 DEEP = 12.0
-"""K h from which k0 is K: exp(-2 K h) is 4e-11 there."""
+"""K h above which k0 is taken as K: exp(-2 K h) is 4e-11 there."""
 FALLEN = 40.0
-"""k h by which integrals over the bed's part have ended, the highest multipole's too."""
+"""k h at which integrals over the effect of the bed are cut off; it suffices for the highest multipole."""
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A half-immersed circular cylinder on water of finite depth, per metre of width."""
+    """A half-immersed circular cylinder in water of finite depth, per metre of width."""
 
     radius: float
     """Radius a, m."""
     depth: float
-    """Depth of still water h, m; some radii."""
+    """Depth of still water h, m; a few radii at least."""
     rho: float = 1000.0
     """Density of the water, kg/m3."""
     g: float = 9.81
@@ -64,12 +65,12 @@ class Cylinder:
 
     @property
     def mass(self) -> float:
-        """Mass of the cylinder, that of the water it gives way to, kg/m."""
+        """Mass of the cylinder, equal to the mass of the displaced water, kg/m."""
         return 0.5 * np.pi * self.rho * self.radius**2
 
     @property
     def stiffness(self) -> float:
-        """Lift over depth of sinking, N/m per metre."""
+        """Hydrostatic stiffness in heave, N/m per metre."""
         return 2.0 * self.rho * self.g * self.radius
 
     def coefficients(self, omega: float) -> tuple[float, float]:
@@ -78,9 +79,9 @@ class Cylinder:
         return force.real, omega * force.imag
 
     def damping_of_the_waves(self, omega: float) -> float:
-        """Damping from the energy that the waves far away take along, N s/m per metre.
+        """Damping from the energy that the waves carry away, N s/m per metre.
 
-        It is that of `coefficients`, but follows from the waves' strength alone.
+        In theory it equals the damping of `coefficients`; here it is computed from the waves' strength only.
         """
         _, outgoing = self._radiated(omega)
         k = wavenumber(omega, self.depth, self.g)
@@ -93,13 +94,13 @@ class Cylinder:
         """Added mass at infinite frequency, kg/m."""
         _, odd = self._multipoles
         k, weights = _rule(FALLEN / self.depth)
-        # cosh k(h + zeta) / cosh kh less exp(k zeta)
+        # cosh k(h + zeta) / cosh kh minus exp(k zeta)
         bed = -2.0 * np.sinh(np.outer(self._zeta, k)) / (np.exp(2.0 * k * self.depth) + 1.0)
         columns = odd + (bed * weights) @ self._powers(k) / self.radius
         return float(self._force(columns.real @ self._fitted(columns.imag)))
 
     def _radiated(self, omega: float) -> tuple[complex, complex]:
-        """Force over the acceleration (kg/m) of unit velocity, and the waves' strength over the source's."""
+        """Force over acceleration at unit velocity (kg/m), and strength of the waves over the source's."""
         K, zeta = omega**2 / self.g, self._zeta
         even, odd = self._multipoles
         source = np.exp(K * zeta) * (exp1(K * zeta) + 1j * np.pi)
@@ -110,16 +111,16 @@ class Cylinder:
         return self._force((columns.real + 1j * waves.real) @ strengths), complex(made @ strengths)
 
     def _of_the_depth(self, omega: float) -> tuple[Complex, Complex, Values]:
-        """What the depth adds to every term on the cylinder, each one's outgoing wave there, and the waves'
-        strengths over the source's."""
+        """Terms on the cylinder added by the finite depth, the outgoing wave of each term there, and the
+        strengths of these waves over the source's."""
         K, h, at = omega**2 / self.g, self.depth, self._zeta[:, None]
         k0, poles = wavenumber(omega, h, self.g), K * h < DEEP
         end = max(FALLEN / h, 2.0 * k0) if poles else DEEP / h
         k, weights = _rule(end)
-        grown = np.exp(-2.0 * k * h)  # cosh kh and sinh kh over exp(kh)/2, so that nothing overflows
+        grown = np.exp(-2.0 * k * h)  # cosh kh and sinh kh are divided by exp(kh)/2 to avoid overflow
         kernel = (np.exp(k * at) + grown * np.exp(-k * at)) / (k * (1.0 - grown) - K * (1.0 + grown))
         wave, deep = self._wave(omega, k0, self._zeta), np.exp(K * self._zeta)
-        # kernels over the source's, at every k and at the poles; at K all but the source's are zero
+        # kernels divided by the source's, at every k and at the poles; at K only the source's is not zero
         over = np.column_stack([np.ones_like(k), self._powers(k) * (k**2 - K**2)[:, None]])
         made = np.append(1.0, self._powers(np.array([k0]))[0] * (k0 - K) * (k0 + K))
         more = ((kernel - np.exp(k * at) / (k - K)) * weights) @ over
@@ -145,7 +146,7 @@ class Cylinder:
 
     @cached_property
     def _multipoles(self) -> tuple[Complex, Complex]:
-        """Parts of the deep water's multipoles on the cylinder: free of K a, and what K a multiplies (-)."""
+        """Deep-water multipoles on the cylinder: the part without K a, and the factor of K a (-)."""
         order = np.arange(1, 2 * MULTIPOLES, 2)
         zeta = (self._zeta / self.radius)[:, None]
         return zeta ** -(order + 1), -(zeta**-order) / order
@@ -156,16 +157,16 @@ class Cylinder:
         return np.exp(np.outer(np.log(k * self.radius), order - 1) - gammaln(order + 1)) * self.radius**2
 
     def _fitted(self, stream: Values | Complex):
-        """Strengths of columns of stream functions that together are x on the cylinder, m.
+        """Strengths with which the stream functions in the columns add up to x on the cylinder, m.
 
-        Points near the surface, where the columns change fastest, weigh more.
+        Points near the surface, where the columns change fastest, have larger weights.
         """
         weight = (0.5 * np.pi - self._theta) ** -0.5
         wanted = (weight * self._zeta.imag).astype(stream.dtype)
         return np.linalg.lstsq(stream * weight[:, None], wanted, rcond=None)[0]
 
     def _force(self, phi):
-        """Integral of rho phi cos(theta) over the wetted half, kg/m for unit velocity."""
+        """Integral of rho phi cos(theta) over the wetted half, kg/m at unit velocity."""
         weights = 0.25 * np.pi * np.polynomial.legendre.leggauss(POINTS)[1]
         return 2.0 * self.rho * self.radius * np.sum(weights * phi * np.cos(self._theta))
 
@@ -175,13 +176,14 @@ def strip_of_a_long_cylinder(
 ) -> tuple[float, float]:
     """Added mass (kg/m) and damping (N s/m per metre) by capytaine, which is three-dimensional.
 
-    The heave of a cylinder of `length` (m) fades as cos^2 to nothing at its ends. On an endless cylinder the
-    whole force of any such swelling is that of the plane problem times the integral of the heave: every
-    other wavenumber along the axis comes to no force in all. So no end has to be kept away from, only the
-    little that reaches beyond the ends is left out. `panels` stand on a quarter of each strip.
-    Within 0.5 % of `Cylinder.coefficients` at 8.7 rad/s, and 2 to 3 % at 6 and 12 rad/s, with 3 m.
+    The heave of a cylinder of `length` (m) decreases as cos^2 to zero at the ends. On an infinite cylinder
+    the total force of such a distribution equals the force of the plane problem times the integral of the
+    heave, because all other wavenumbers along the axis have zero total force. The ends therefore need no
+    correction; only the small force beyond them is missing. A quarter of each strip has `panels` panels.
+    With 3 m the result is within 0.5 % of `Cylinder.coefficients` at 8.7 rad/s, and within 2 to 3 % at 6 and
+    12 rad/s.
 
-    **Raises** ModuleNotFoundError without capytaine.
+    **Raises** ModuleNotFoundError if capytaine is not installed.
     """
     try:
         import capytaine
@@ -204,8 +206,8 @@ def strip_of_a_long_cylinder(
         rho=cylinder.rho,
         g=cylinder.g,
     )
-    # Of its solvers the one nearest to this theory, which was chosen for that: the default's added mass is
-    # above it by 10, 7 and 5 % with 4, 8 and 16 panels (8.8 rad/s, 4 m), so it comes near, but slowly.
+    # This solver of capytaine was chosen because it is nearest to the theory here. The default solver's added
+    # mass is above it by 10, 7 and 5 % with 4, 8 and 16 panels (8.8 rad/s, 4 m): it converges, but slowly.
     solver = capytaine.BEMSolver(green_function=capytaine.HAMS_GF(), method="direct")
     found = solver.solve(problem, keep_details=False)
     whole = 0.5 * length
@@ -213,16 +215,16 @@ def strip_of_a_long_cylinder(
 
 
 class Release:
-    """Free heave of a cylinder let go at rest above its equilibrium, by Cummins' equation.
+    """Free heave of a cylinder released at rest above its equilibrium, by Cummins' equation.
 
     (m + A_inf) z'' + int_0^t kappa(t - s) z'(s) ds + c z = 0 with the memory
     kappa(t) = (2/pi) int_0^inf B(omega) cos(omega t) d omega.
     """
 
     def __init__(self, cylinder: Cylinder, omega_end: float = 40.0, count: int = 160) -> None:
-        """The damping at `count` frequencies up to omega_end (rad/s), which resolve the memory for 12 s.
+        """Computes the damping at `count` frequencies up to omega_end (rad/s), enough for a memory of 12 s.
 
-        With the range half as long again the turns of a path move by less than 1e-5 of a period.
+        A range half as long again moves the turning points of a path by less than 1e-5 of a period.
         """
         self.cylinder = cylinder
         nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -238,7 +240,7 @@ class Release:
     def added_mass_off_the_memory(self, dt: float = 0.002, end: float = 12.0) -> float:
         """Largest difference between A and A_inf - int kappa sin(omega t) dt / omega, over A_inf (-).
 
-        Over frequencies from 3 rad/s on: the memory lasts long where waves are long (Ogilvie 1964).
+        Only frequencies above 3 rad/s count, because the memory of longer waves lasts longer (Ogilvie 1964).
         """
         t = np.arange(0.0, end, dt)
         kappa = self.memory(t)
@@ -248,13 +250,13 @@ class Release:
         return float(np.max(np.abs(off))) / self.infinite
 
     def path(self, z0: float, end: float, dt: float = 0.002) -> tuple[Values, Values]:
-        """Times (s) and heights (m) after the release at z0 (m): the trapezoidal rule, of order two."""
+        """Times (s) and heights (m) after the release at z0 (m), by the trapezoidal rule of second order."""
         t = np.arange(round(end / dt) + 1) * dt
         kappa, c = self.memory(t), self.cylinder.stiffness
         mass = self.cylinder.mass + self.infinite
         z, v, force = np.full(t.size, z0), np.zeros(t.size), -c * z0
         for n in range(t.size - 1):
-            # v is 0 at the release, and the newest velocity's share of the integral is taken to the left
+            # v is 0 at the release; the newest velocity's share of the integral is on the left-hand side
             past = dt * float(kappa[n:0:-1] @ v[1 : n + 1])
             known = -past - c * (z[n] + 0.5 * dt * v[n])
             v[n + 1] = (mass * v[n] + 0.5 * dt * (force + known)) / (mass + 0.25 * dt**2 * (kappa[0] + c))
@@ -264,7 +266,7 @@ class Release:
 
 
 def _rule(end: float) -> tuple[Values, Values]:
-    """Points and weights of a Gauss rule from 0 to `end`."""
+    """Nodes and weights of a Gauss rule from 0 to `end`."""
     nodes, weights = np.polynomial.legendre.leggauss(200)
     return 0.5 * end * (nodes + 1.0), 0.5 * end * weights
 

@@ -1,4 +1,4 @@
-"""What the studies of the OWC share: the tank they run in, their sweeps, the numbers of the paper."""
+"""Shared by the studies of the OWC: their tank, their sweeps and the numbers of the paper."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ CHAMBER, RHO_AIR = 0.13, 1.2
 
 
 def study_case(dx: float, t1: float = 14.0) -> js.Case:
-    """The OWC in a tank of 4 m, half the built-in one's.
+    """The OWC in a tank of 4 m, half as long as the built-in tank.
 
-    The paddle absorbs what the OWC sends back, the wave loses less on its way, and it is there in half the
-    time.
+    The paddle absorbs the waves that the OWC reflects. The incident wave loses less on its way and arrives in
+    half the time.
     """
     return js.load_case("owc").replace(
         {
@@ -55,13 +55,13 @@ def short_case(dx: float, t1: float) -> js.Case:
 
 
 def damped(dx: float, K_dm: float, times: float = 1.0) -> tuple[js.Case, RunFile]:
-    """The built-in OWC with this damping (kg^0.5 m^-2.5), and its run to so many times the case's end."""
+    """The built-in OWC with damping K_dm (kg^0.5 m^-2.5), and its run to `times` times the case's end."""
     case = js.load_case("owc").replace({"dx": dx, "pto.K_dm": K_dm})
     return case, solved(case, f"owc_{dx:g}_{K_dm:g}", times * case.t1)
 
 
 def results_until(case: js.Case, series: dict[str, np.ndarray]) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Results of a record that may be the first part of a run's, and their notices."""
+    """Results and notices of a record, which may be the first part of the record of a run."""
     model = _Ledger(Geometry.of(case).depth, float(series["time"][-1]))
     state = SimpleNamespace(step=1, particles=SimpleNamespace(x=np.zeros((1, 2))))
     made = (energy_result(model, averaged=True), noise_result, *case_results(case))
@@ -69,12 +69,12 @@ def results_until(case: js.Case, series: dict[str, np.ndarray]) -> tuple[dict[st
 
 
 def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = True) -> js.Sweep:
-    """The sweep in `runs/<name>.h5`, made, finished or only read."""
+    """The sweep in `runs/<name>.h5`: computed, completed or only read."""
     return js.sweep(case, over, RUNS / f"{name}.h5", grid=grid)
 
 
 class _Ledger:
-    """What results ask of the model of a run that is only read."""
+    """Stand-in for the model of a run that is only read, with the attributes that results use."""
 
     g = (0.0, -9.81)
 
@@ -87,12 +87,12 @@ class _Ledger:
         return self._t_end
 
     def entries(self) -> dict[str, Entry]:
-        """The turbine's energy."""
+        """Meaning of the turbine's energy."""
         return {"pto": Entry("power take-off of the chamber", Exchange.HARVESTED)}
 
 
 def amplitude(series: dict[str, np.ndarray], name: str, period: float, most: int = 10) -> float:
-    """Amplitude of a reading at the waves' frequency, over the whole periods after the transient."""
+    """Amplitude of a reading at the frequency of the waves, over whole periods after the transient."""
     t = series["time"]
     settled = analysis.whole_periods(t, period, max(1, min(most, int((t[-1] - 6.0) / period))))
     wave = np.exp(-2j * np.pi * t[settled] / period)
@@ -107,10 +107,10 @@ def damping_coefficient(B_star: float) -> float:
 def over_periods(
     report: Report, case: js.Case, key: str, label: str, values: tuple[float, ...], periods: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sweeps a length of the device and the waves' period, and reports the efficiency's change and picture.
+    """Sweeps a length of the device and the period of the waves, and reports how the efficiency changes.
 
     Returns xi of the simulation, its standard error from the scatter between periods, and xi of linear
-    theory, `[len(values), len(periods)]` each; theory is NaN over a bed that is not flat.
+    theory, each `[len(values), len(periods)]`. The theory is NaN over a bed that is not flat.
     """
     study = swept(case, {key: list(values), "waves.T": list(periods)}, report.name)
     xi, error = study["xi"], study["xi_scatter"] / np.sqrt(study["periods"])

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from experiments.common import COMMITTED
 
 NUMBER = r"[+-]?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?"
-"""A number as it is printed, with its sign."""
+"""Pattern of a printed number with its sign."""
 
 
 class Results:
@@ -22,7 +22,7 @@ class Results:
         self._rows: dict[str, list[dict[str, Any]]] = {}
 
     def __call__(self, name: str, check: str, after: str | None = None, column: str = "here") -> float:
-        """Value of the row `check` in the results `name`: the first one, or the first below the row `after`.
+        """Value of the first row `check` in the results `name`, or of the first one below the row `after`.
 
         **Raises** KeyError if there is no such row.
         """
@@ -36,7 +36,7 @@ class Results:
         return rows[labels.index(check, start)][column]
 
     def rows(self, name: str, beginning: str = "") -> list[dict[str, Any]]:
-        """Rows of the results `name` whose checks have this beginning."""
+        """Rows of the results `name` whose checks begin with `beginning`."""
         if name not in self._rows:
             text = (self._folder / f"{name}.json").read_text(encoding="utf-8")
             self._rows[name] = json.loads(text)["rows"]
@@ -47,17 +47,17 @@ class Sentence(NamedTuple):
     """Part of a sentence with numbers from the results."""
 
     text: str
-    """Its words, with a format field where each number stands. Line breaks count as spaces."""
+    """Its words, with a format field in place of each number. Line breaks count as spaces."""
     numbers: Callable[[Results], tuple[float, ...]]
     """The numbers in their order."""
     pages: tuple[str, ...]
-    """Pages where it stands, from the project's folder."""
+    """Paths of the pages that contain it, relative to the project's folder."""
 
 
 def renewed(page: str, text: str, results: Results, sentences: tuple[Sentence, ...]) -> str:
-    """The text of a page with the present numbers.
+    """The text of a page with the present numbers inserted.
 
-    **Raises** ValueError if one of the page's sentences is not in it, or is in it twice.
+    **Raises** ValueError unless each of the page's sentences is in the text exactly once.
     """
     for sentence in sentences:
         if page in sentence.pages:

@@ -19,28 +19,28 @@ SPACINGS = (20, 10, 5)
 
 
 def of_owc(name: str) -> Callable[[Results], float]:
-    """Energy `name` of the built-in OWC, in per cent of the paddle's work."""
+    """Energy `name` of the built-in OWC, % of the paddle's work."""
     return lambda r: 100 * r("owc_0.02", f"energy: {name}") / r("owc_0.02", "energy: paddle")
 
 
 def spacings(what: str, kind: str = "incompressible") -> Callable[[Results], tuple[float, ...]]:
-    """`what` of the convergence study by the scheme `kind`, at the three spacings or the first two."""
+    """Rows `what` of the convergence study for the scheme `kind`, at its three spacings or the first two."""
     present = SPACINGS if kind == "incompressible" else SPACINGS[:2]
     return lambda r: tuple(r("convergence", f"{kind}, {mm} mm: {what}") for mm in present)
 
 
 def over_theory(r: Results, name: str, beginning: str) -> tuple[float, float]:
-    """Least and largest ratio to theory of the rows with this beginning."""
+    """Smallest and largest ratio to theory among the rows with this beginning."""
     return ends(row["here"] / row["theory"] for row in r.rows(name, beginning))
 
 
 def too_low(r: Results, *names: str) -> tuple[float, float]:
-    """Least and largest amount by which efficiencies in low waves are below linear theory, per cent of it."""
+    """Smallest and largest shortfall of efficiencies in low waves below linear theory, % of theory."""
     return ends(100 * (1 - ratio) for name in names for ratio in over_theory(r, name, "xi at "))
 
 
 def ends(values: Iterable[float]) -> tuple[float, float]:
-    """The least and the largest value."""
+    """The smallest and the largest value."""
     found = list(values)
     return min(found), max(found)
 
@@ -310,7 +310,7 @@ PROSE = (
     ),
     Sentence(
         "the OWC's efficiencies differ by {:.1f} %",
-        lambda r: (100 * abs(r("convergence", "incompressible less weakly compressible, 10 mm: xi")),),
+        lambda r: (abs(r("convergence", "incompressible less weakly compressible, 10 mm: xi")),),
         (METHOD,),
     ),
     # theory and guides
@@ -373,11 +373,11 @@ PROSE = (
         for shown, damping, digits in (("257", "257", 1), ("535", "534.66", 1), ("1300", "1300", 2))
     ),
 )
-"""Sentences with numbers from the results."""
+"""Sentences of the pages with numbers from the results."""
 
 
 def pages() -> list[str]:
-    """Pages with such sentences, from the project's folder."""
+    """Paths of the pages with such sentences, relative to the project's folder."""
     return sorted({page for sentence in PROSE for page in sentence.pages})
 
 

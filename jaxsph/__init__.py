@@ -1,6 +1,6 @@
 """jaxsph: a differentiable SPH solver for wave energy converters, in JAX.
 
-Public names are imported when they are first used, so that `jaxsph --help` need not wait for JAX.
+Public names are imported when they are first used, so that `jaxsph --help` does not wait for JAX.
 """
 
 import importlib
@@ -115,10 +115,10 @@ def __dir__() -> list[str]:
 
 
 class _Facade(types.ModuleType):
-    """Package whose public names come before subpackages of the same name: `js.run` is the function."""
+    """Module whose public names take precedence over subpackages: `js.run` is the function."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # the import system binds a subpackage by its name, which would hide the function from then on
+        # importing a subpackage binds its name in the package, which would hide the function of that name
         if not (name in _HOME and isinstance(value, types.ModuleType)):
             super().__setattr__(name, value)
 

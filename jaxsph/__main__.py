@@ -1,4 +1,4 @@
-"""Entry point of the command line: hears Ctrl-C before anything that takes time is imported."""
+"""Entry point of the command line; it handles Ctrl-C before the slow imports begin."""
 
 import os
 import sys
@@ -23,7 +23,7 @@ def main() -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     if status == interrupt.CODE:
-        os._exit(interrupt.CODE)  # what JAX has in hand must not crash in the interpreter's own end
+        os._exit(interrupt.CODE)  # skips the interpreter's shutdown, where running JAX work could crash
     sys.exit(status)
 
 

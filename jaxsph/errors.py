@@ -1,4 +1,4 @@
-"""Errors for users: every message says what is wrong, with its value, and what to do about it."""
+"""Errors for users: every message states what is wrong, with its value, and what to do about it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FileError(JaxsphError):
 
 
 class DerivativeError(JaxsphError):
-    """Error of a derivative that cannot be trusted: says since when, and which method to use instead."""
+    """Error of an unreliable derivative: gives the time up to which it holds, and another method to use."""
 
 
 class SimulationError(JaxsphError):
@@ -40,6 +40,6 @@ class SimulationError(JaxsphError):
         time: float | None = None,
         where: Sequence[float] | None = None,
     ) -> None:
-        """Error with a text for the user, and the step, time (s) and position (m) of the first failure."""
+        """Error with a message, and the step, time (s) and position (m) of the first failure."""
         super().__init__(message)
         self.step, self.time, self.where = step, time, where

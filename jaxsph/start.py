@@ -1,4 +1,4 @@
-"""JAX's settings that have to be made before it is imported: where it keeps what it compiles, and its log."""
+"""Settings that JAX needs before it is imported: the folder of its compilation cache, and its log level."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pathlib import Path
 import platformdirs
 
 MOST = 2**30
-"""Size (bytes) of the kept programs beyond which the oldest are removed."""
+"""Size of the compilation cache (bytes) above which the oldest programs are removed."""
 ENOUGH = 0.8
-"""Share of it that stays then."""
+"""Share of that size to which the cache is then reduced (-)."""
 
 
 def prepare_jax() -> None:
-    """Makes JAX keep what it compiles for the next start, and its compiler log fatal errors only.
+    """Turns on JAX's compilation cache for later starts, and limits its compiler's log to fatal errors.
 
-    It is kept in the user's cache folder, whatever time it took to compile. JAX_COMPILATION_CACHE_DIR names
-    another folder and JAX_ENABLE_COMPILATION_CACHE=0 turns it off; variables of the environment that are set,
-    and a folder that a program has given JAX itself, stay as they are.
+    Programs are cached in the user's cache folder, however short their compilation is. The environment
+    variable JAX_COMPILATION_CACHE_DIR sets another folder, and JAX_ENABLE_COMPILATION_CACHE=0 turns the cache
+    off. A folder that a program has already set in JAX, and a set TF_CPP_MIN_LOG_LEVEL, are not changed.
     """
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
@@ -31,7 +31,7 @@ def prepare_jax() -> None:
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK):
-        return  # nothing can be kept, and JAX would say so for each program
+        return  # the folder is not writable, and JAX would warn about every program
     settings = {
         "jax_compilation_cache_dir": str(folder),
         "jax_persistent_cache_min_compile_time_secs": 0.0,
@@ -41,14 +41,14 @@ def prepare_jax() -> None:
             return
         for name, value in settings.items():
             jax.config.update(name, value)
-    # the processes of a sweep inherit the environment
+    # the worker processes of a sweep inherit the environment
     os.environ |= {name.upper(): str(value) for name, value in settings.items()}
     remove_oldest(folder, MOST)
 
 
 def remove_oldest(folder: Path, most: int) -> None:
     """Removes the oldest files of a folder, if all of them take more than `most` bytes."""
-    with contextlib.suppress(OSError):  # another process removes them too
+    with contextlib.suppress(OSError):  # another process may remove the same files
         files = sorted(
             ((entry.stat(), entry.path) for entry in os.scandir(folder)), key=lambda file: file[0].st_mtime
         )
@@ -63,7 +63,7 @@ def remove_oldest(folder: Path, most: int) -> None:
 
 
 def _processor() -> str:
-    """Name of the processor's kind: a program compiled for another may use instructions that it lacks."""
+    """Name of the processor type: a program compiled for another type may use missing instructions."""
     described = f"{platform.machine()} {platform.processor()}"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -45,7 +45,7 @@ def test_two_gauges_do_or_raise(gap, r):
     from_half = abs(gap - 0.5 * round(2.0 * gap))
     assume(abs(from_half - 0.032) > 0.002)  # the condition limit of 10 is at 0.0317
     if from_half < 0.032:
-        with pytest.raises(ValueError, match="singular"):
+        with pytest.raises(ValueError, match="cannot tell incident"):
             analysis.reflection(eta, x, TIMES, T, D)
     else:
         # As above, with a condition of 10 and a distance of 13 rad.
@@ -72,11 +72,11 @@ def test_fundamental_of_several_series():
 
 def test_reflection_errors():
     eta = _two_waves(GAUGES, 0.05, 0.2, 0.0)
-    with pytest.raises(ValueError, match="two at least"):
+    with pytest.raises(ValueError, match="at least two"):
         analysis.reflection(eta[:1], GAUGES[:1], TIMES, T, D)
     with pytest.raises(ValueError, match="gauges, times"):
         analysis.reflection(eta, GAUGES[:2], TIMES, T, D)
-    with pytest.raises(ValueError, match="singular"):
+    with pytest.raises(ValueError, match="cannot tell incident"):
         analysis.reflection(eta, [4.0, 4.0 + LENGTH / 2, 4.0 + LENGTH], TIMES, T, D)
     with pytest.raises(ValueError, match="shorter"):
         analysis.reflection(eta[:, :100], GAUGES, TIMES[:100], T, D)
@@ -241,7 +241,7 @@ def test_fit_errors():
     t = np.linspace(0.0, 6.0, 300)
     with pytest.raises(ValueError, match="not constant"):
         analysis.fit_damped_oscillation(t, np.full(300, 0.3))
-    with pytest.raises(ValueError, match="under half"):
+    with pytest.raises(ValueError, match="less than half"):
         analysis.fit_damped_oscillation(t, np.random.default_rng(2).standard_normal(300))
 
 

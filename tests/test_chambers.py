@@ -128,27 +128,27 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"chamber.column.between": ["front", "front"]}, "between two walls, and these are one"),
+        ({"chamber.column.between": ["front", "front"]}, "needs two different walls"),
         (
             {"chamber.column.between": ["front", "quay"]},
-            "no wall 'quay'; there are front, back, far",
+            "no wall 'quay'; the walls are front, back, far",
         ),
         ({"chamber.column.between": ["front", "device"]}, "there is no wall 'device'"),
         (
             {"solid.front.polygon": [[1.0, 0.12], [1.12, 0.12], [1.12, 0.36], [1.0, 0.36]]},
-            "front does not go through the still surface, at 0.4 m",
+            "front does not reach through the still water surface at z = 0.4 m",
         ),
         (
             {"solid.front.polygon": [[1.0, 0.36], [1.12, 0.36], [1.24, 0.56], [1.12, 0.56]]},
-            "ends at 0.36 m, and must be two spacings under water",
+            "at z = 0.36 m, and must be at least two spacings below still water",
         ),
         (
             {"solid.front.polygon": [[1.48, 0.24], [1.6, 0.24], [1.6, 0.56], [1.48, 0.56]]},
-            r"m of water between them, and three spacings",
+            r"the walls are .* m apart, and must be at least three spacings",
         ),
         (
             {"solid.post.block": {"low": [1.36, 0.2], "high": [1.5, 0.6]}},
-            "solid.post is at the surface between them",
+            "solid.post pierces the surface between them",
         ),
         ({"chamber.column.pto": None}, "chamber.column: nothing lets its air out"),
         (
@@ -156,23 +156,23 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
             "give exactly one of pto.K_dm",
         ),
         ({"chamber.column.pto.P_a": 5e3}, r"chamber.column.pto.P_a = 5000 Pa would push .* at most"),
-        ({"chamber.column.air": {"volume": 0.2}}, r"chamber.column.air: is between water and a turbine"),
+        ({"chamber.column.air": {"volume": 0.2}}, r"chamber.column.air: compressible air needs a turbine"),
         (
             {"chamber.other": {"between": ["front", "far"], "pto": {"K_dm": 3.0}}},
-            "solid.back is at the surface between them",
+            "solid.back pierces the surface between them",
         ),
         (
             {"chamber.other": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},
-            "chamber.column and chamber.other: both are over the surface from",
+            "chamber.column and chamber.other: both cover the surface from",
         ),
         (
             {"chamber.column": None, "chamber.front": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},
-            "solid.front and chamber.front: have one name",
+            "solid.front and chamber.front: have the same name",
         ),
         ({"pto": {"K_dm": 3.0}}, r"pto is given, but there is no device .* \[chamber.NAME.pto\]"),
         ({"chamber.colunm.betwen": ["front", "back"]}, "did you mean 'chamber.NAME.between'"),
         ({"duct.cross": {"between": ["column", "land"], "area": 0.1}}, "there is no chamber 'land'"),
-        ({"duct.cross": {"between": ["column", "column"], "area": 0.1}}, "two chambers, and these are one"),
+        ({"duct.cross": {"between": ["column", "column"], "area": 0.1}}, "needs two different chambers"),
         ({"duct.cross": {"between": ["column", "land"]}}, "duct.cross: give exactly one of area"),
         ({"waves": {"H": 0.17, "T": 1.4}}, "a wall ends 0.16 m above the water, and waves are 0.17 m high"),
         ({"tank.width": 1.0}, "dimensions|two-dimensional tank"),
@@ -187,7 +187,7 @@ def test_a_chamber_named_as_the_device_s_is_refused():
     case = js.load_case("owc")
     with pytest.raises(CaseError, match=r"chamber.chamber: with \[pto\] this is the device's chamber"):
         case.replace({"chamber.chamber": {"between": ["device", "far"], "pto": {"K_dm": 3.0}}})
-    with pytest.raises(CaseError, match="air: is between water and a turbine"):
+    with pytest.raises(CaseError, match="air: compressible air needs a turbine"):
         case.replace({"pto": None, "air": {"volume": 1.0}})
 
 
@@ -320,7 +320,7 @@ def test_a_wide_duct_makes_one_chamber_of_two():
 
 def test_a_duct_to_nowhere_is_refused():
     model, state = js.build(LEANING)
-    with pytest.raises(ValueError, match="ducts end at sea: there are no chambers of these names"):
+    with pytest.raises(ValueError, match="ducts end at sea: give names of chambers of the model"):
         js.assemble(
             np.asarray(state.particles.x),
             np.asarray(state.particles.u),
@@ -392,7 +392,7 @@ def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
     assert amended_case(SHARED, {"chamber.sea.pto.K_dm": 900.0}).turbines[0].K_dm == 900.0
     assert amended_case(SHARED, {"duct.cross.area": 0.02}).duct["cross"].area == 0.02
     for key, value in (("chamber.sea.between", ["front", "far"]), ("duct.cross.between", ["land", "sea"])):
-        with pytest.raises(CaseError, match=f"{key}: cannot change in the course of a run"):
+        with pytest.raises(CaseError, match=f"{key}: cannot change during a run"):
             amended_case(SHARED, {key: value})
     with pytest.raises(CaseError, match=r"sea: pto: cannot change from a turbine to a pressure"):
         amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})

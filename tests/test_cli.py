@@ -88,7 +88,7 @@ def test_quick_run_says_that_it_is_coarse_and_leaves_the_pictures_out(calls, mon
     assert result.exit_code == 0, result.output
     case, options = calls[0]
     assert case.changes == {"coarse": True} and options["overwrite"] is False
-    assert "this was COARSE" in result.stdout and "jaxsph run owc" in result.stdout
+    assert "this was a COARSE run" in result.stdout and "jaxsph run owc" in result.stdout
     assert "pictures" not in result.stdout and "page for a browser" not in result.stdout
 
 
@@ -180,7 +180,9 @@ def test_resume_with_changes(calls, tmp_path):
 def test_a_particle_over_the_rim_names_the_file(calls, monkeypatch, tmp_path):
     def stops(case, out, **_):
         _record(out)
-        raise SimulationError("raise tank.height and go on: jaxsph resume FILE --set tank.height=1.5", step=3)
+        raise SimulationError(
+            "raise tank.height and continue: jaxsph resume FILE --set tank.height=1.5", step=3
+        )
 
     monkeypatch.setattr(js, "run", stops)
     assert "jaxsph resume a.h5 --set tank.height=1.5" in _jaxsph("run", "owc", "--out", "a.h5").stderr
@@ -217,8 +219,8 @@ def test_check_and_cases(calls):
         "s",
         "of",
         "it",
-        "to",
-        "start",
+        "for",
+        "compilation",
     ]
     assert _jaxsph("cases").stdout == "owc  a column\n"
 

@@ -34,7 +34,7 @@ CASE = js.Case.from_dict(
         ({"probes.overtopping": ["device"]}, "there is no solid 'device'"),
         (
             {"solid.wall.polygon": [[1.8, 0.0], [2.4, 0.3], [3.0, 0.0]]},
-            "the crest of wall, at 0.3 m, is under the water, which stands at 0.4 m",
+            "the crest of wall, at 0.3 m, is below still water, at 0.4 m",
         ),
     ],
 )

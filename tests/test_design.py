@@ -91,7 +91,7 @@ def test_a_batch_goes_on_where_its_members_were(tmp_path):
 def test_a_batch_takes_no_workers(tmp_path):
     with pytest.raises(CaseError, match="batch = 0: must be 1 or more"):
         js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", batch=0)
-    with pytest.raises(CaseError, match="batch = 2 and workers = 2: one of"):
+    with pytest.raises(CaseError, match="batch = 2 and workers = 2: give only one of"):
         js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", batch=2, workers=2)
     with pytest.raises(CaseError, match="workers = 0: must be 1 or more"):
         js.sweep(CASE, {"g": [1.0]}, tmp_path / "s.h5", workers=0)
@@ -155,7 +155,7 @@ def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
     out = tmp_path / "s.h5"
     with pytest.raises(CaseError, match=r"dx = -1.0: .*greater than"):
         js.sweep(CASE, {"dx": [0.25, -1.0]}, out, progress=False)
-    with pytest.raises(CaseError, match="equal ones"):
+    with pytest.raises(CaseError, match="equal lengths"):
         js.sweep(CASE, {"g": [1.0], "dx": [0.25, 0.125]}, out, grid=False, progress=False)
     with pytest.raises(CaseError, match="at least one parameter"):
         js.sweep(CASE, {}, out, progress=False)
@@ -205,12 +205,12 @@ def test_any_executor_runs_members_and_one_that_it_loses_is_a_failure(tmp_path, 
     assert np.array_equal(done["value"], [10.25, np.nan, 30.25], equal_nan=True)
     again = js.sweep(CASE, {"g": [1.0, 2.0, 3.0]}, out, executor=Alternating(), progress=False)
     assert np.array_equal(again["value"], [10.25, 20.25, 30.25]) and not again.failures
-    with pytest.raises(CaseError, match="workers = 2 and executor = .*: one of"):
+    with pytest.raises(CaseError, match="workers = 2 and executor = .*: give only one of"):
         js.sweep(CASE, {"g": [1.0]}, tmp_path / "t.h5", executor=Alternating(), workers=2)
 
 
 def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
-    with pytest.raises(FileError, match="nowhere: the worker on .* sees no such folder"):
+    with pytest.raises(FileError, match="nowhere: the worker on .* cannot see this folder"):
         run_member(CASE, tmp_path / "nowhere" / "0000")
 
 

@@ -84,8 +84,8 @@ def test_a_csv_is_scaled_and_placed_alike(tmp_path):
 @pytest.mark.parametrize(
     ("draw", "more", "words"),
     [
-        (lambda p: _dxf(p / "hull.dxf", unit=0), "", "says no unit of its lengths: give scale, in m"),
-        (lambda p: _svg(p / "hull.svg", unit=""), "", "says no unit of its lengths: give scale, in m"),
+        (lambda p: _dxf(p / "hull.dxf", unit=0), "", "has no unit of length: give scale, in m"),
+        (lambda p: _svg(p / "hull.svg", unit=""), "", "has no unit of length: give scale, in m"),
         (lambda p: _dxf(p / "hull.dxf", outlines=2), "", "has 2 closed outlines: must have one"),
         (lambda p: _svg(p / "hull.svg", outlines=3), "", "has 3 closed outlines: must have one"),
         (lambda p: _svg(p / "hull.svg", close=""), "", "has 0 closed outlines: must have one"),
@@ -106,7 +106,7 @@ def test_a_csv_is_scaled_and_placed_alike(tmp_path):
             "scale = -1.0",
             "solid.hull.scale = -1.0: must be a positive number",
         ),
-        (lambda p: _svg(p / "hull.svg"), "at = [1.0]", r"solid.hull.at = \[1.0\]: must be a place"),
+        (lambda p: _svg(p / "hull.svg"), "at = [1.0]", r"solid.hull.at = \[1.0\]: must be a position"),
     ],
 )
 def test_a_drawing_that_cannot_be_used_is_refused(tmp_path, draw, more, words):

@@ -352,7 +352,7 @@ def test_a_run_does_not_go_on_in_the_file_of_another(run, how):
         other.finish({"xi": 0.5})
     before = _everything(run.path)
     for write in (lambda: _append(run, 3), lambda: run.finish({})):
-        with pytest.raises(FileError, match="belongs to another run by now"):
+        with pytest.raises(FileError, match="continued by another program"):
             write()
     assert _everything(run.path) == before
     _append(other, 1 if how == "replaced" else 3)

@@ -65,7 +65,7 @@ def test_integrated_response_conserves_energy_in_the_open_and_closed_chamber():
 def test_linear_theory_of_a_case_s_sea():
     found = js.linear_sea(CASE)
     assert 0.4 < found.xi < 0.7 and found.P_inc == pytest.approx(js.incident_power(CASE), rel=1e-4)
-    with pytest.raises(js.CaseError, match="take linear_owc"):
+    with pytest.raises(js.CaseError, match="use linear_owc"):
         js.linear_sea(js.load_case("owc"))
     with pytest.raises(js.CaseError, match="waves is not given"):
         js.linear_sea(js.load_case("vessel"))
@@ -127,8 +127,8 @@ def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
         ("Hs,Tp,hours\n0.02,1.2,-5\n", "hours: must not be negative"),
         ("Hs,Tp\n0.02,1.2\n", "must name the columns Hs"),
         ("Hs (ft),Tp,share\n0.02,1.2,1\n", "line 1 .*: Hs must be in m"),
-        ("Hs,Tp,share\n0.06,1.2,1\n", "the table has Hs = 0.06: beyond the matrix, which has 0.02 to 0.04"),
-        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7: beyond"),
+        ("Hs,Tp,share\n0.06,1.2,1\n", "Hs = 0.06: outside the matrix, which covers 0.02 to 0.04"),
+        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7: outside"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(tmp_path, text, words):

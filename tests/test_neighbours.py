@@ -310,7 +310,7 @@ def test_jax_md_s_overflows_are_flagged():
 
 def test_jax_md_refuses_a_period():
     grid = grid_over(np.zeros(2), np.full(2, 4.0), RADIUS, ((0, 4.0),))
-    with pytest.raises(ValueError, match=r'search = "jax_md" has no periodic axes'):
+    with pytest.raises(ValueError, match=r'search = "jax_md" does not support periodic axes'):
         JaxMD.of(grid, *np.zeros((2, 1, 2)))
 
 

@@ -148,7 +148,7 @@ def test_readings_that_share_a_name_are_refused(hydrostatic):
     _, model, state = hydrostatic
     probes = (WaveGauge(jnp.array([0.3]), jnp.array([0.0])), WaveGauge(jnp.array([0.6]), jnp.array([0.0])))
     for join in (lambda: described(probes), lambda: measured(probes, model, state, None)):
-        with pytest.raises(ValueError, match="the reading 'eta' is of two probes, WaveGauge and WaveGauge"):
+        with pytest.raises(ValueError, match="'eta' belongs to two probes, WaveGauge and WaveGauge"):
             join()
     assert set(described(probes[:1])) == {"time", "eta"}
 

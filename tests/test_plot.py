@@ -312,5 +312,5 @@ def test_spectrum_has_both_ways_the_band_and_what_was_asked_for():
     assert np.allclose(lines["incident"], 0.9 * asked) and np.allclose(lines["reflected"], 0.01 * asked)
     # the mean over the band of four frequencies of the sea, which is narrow here
     shown = f > 0.5
-    assert np.allclose(lines["asked for"][shown], asked[shown], rtol=0.1, atol=1e-5)
-    assert "0.04 m asked for" in ax.get_title(loc="left") + ax.get_title()
+    assert np.allclose(lines["target spectrum"][shown], asked[shown], rtol=0.1, atol=1e-5)
+    assert "target 0.04 m" in ax.get_title(loc="left") + ax.get_title()

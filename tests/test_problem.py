@@ -100,7 +100,7 @@ def test_a_killed_program_resumes_to_the_bit_when_it_is_named_again(own, whole, 
     ]
     process = subprocess.Popen([*command, "--quiet", "--no-report", "--no-plot"], env=AS_HERE)
     kill_with_two_checkpoints(process, path)
-    assert "name it again" in _command("resume", path, code=2)
+    assert "pass it again" in _command("resume", path, code=2)
     done = RunFile.open(path).snapshot_count * 0.05
     t1 = max(0.2, round(done + 0.05, 2))
     _command("resume", path, "--program", own, "--t1", t1, "--quiet", "--no-report", "--no-plot")
@@ -120,7 +120,7 @@ def test_a_sweep_of_a_function_runs_its_members_in_processes(own, whole, tmp_pat
     # members are compiled with another flag, which rounds sums otherwise
     assert found["highest"][0] == pytest.approx(alone, rel=1e-3) and not found.failures
     assert _command("plot", out).strip().endswith("highest.png")
-    assert "whose linear theory is not known" in _command("plot", whole[0], "--linear", code=2)
+    assert "for which there is no linear theory" in _command("plot", whole[0], "--linear", code=2)
     assert "It differs in arguments.t1 (0.1 there, 0.2 here)" in _command(
         "sweep", own, "--grid", "amplitude=0.03,0.05", "--out", out, code=2
     ).replace("\n", " ")
@@ -132,7 +132,7 @@ def test_a_program_that_sweeps_when_it_is_imported_fails_as_a_member_only(tmp_pa
     call = f'js.sweep(swell, {{"amplitude": [0.03]}}, {str(tmp_path / "s.h5")!r}, workers=1, progress=False)'
     file.write_text(f"{OWN}\nfound = {call}\n", encoding="utf-8")
     found = js.Program.load(f"{file}:swell")
-    assert "a member of a sweep has begun a sweep" in js.read_sweep(tmp_path / "s.h5").failures[0,]
+    assert "a member of a sweep started a sweep" in js.read_sweep(tmp_path / "s.h5").failures[0,]
     assert found.arguments == {"amplitude": 0.05, "t1": 0.2}
 
 
@@ -149,15 +149,15 @@ def test_a_function_inside_another_is_swept_in_this_process(tmp_path):
 def test_an_assembled_problem_has_a_file_and_goes_on(tmp_path):
     path, problem = tmp_path / "a.h5", SWELL.problem()
     js.run(problem, t1=0.1, out=path, progress=False)
-    with pytest.raises(FileError, match=r"name it again, js.resume"):
+    with pytest.raises(FileError, match=r"pass it again: js.resume"):
         js.resume(path, progress=False)
     again = js.resume(path, given=problem, progress=False)
     assert np.array_equal(again["eta"], js.run(SWELL, progress=False)["eta"])
     with pytest.raises(FileError, match="and not by 'hydrostatic'"):
         js.resume(path, given=SWELL, progress=False)
-    with pytest.raises(FileError, match="makes something else of its case"):
+    with pytest.raises(FileError, match="builds another model from its case"):
         js.resume(path, given=SWELL.replace({"fluid.nu": 1e-3}).problem(), progress=False)
-    with pytest.raises(CaseError, match="is made already"):
+    with pytest.raises(CaseError, match="is already built"):
         js.sweep(problem, {"amplitude": [1.0]}, tmp_path / "s.h5", progress=False)
 
 
@@ -169,7 +169,7 @@ def test_exact_slope_of_a_function_is_that_of_its_case(own):
     found = js.derivative(program, "K_dm", "energy_pto", js.Exact(), progress=False)
     assert found.value == of_case.value and found.slope == of_case.slope
     with pytest.raises(
-        CaseError, match="wall: the model jumps with it|wall changes (the number of ghosts|what the compiled)"
+        CaseError, match="wall: the model changes disc|wall changes (the number of ghost|values that are)"
     ):
         js.derivative(program, "wall", "energy_pto", js.Exact(), progress=False)
     with pytest.raises(CaseError, match="of = 'xi': must be one of .*energy_separation, energy_pto"):
@@ -184,8 +184,8 @@ WRONG = {
         r"wrong.py:\w+\(x=3.0\): raised ValueError: too wide \(wrong.py, line \d+\)",
     ),
     "x": ("pass", r"x: is missing; give it as x=VALUE"),
-    "*x": ("pass", r"x: every argument must have a name of its own"),
-    "x=object": ("pass", r"x = <class 'object'>: must be a number, a text"),
+    "*x": ("pass", r"x: every argument must be one passed by name"),
+    "x=object": ("pass", r"x = <class 'object'>: must be a number, a string"),
 }
 """Functions of a user that make no problem, by their arguments: their body, and the words of the error."""
 
@@ -226,7 +226,7 @@ def test_a_program_that_has_changed_since_is_refused(own, whole, tmp_path):
     path = shutil.copy(whole[0], tmp_path / "run.h5")
     changed = tmp_path / "own.py"
     changed.write_text(OWN + "# another\n", encoding="utf-8")
-    with pytest.raises(FileError, match=r"own.py:swell has changed since it was begun"):
+    with pytest.raises(FileError, match=r"own.py:swell has changed since the run began"):
         js.resume(path, t1=0.25, given=js.Program.load(f"{changed}:swell"), progress=False)
     with pytest.raises(FileError, match=r"was made by own.py:swell, and not by 'owc'"):
         js.resume(path, t1=0.25, given=OWC, progress=False)
@@ -252,7 +252,7 @@ def test_a_problem_that_does_not_fit_is_refused():
     ):
         with pytest.raises(CaseError, match=words):
             js.Problem(model, state, *arguments)
-    with pytest.raises(CaseError, match="the reading 'kinetic' is of two probes"):
+    with pytest.raises(CaseError, match="the reading 'kinetic' belongs to two probes"):
         js.Problem(model, state, 0.01, 1.0, probes=[*made.probes, *made.probes])
     with pytest.raises(TypeError, match="no argument snapshots"):
         js.Problem(model, state, 0.01, 1.0, snapshots=3)

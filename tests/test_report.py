@@ -224,7 +224,7 @@ def test_long_lines_keep_their_extremes():
 def test_results_are_in_words_and_every_one_of_a_run_has_a_label(tmp_path):
     found = read(record_of([make_run(tmp_path / "run.h5")]))["runs"][0]
     rows = {row["name"]: row for row in found["results"]}
-    assert rows["xi"]["value"] == "0.61 ± 0.007" and "asked for" in rows["xi"]["meaning"]
+    assert rows["xi"]["value"] == "0.61 ± 0.007" and "target waves" in rows["xi"]["meaning"]
     names = [row["name"] for row in found["results"]]
     assert names == in_order(rows) and names[:3] == ["xi", "xi_scatter", "P_owc"]
     assert found["answer"] == {

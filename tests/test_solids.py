@@ -52,7 +52,7 @@ TANK = js.Case.from_dict(
             {"solid.step.block": {"low": [0.2, 0.0, 0.0], "high": [0.4, 0.2, 0.2]}},
             "solid.step: .* 3 dimensions",
         ),
-        ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.21, 0.2]}}, "solid.step.block: is 0.01 m thin"),
+        ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.21, 0.2]}}, "solid.step.block: is 0.01 m thick"),
         (
             {"solid.bed.block": {"low": [0.0, 0.0], "high": [2.0, 0.6]}, "solid.bed.polygon": None},
             "no water in it",
@@ -69,14 +69,14 @@ TANK = js.Case.from_dict(
         ),
         (
             {"waves": {"H": 0.05, "T": 1.0, "zone": 1.0}},
-            "solid.bed: begins at 0.8 m, and the zone of the waves",
+            "solid.bed: begins at 0.8 m, but the relaxation zone",
         ),
         (
             {
                 "waves": {"H": 0.05, "T": 1.0},
                 "solid.at_paddle.block": {"low": [0.0, 0.0], "high": [0.2, 0.2]},
             },
-            "and the paddle to",
+            "but the paddle needs",
         ),
     ],
 )

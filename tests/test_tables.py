@@ -101,7 +101,7 @@ def test_the_command_writes_beside_the_file(run):
     command = CliRunner().invoke(app, ["export", str(run), "--xlsx"])
     assert command.exit_code == 0 and f"table: {run.with_suffix('.xlsx')}" in command.stdout
     both = CliRunner().invoke(app, ["export", str(run), "--csv", "--xlsx"])
-    assert both.exit_code == 2 and "give one of them" in both.stderr
+    assert both.exit_code == 2 and "give only one of them" in both.stderr
 
 
 def test_a_run_is_a_dataset_with_units_and_results(run):

@@ -1,1 +1,1 @@
-"""Times and memory."""
+"""Measurements of time and memory."""

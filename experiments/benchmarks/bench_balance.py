@@ -1,4 +1,4 @@
-"""How even the load of several devices is after some seconds of waves: particles, pairs, ghosts of each."""
+"""Load balance of several devices after some seconds of waves: particles, pairs and ghosts of each device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxsph.run.devices import share
 
 
 def main(dx: float = 0.02, slabs: int = 8, t1: float = 10.0) -> None:
-    """Runs the built-in OWC to t1 (s) on so many devices, which may be more than there are cores."""
+    """Runs the built-in OWC to t1 (s) on `slabs` devices, which may be more than the number of cores."""
     with Report(
         f"bench_balance_{dx:g}_{slabs}", f"Load of {slabs} devices after {t1:g} s of waves", dx
     ) as report:
@@ -32,7 +32,7 @@ def main(dx: float = 0.02, slabs: int = 8, t1: float = 10.0) -> None:
 
 
 def balance(case: js.Case, devices: int, turns: int) -> dict[str, list[int]]:
-    """Numbers of every slab at the end of a run on so many devices: particles, pairs, ghosts beside it."""
+    """Counts for every slab at the end of a run on `devices` devices: particles, pairs, ghosts beside it."""
     del turns
     done = js.run(case, devices=devices, progress=False)
     model, state = share(done.model, done.state, devices)

@@ -1,4 +1,4 @@
-"""What a run costs beside others in one vmapped call, over a run alone: should a sweep go in batches?"""
+"""Time of a run among others in one vmapped call over a run alone: should a sweep run in batches?"""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from experiments.common import Report, timed, use_threads
 
 
 def main(dx: float = 0.02, lanes: int = 8, blocks: int = 8, turns: int = 5, threads: int = 1) -> None:
-    """Times blocks of steps of the built-in OWC at `lanes` dampings at once, and at one, in turns."""
+    """Times blocks of steps of the built-in OWC, alternately at `lanes` dampings at once and at one."""
     use_threads(threads)
     model, state = js.build(js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"}))
-    # a push along the tank, so that the chamber breathes from the start
+    # an initial velocity along the tank, so that air flows in the chamber from the start
     state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u.at[:, 0].add(0.05))
     n_steps = blocks * model.search.rebuild_every
     K = jnp.geomspace(200.0, 2000.0, lanes)

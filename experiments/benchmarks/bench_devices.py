@@ -1,6 +1,6 @@
-"""What several devices gain: a step of one run shared by them, searches included, against one device.
+"""Speed-up by several devices: a step of one run shared by them, searches included, against one device.
 
-Every number is from a process of its own: cores become devices before JAX is first used.
+Every number is measured in a separate process, because the number of devices must be set before JAX is used.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from jaxsph.run.simulate import UNSPLIT
 def main(
     dx: float = 0.01, devices: int = 2, case: str = "owc", weakly_compressible: bool = False, turns: int = 5
 ) -> None:
-    """Times blocks of steps and searches on one core, on one device with every core, and on devices."""
+    """Times blocks of steps and searches on one core, on one device with all cores, and on `devices`."""
     changes = {"dx": dx} | ({"scheme.kind": "weakly_compressible"} if weakly_compressible else {})
     kind = "weakly compressible" if weakly_compressible else "incompressible"
     suffix = "_weakly" if weakly_compressible else ""
@@ -50,7 +50,7 @@ def apart(
     one_core: bool,
     name: str = "owc",
 ) -> dict:
-    """What `measure(case, devices, turns)` finds of a built-in case with changes, in a process of its own."""
+    """Result of `measure(case, devices, turns)` for a built-in case with changes, in a separate process."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(_measured, measure, changes, devices, turns, one_core, name).result()
 
@@ -63,7 +63,7 @@ def _measured(measure, changes, devices, turns, one_core, name):
 
 
 def cost(case: js.Case, devices: int, turns: int) -> dict[str, float]:
-    """Seconds of a step, searches included, and the memory (bytes) of a chunk, on so many devices."""
+    """Time of a step (s), searches included, and memory of a chunk (bytes) on `devices` devices."""
     model, state = js.build(case)
     found = {"water": len(state.particles.id), "ghosts": model.walls.count}
     model, state = share(model, state, devices)

@@ -22,8 +22,10 @@ PAPER = PAPER_SIZE / PAPER_STEP
 
 
 def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, devices: int = 1) -> None:
-    """Times steps after the gate's opening, searches included, on so many cores or the accelerator that jax
-    finds: `steps` blocks of steps between searches, after as many before the clock starts."""
+    """Times steps after the gate opens, searches included, on `threads` cores or the accelerator of JAX.
+
+    Runs `steps` blocks of steps between searches; as many blocks run before the clock starts.
+    """
     use_threads(threads)
     find_devices(devices)
     model, state = js.build(js.load_case("dam_break_column").replace({"dx": dx}))
@@ -38,7 +40,7 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, de
     state = jax.block_until_ready(advance(model, state))
     seconds = min(_seconds(advance, model, state) for _ in range(turns)) / (steps * every)
     if int(state.status.bits):
-        raise SystemExit("a step failed: see its status")
+        raise SystemExit("a step failed: see the status of the state")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     many = f", {devices} devices" if devices > 1 else ""
     name = f"bench_isph_{dx:g}_{threads}" + (f"_{devices}" if many else "")
@@ -65,7 +67,7 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, de
 
 
 def _operator(model: js.Model, state: js.State, turns: int) -> float:
-    """Time of a sum over the water's neighbours with given weights, for each pair, s."""
+    """Time per pair of a sum over the water's neighbours with given weights, s."""
     sources = len(state.particles.id) + model.walls.count
     _, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     table = tables.fluid.indices

@@ -1,4 +1,4 @@
-"""Time of a step of the incompressible OWC over that with the kernel and the walls before, in turns."""
+"""Time of a step of the incompressible OWC over the time with the earlier kernel and walls, alternately."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from experiments.common import Report, timed, use_threads
 from jaxsph.model.state import Failure
 
 BEFORE = {"scheme.kernel": "gaussian", "tank.walls": "mirror"}
-"""What the case had before the semicircle, and before walls that mirror the water."""
+"""Settings of the case before the semicircle kernel and before walls that mirror the water."""
 
 
 def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> None:
-    """Runs `turns` times so many steps with either, one thread, after `warm` steps that start the waves."""
+    """Runs `steps` steps `turns` times with both settings, on one thread, after `warm` steps of waves."""
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx})
     every = case.problem().sample_every
-    steps = -(-steps // every) * every  # of both runs: the step follows the spacing
+    steps = -(-steps // every) * every  # in both runs: the time step depends on dx only
     runs = [started(case.replace(changes), steps, every, warm) for changes in ({}, BEFORE)]
     times: list[list[float]] = [[], []]
     for _ in range(turns):
@@ -36,7 +36,7 @@ def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> 
 
 
 def started(case: js.Case, steps: int, every: int, warm: int):
-    """A call that runs so many steps more of a case, which has run `warm` already."""
+    """Function that runs the next `steps` steps of a case; the first `warm` steps are already done."""
     model, state = js.build(case)
     advance = jax.jit(js.simulate, static_argnames=("n_steps", "sample_every"))
     for _ in range(-(-warm // steps)):

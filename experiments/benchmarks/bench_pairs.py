@@ -1,10 +1,10 @@
-"""Time of the pair work of one right-hand side, per pair, on given inputs.
+"""Time per pair of the pair sums of one right-hand side, for given inputs.
 
     python -m experiments run bench_pairs INPUTS.npz [--beside "COMMAND"]
 
 INPUTS holds float32 arrays x, y, u, v, rho, volume [N], scalars h, radius, dx, c0, rho0, delta, alpha, and
-float64 arrays ref_<name> to compare with. COMMAND is a program that does the same work and prints one JSON
-object with `ns_per_pair_min`; the two take turns.
+float64 arrays ref_<name> to compare with. COMMAND is a program that computes the same sums and prints one
+JSON object with `ns_per_pair_min`; the two programs run alternately.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 
 def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repeats: int = 9) -> None:
-    """Prints ns per pair, and its ratio to that of COMMAND."""
+    """Prints the time per pair (ns), and its ratio to the time of COMMAND."""
     use_threads(threads)
     given = dict(np.load(inputs))
     evaluate, reference = right_hand_side(given)
@@ -62,7 +62,7 @@ def main(inputs: Path, beside: str = "", threads: int = 1, turns: int = 5, repea
 
 
 def right_hand_side(given: dict[str, np.ndarray]):
-    """A call that evaluates the solver's own two passes, and what they give in the inputs' order."""
+    """Function that evaluates the two pair sums of the solver, and their results in the inputs' order."""
     h, dx, c0, rho0 = (float(given[name]) for name in ("h", "dx", "c0", "rho0"))
     smoothing = Smoothing(Gaussian(float(given["radius"]) / float(h)), jnp.float32(h))
     scheme = DeltaSPH(

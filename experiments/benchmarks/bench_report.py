@@ -1,4 +1,4 @@
-"""Pages for the browser: size, time until water is seen, pictures a second; and the coarse run's time."""
+"""Pages for the browser: size, time to the first picture, pictures per second; and time of the coarse run."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ DRAW = """() => {
     for (let k = 0; k < 60; k++) seek(k % 7 * 0.41);
     return 60000 / (performance.now() - began);
 }"""
-"""Pictures a second of the drawing alone, from one time of the run to another."""
+"""Script that measures pictures per second of drawing alone, at changing times of the run."""
 
 
 def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
-    """Pages of the built-in OWC, and of one of `fine` (m) spacing up to `t1` (s), played for `seconds`."""
+    """Measures pages of the OWC, built-in and with spacing `fine` (m) to `t1` (s), played for `seconds`."""
     case = js.load_case("owc")
     files = {
         "built-in OWC": solved(case, "bench_report"),
@@ -48,24 +48,24 @@ def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
 
 
 def _coarse_run() -> float:
-    """Wall time (s) of the first look in a process of its own, which compiles everything."""
+    """Wall time (s) of a run with `--quick` in a separate process, which compiles everything."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "owc.h5"
         began = time.perf_counter()
         command = [sys.executable, "-m", "jaxsph", "run", "owc", "--quick", "--quiet", "--out", str(out)]
         subprocess.run(command, check=True)
         if not out.with_suffix(".html").exists():
-            raise FileNotFoundError("the coarse run has left no page")
+            raise FileNotFoundError("the coarse run has written no page")
         return time.perf_counter() - began
 
 
 def _seen(page: Path, seconds: float) -> dict[str, Any]:
-    """What a browser makes of a page; the whole tank is shown."""
+    """Particles, first picture and pictures per second of a page in a browser that shows the whole tank."""
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
-        raise FileNotFoundError("there is no Chromium; install it from the system's packages")
+        raise FileNotFoundError("Chromium was not found: install it from the system's packages")
     with sync_playwright() as library:
         browser = library.chromium.launch(executable_path=chromium, args=FLAGS)
         opened = browser.new_page(viewport={"width": 1280, "height": 900})

@@ -1,7 +1,8 @@
-"""What a run costs against its particles and devices: time, memory, messages, and a model of them.
+"""Cost of a run against particles and devices: time, memory and messages, with a model of the time.
 
-The built-in OWC at three spacings, in both schemes, on one device and on several; what devices send is
-counted in the compiled step. Every case has a process of its own: cores become devices before JAX is used.
+Runs the built-in OWC at three spacings, in both schemes, on one device and on several. Messages between
+devices are counted in the compiled step. Every case runs in a separate process, because the number of devices
+must be set before JAX is used.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from jaxsph.run.devices import share
 SPACINGS = (0.02, 0.01, 0.005)
 SCHEMES = ("incompressible", "weakly_compressible")
 PAPER = 26.7
-"""Seconds of a step of 4,222,746 particles on 16 threads (Yeylaghi et al. 2016, table 1)."""
+"""Time of a step of 4,222,746 particles on 16 threads, s (Yeylaghi et al. 2016, table 1)."""
 LATENCY, BANDWIDTH = 5e-6, 1e10
-"""Time of a message between machines (s) and what one sends in a second (bytes/s), of a common cluster's
-network; assumed, for the model's figures of machines that were not at hand."""
+"""Latency of a message between machines (s) and bandwidth (bytes/s) of a common cluster's network. Both are
+assumed, because no cluster was available to measure them."""
 SIZES = {"f32": 4, "s32": 4, "u32": 4, "f64": 8, "s64": 8, "pred": 1}
 
 
 class Messages(NamedTuple):
-    """Messages that a device receives: their number, bytes from the slabs beside it, bytes from all."""
+    """Messages that a device receives: number, bytes from the adjacent slabs, bytes from all slabs."""
 
     count: int
     beside: int
@@ -37,7 +38,7 @@ class Messages(NamedTuple):
 
 
 def main(devices: int = 2, slabs: int = 8, turns: int = 4, steps: int = 500) -> None:
-    """Times steps on one core and on `devices`, and counts messages of `slabs`."""
+    """Times steps on one core and on `devices` devices, and counts the messages between `slabs` devices."""
     with Report("bench_scale", f"Cost of the OWC against particles and devices, {steps} steps") as report:
         columns: dict[str, list[float]] = {name: [] for name in COLUMNS}
         for scheme in SCHEMES:
@@ -69,14 +70,14 @@ COLUMNS = ("incompressible", "dx (m)", "particles", "ghosts", "devices", "second
 
 
 def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
-    """Fits the time of a step on a device: a part for every particle on it, and one for the step itself."""
+    """Fits the time of a step on a device: a part proportional to its particles, and a constant part."""
     figure = Figure(figsize=(6, 4.5), layout="constrained")
     axis = figure.subplots()
     for colour, scheme in zip(("C0", "C1"), SCHEMES, strict=True):
         of = table["incompressible"] == (scheme == SCHEMES[0])
         n, many = table["particles"][of] / table["devices"][of], table["devices"][of] > 1
         seconds = table["seconds"][of] / steps
-        # relative errors count: every time is divided by itself
+        # each equation is divided by its time, so that relative errors are minimised
         A = np.stack([n, np.ones_like(n), many], axis=1) / seconds[:, None]
         each, once, shared = np.linalg.lstsq(A, np.ones_like(n), rcond=None)[0]
         worst = float(np.max(np.abs(A @ [each, once, shared] - 1.0)))
@@ -89,7 +90,7 @@ def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
             axis.plot(n[which], 1e3 * seconds[which], colour + marker, mfc="none" if marker == "s" else None)
         axis.plot(x, 1e3 * (each * x + once), colour + "-", lw=0.8, label=scheme)
         axis.plot(x, 1e3 * (each * x + once + shared), colour + "--", lw=0.8)
-        # 1e9 particles on as many cores as have 1e5 each
+        # 1e9 particles on 10,000 cores, 1e5 on each
         report.row(f"{scheme}: 1e9 particles on 10,000 cores, a step by the model", each * 1e5 + once, "s")
     axis.set(xscale="log", yscale="log", xlabel="particles on a device", ylabel="a step, ms")
     axis.legend(title="one device (full), several (dashed)", fontsize=8)
@@ -97,7 +98,7 @@ def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
 
 
 def _sent(report: Report, scheme: str, slabs: int) -> None:
-    """Reports what a device receives in a step, against the particles of its halos."""
+    """Reports the bytes that a device receives in a step, against the particles in its halos."""
     ratios = []
     for dx in SPACINGS:
         found = apart(messages, {"dx": dx, "scheme.kind": scheme}, slabs, 0, False)
@@ -124,7 +125,7 @@ def _sent(report: Report, scheme: str, slabs: int) -> None:
 
 
 def messages(case: js.Case, devices: int, turns: int) -> dict:
-    """What a device receives in a step, and in an iteration of the pressure's solution; nothing is run."""
+    """Messages to a device in a step and in an iteration of the pressure solver, counted without running."""
     del turns
     model, state = js.build(case)
     model, state = share(model, state, devices)
@@ -136,7 +137,7 @@ def messages(case: js.Case, devices: int, turns: int) -> dict:
 
 
 def received(text: str, devices: int) -> tuple[Messages, Messages]:
-    """Messages in the loops of a compiled program and outside of them, each counted once."""
+    """Messages inside the loops of a compiled program and outside of them, each counted once."""
     bodies = set(re.findall(r"body=%?([\w.\-]+)", text))
     found = {True: [0, 0, 0], False: [0, 0, 0]}
     name = ""

@@ -1,4 +1,4 @@
-"""What a derivative costs beside the run itself: forward mode, exact and filtered, and reverse mode."""
+"""Cost of a derivative over the cost of the run: forward mode, exact and filtered, and reverse mode."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"})
     model, state = js.build(case)
-    # a push along the tank, so that the chamber breathes from the start
+    # an initial velocity along the tank, so that air flows in the chamber from the start
     state = eqx.tree_at(lambda s: s.particles.u, state, state.particles.u.at[:, 0].add(0.05))
     every = model.search.rebuild_every
     K = model.chambers[0].pto.K_dm
@@ -73,7 +73,7 @@ def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True
 
 
 class Compiled:
-    """A compiled function, with the memory that it takes."""
+    """A compiled function and its memory."""
 
     def __init__(self, function, *arguments) -> None:
         self.function = jax.jit(function).lower(*arguments).compile()

@@ -1,4 +1,4 @@
-"""Start of a run: time to its second reading, new and again; wall times, foretold and actual."""
+"""Start of a run: time to its second reading, first and repeated; predicted and actual wall times."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pathlib import Path
 from experiments.common import Report
 
 CASES = ("owc", "wave_tank", "flap_2d", "section_fixed", "beach")
-"""Cases whose wall time is foretold."""
+"""Cases whose wall time is predicted."""
 FORETELL = """
 import sys
 import jaxsph as js
 print("foretold", js.duration(js.load_case(sys.argv[1]), devices=1).total)
 """
-"""Program that foretells the wall time (s) of a case."""
+"""Program that predicts the wall time (s) of a case."""
 
 
 def main(cases: str = ",".join(CASES)) -> None:
-    """Times starts of the built-in OWC, and foretells and runs these cases; each in a process of its own."""
+    """Times starts of the built-in OWC; predicts and measures times of `cases`. All in separate processes."""
     with Report("bench_start", "Start of a run, and its time foretold") as report:
         with tempfile.TemporaryDirectory() as folder:
             for when, bar in (("new", None), ("again", 4.0)):
@@ -52,7 +52,7 @@ def main(cases: str = ",".join(CASES)) -> None:
 
 
 def _timed(arguments: list[str], folder: Path) -> float:
-    """Wall time (s) of a command without pictures and page; what it compiles is kept in the folder."""
+    """Wall time (s) of a command without pictures and page; compiled programs are kept in `folder`."""
     began = time.perf_counter()
     extra = ["--quiet", "--no-plot", "--no-report", "--out", str(folder / "run.h5")]
     subprocess.run([sys.executable, "-m", "jaxsph", *arguments, *extra], check=True, env=_environment(folder))

@@ -1,4 +1,4 @@
-"""Time of a whole step of the OWC against its own pair work, peak memory, and the wall time of 21 s."""
+"""Time of a whole step of the OWC over the time of its pair sums, peak memory, and wall time of 21 s."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jaxsph.schemes.step import at_rest
 
 
 def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
-    """Runs `steps` steps of the OWC with spacing dx, in turns with its bare pair sums."""
+    """Runs `steps` steps of the OWC with spacing dx, alternating with its pair sums alone."""
     use_threads(threads)
     case = js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"})
     model, state = js.build(case)
@@ -29,7 +29,7 @@ def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) 
         return jax.block_until_ready((state, series))[0]
 
     passes = pair_passes(model, state)
-    run(state)  # compiled
+    run(state)  # compiles
     whole, pairs = [], []
     for _ in range(turns + 1):
         began = time.perf_counter()
@@ -55,7 +55,7 @@ def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) 
 
 
 def pair_passes(model, state):
-    """A call that evaluates the two pair sums of one right-hand side on the model's own tables."""
+    """Function that evaluates the two pair sums of one right-hand side on the tables of the model."""
     scheme = model.scheme
 
     @jax.jit

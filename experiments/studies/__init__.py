@@ -1,1 +1,1 @@
-"""Runs that answer a question about devices, waves or slopes."""
+"""Studies, each of which answers a question about devices, waves or slopes."""

@@ -1,4 +1,4 @@
-"""Power matrix of the OWC in irregular seas, its mean over a year, and linear theory beside it."""
+"""Power matrix of the OWC in irregular seas and its annual mean, compared with linear theory."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from jaxsph.output.plot.matrix import draw_matrix
 HS, TP = (0.03, 0.04, 0.05), (1.2, 1.4, 1.6)
 SEEDS = 2
 DURATION = 42.0
-"""Time after which a sea repeats, s: thirty waves of 1.4 s."""
+"""Repeat period of a sea, s: thirty waves of 1.4 s."""
 SHARES = ((0.10, 0.08, 0.02), (0.15, 0.25, 0.10), (0.05, 0.15, 0.10))
-"""Share of the year of every sea state, Hs by Tp: a table made up for this experiment."""
+"""Share of the year for every sea state, Hs by Tp: a table invented for this experiment."""
 
 
 def study_case(dx: float = 0.02) -> js.Case:
@@ -33,7 +33,7 @@ def study_case(dx: float = 0.02) -> js.Case:
 
 
 def main(dx: float = 0.02, workers: int = 1) -> None:
-    """Runs every sea state twice, or what of them is not there yet."""
+    """Runs every sea state with two seeds; finished runs are only read."""
     done = js.power_matrix(
         study_case(dx), HS, TP, RUNS / f"annual_power_{dx:g}.h5", seeds=SEEDS, workers=workers
     )

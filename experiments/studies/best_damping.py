@@ -1,4 +1,4 @@
-"""The search for the best damping, from far below it and from far above, against a fit over thirteen runs."""
+"""Search for the best damping from far below and from far above it, against a fit through thirteen runs."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from experiments.studies.filter_study import RANGE, fitted
 STARTS = (150.0, 2400.0)
 BOUNDS = (100.0, 2500.0)
 METHOD = js.Ensemble(members=5)
-"""Five runs a slope: two more than a parabola needs, for the error."""
+"""Five runs per slope: two more than a parabola needs, to estimate the error."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs both searches and the sweep of `filter_study`, or what of them is not there yet."""
+    """Runs both searches and the sweep of `filter_study`; finished runs are only read."""
     case = study_case(dx)
     study, fit = fitted(case)
     fine = np.geomspace(*RANGE, 500)
@@ -33,7 +33,7 @@ def main(dx: float = 0.02) -> None:
         for start in STARTS
     }
     with Report(f"best_damping_{dx:g}", "Search for the best damping from both sides", dx) as report:
-        # the searches do not keep their members' times: those of the sweep, the same case, stand for them
+        # the searches do not store the times of their members: times of the sweep of the same case are used
         each = float(np.nanmedian(study["wall_seconds"]))
         report.seconds = each * METHOD.members * sum(len(way.history) for way in ways.values())
         report.row("best K_dm of the fitted sweep", best, "kg^0.5 m^-2.5")

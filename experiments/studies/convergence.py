@@ -1,10 +1,10 @@
-"""The built-in OWC over three spacings and both schemes, with Richardson's estimate, beside linear theory.
+"""The OWC at three spacings in both schemes, with Richardson extrapolation, compared with linear theory.
 
-A tank of 3 m and a wall of 0.02 m whatever the spacing, so that all runs and the theory are of one device.
-Linear theory is given with a head lost at the front wall's lip, zeta = 0, 1 and 2 velocity heads of the
-column's mean velocity. That range is an assumption and nothing is fitted: a sharp-edged entry costs 0.5 to
-1 and an exit 1 velocity head in steady pipe flow, as handbooks of hydraulics have it, and a flow that turns
-round and comes back meets its own eddies. The theory's efficiency is a range for it.
+The tank is 3 m long and the wall 0.02 m thick at every spacing, so that all runs and the theory have the same
+device. Linear theory includes a head loss at the lip of the front wall of zeta = 0, 1 and 2 velocity heads of
+the column's mean velocity. This range is assumed, not fitted. According to handbooks of hydraulics a
+sharp-edged entry loses 0.5 to 1 velocity head in steady pipe flow, and an exit loses 1; an oscillating flow
+also meets its own eddies. The efficiency of linear theory is therefore given as a range.
 """
 
 from __future__ import annotations
@@ -24,62 +24,62 @@ from jaxsph.output.run_file import RunFile
 
 SPACINGS = (0.02, 0.01, 0.005)
 SCHEMES: dict[str, dict[str, Any]] = {"incompressible": {}, "weakly_compressible": {}}
-"""Changes to the case with each scheme, which has its defaults otherwise."""
+"""Changes to the case for each scheme; all other settings are defaults."""
 ZETA = (0.0, 1.0, 2.0)
-"""Loss coefficients of the lip in linear theory (-): no loss, one velocity head, two."""
+"""Loss coefficients of the lip in linear theory (-): none, one and two velocity heads."""
 QUANTITIES = {"xi": ("xi", ""), "P_a": ("pressure amplitude", "Pa"), "flow": ("flow amplitude", "m2/s")}
-"""What is followed over the spacing: its label and unit."""
+"""Quantities compared between spacings: label and unit of each."""
 BARS = ((0.02, 0.01, 0.05), (0.01, 0.005, 0.025))
-"""Coarse and fine spacing (m), and the largest change of xi between them, of the finer one's."""
+"""Coarse and fine spacing (m), and the largest allowed change of xi between them, over the coarse xi."""
 SCHEMES_APART = (0.01, 0.03)
-"""Spacing (m) at which the schemes are compared, and their largest difference in xi, of their mean."""
+"""Spacing (m) at which the schemes are compared, and the largest allowed difference in xi over the mean."""
 ORDERS = (0.5, 2.0)
-"""Orders between which a sequence is extrapolated: below there is no limit in sight, above is not SPH's."""
+"""Orders between which a sequence is extrapolated: below, no limit is in sight; SPH has no higher order."""
 SAFETY = 1.25
-"""Factor on what is left to the limit: Roache's for three spacings."""
+"""Safety factor on the distance to the limit: Roache's for three spacings."""
 
 
 class Found(NamedTuple):
-    """What one run found."""
+    """Results of one run."""
 
     values: dict[str, float]
-    """Each of `QUANTITIES`."""
+    """Values of `QUANTITIES`."""
     errors: dict[str, float]
-    """Standard error of each from its scatter between periods."""
+    """Standard errors of `QUANTITIES`, from the scatter between periods."""
     results: dict[str, float]
-    """Results of the run, as in its file."""
+    """Results as in the file of the run."""
     seconds: float
-    """Wall time of a second of the flow (s), at the rate of the run's last process."""
+    """Wall time per simulated second (s), at the rate of the last process of the run."""
 
 
 class Limit(NamedTuple):
-    """Limit of a sequence over the spacing, or why there is none."""
+    """Limit of a quantity at zero spacing, or the reason why there is none."""
 
     value: float | None
-    """Value at no spacing; None where the sequence gives none."""
+    """Value at zero spacing; None if the sequence has no limit."""
     error: float
-    """Its error; without a value the spread of the sequence, largest less smallest."""
+    """Error of the value; without a value the spread of the sequence, largest minus smallest."""
     order: float | None
-    """Order seen in the sequence; None where it is not monotone or only scatters."""
+    """Observed order of the sequence; None if the sequence is not monotone or only scatters."""
     why: str
-    """How the value came about, or why there is none."""
+    """How the value was computed, or why there is none."""
 
 
 def main(
-    dx: Annotated[list[float] | None, typer.Option(help="m, again for more; 0.02, 0.01, 0.005")] = None,
-    schemes: Annotated[list[str] | None, typer.Option(help="again for more; both")] = None,
+    dx: Annotated[list[float] | None, typer.Option(help="m, repeatable; default 0.02, 0.01, 0.005")] = None,
+    schemes: Annotated[list[str] | None, typer.Option(help="repeatable; default: both")] = None,
     t1: float = 14.0,
 ) -> None:
-    """Runs or goes on with the spacings and schemes asked for, and reports them with those already there."""
+    """Runs or continues the requested spacings and schemes, and reports them with the runs already there."""
     asked = tuple(SPACINGS if not dx else dx), tuple(schemes or SCHEMES)
     unknown = set(asked[1]) - set(SCHEMES)
     if unknown:
-        raise typer.BadParameter(f"schemes = {', '.join(sorted(unknown))}: must be of {', '.join(SCHEMES)}")
+        raise typer.BadParameter(f"schemes = {', '.join(sorted(unknown))}: choose from {', '.join(SCHEMES)}")
     runs = {kind: _runs(kind, asked, t1) for kind in SCHEMES}
     theory = [js.linear_owc(study_case("incompressible", SPACINGS[-1]), zeta) for zeta in ZETA]
     with Report("convergence", "The OWC over the spacing in both schemes, beside linear theory") as report:
         every = [run for found in runs.values() for run in found.values()]
-        # whichever process it was that did it
+        # time of all processes of a run, at the rate of the last one
         report.seconds = sum(run.seconds * run.results["t_end"] for run in every)
         for kind, found in runs.items():
             for spacing, run in found.items():
@@ -96,9 +96,9 @@ def main(
 
 
 def study_case(kind: str, dx: float) -> js.Case:
-    """The built-in OWC in a tank of 3 m by the scheme `kind`, at the spacing dx (m).
+    """The built-in OWC in a tank of 3 m with the scheme `kind`, at the spacing dx (m).
 
-    Wall and gauges stay where they are as the spacing changes.
+    The positions of wall and gauges do not depend on the spacing.
     """
     return js.load_case("owc").replace(
         {
@@ -117,8 +117,8 @@ def study_case(kind: str, dx: float) -> js.Case:
 
 
 def _runs(kind: str, asked: tuple[tuple[float, ...], tuple[str, ...]], t1: float) -> dict[float, Found]:
-    """What was found by the scheme `kind` at each spacing (m), coarse to fine: those asked for, and of the
-    others those whose run is there."""
+    """Results of the scheme `kind` by spacing (m), coarse to fine: of the requested runs, and of other runs
+    that are already complete."""
     found = {}
     for spacing in sorted({*SPACINGS, *asked[0]}, reverse=True):
         case, name = study_case(kind, spacing), f"convergence_{kind}_{spacing:g}"
@@ -130,7 +130,7 @@ def _runs(kind: str, asked: tuple[tuple[float, ...], tuple[str, ...]], t1: float
 
 
 def _ended(case: js.Case, path: Path, t1: float) -> bool:
-    """Whether the file is there, of this case, and its run went on to t1 (s)."""
+    """Whether the file exists, holds this case, and its run reached t1 (s)."""
     if not path.exists():
         return False
     file = RunFile.open(path)
@@ -138,25 +138,25 @@ def _ended(case: js.Case, path: Path, t1: float) -> bool:
 
 
 def _read(case: js.Case, file: RunFile) -> Found:
-    """What a run found over its settled periods.
+    """Results of a run over its settled periods.
 
-    **Raises** ValueError for a run without one: its t1 is too short.
+    **Raises** ValueError if the run has no settled period, because its t1 is too short.
     """
     series, results = file.series(), file.results()
     periods = int(results.get("periods", 0))
     if periods < 1:
-        raise ValueError(f"the run to {results['t_end']:g} s has no settled period: t1 must be longer")
+        raise ValueError(f"the run to {results['t_end']:g} s has no settled period: choose a longer t1")
     values, errors = {"xi": results["xi"]}, {"xi": results["xi_scatter"] / np.sqrt(periods)}
     for name in ("P_a", "flow"):
         values[name], errors[name] = _amplitude(series, name, case.waves.T, periods)
-    # `wall_seconds` is of the last process alone, where a run was interrupted; its rate holds for all
+    # after an interruption `wall_seconds` covers the last process only; its rate is used for all of them
     steps = len(file.snapshot(-1)["x"]) * results["steps"]
     seconds = steps / results["particle_steps_per_second"] / results["t_end"]
     return Found(values, errors, results, seconds)
 
 
 def _amplitude(series: dict[str, np.ndarray], name: str, period: float, periods: int) -> tuple[float, float]:
-    """Amplitude of a reading at the waves' frequency over the last whole periods, and its standard error."""
+    """Amplitude of a reading at the wave frequency over the last whole periods, and its standard error."""
     t = series["time"]
 
     def over(samples: np.ndarray | slice) -> float:
@@ -169,12 +169,12 @@ def _amplitude(series: dict[str, np.ndarray], name: str, period: float, periods:
 
 
 def richardson(dx: list[float], values: list[float], errors: list[float]) -> Limit:
-    """Limit of a quantity at no spacing, in its unit, from its values at three spacings (m), coarse to fine.
+    """Limit of a quantity at zero spacing, in its unit, from values at three spacings (m), coarse to fine.
 
     With e = (f1 - f2, f2 - f3) and the ratio r of the spacings, the order is p = log(e1 / e2) / log(r) and
-    the limit f3 - e2 / (r^p - 1). `errors` are standard errors of the values. A sequence that turns, that
-    moves less than it scatters, whose order is below 0.5 or whose spacings are in no one ratio gives its
-    spread and no value; an order above 2 is taken as 2, which leaves more to the limit.
+    the limit f3 - e2 / (r^p - 1). `errors` are standard errors of the values. There is no value, only the
+    spread, if the sequence is not monotone, changes less than it scatters, has an order below 0.5, or has
+    spacings without a common ratio. An order above 2 is taken as 2, which puts the limit farther away.
     """
     f, h = np.asarray(values, float), np.asarray(dx, float)
     spread = float(np.ptp(f))
@@ -197,7 +197,7 @@ def richardson(dx: list[float], values: list[float], errors: list[float]) -> Lim
 
 
 def _rows(report: Report, where: str, run: Found) -> None:
-    """Rows of one run: what is followed, where the paddle's work went, what it cost."""
+    """Reports one run: the quantities, the distribution of the paddle's work, and the cost."""
     for name, (label, unit) in QUANTITIES.items():
         report.row(f"{where}: {label}", run.values[name], unit)
         report.row(f"{where}: {label}, standard error", run.errors[name], unit)
@@ -215,7 +215,7 @@ def _rows(report: Report, where: str, run: Found) -> None:
 
 
 def _shares(results: dict[str, float]) -> dict[str, float]:
-    """Shares of the paddle's work (-) by where it went; what no part of the case does is left out."""
+    """Shares of the paddle's work (-) by energy; energies that are zero are left out."""
     names = [name.removeprefix("energy_") for name in results if name.startswith("energy_")]
     names = [name for name in names if name not in ("paddle", "residual_share")]
     place = {"pto": -2, "stored": -1, "residual": 1}
@@ -224,7 +224,7 @@ def _shares(results: dict[str, float]) -> dict[str, float]:
 
 
 def _convergence(report: Report, where: str, found: dict[float, Found]) -> None:
-    """Rows of a scheme's changes of xi from spacing to spacing, and the limits of all quantities."""
+    """Reports the change of xi between spacings for one scheme, and the limits of all quantities."""
     for coarse, fine, bar in BARS:
         if coarse in found and fine in found:
             change = found[fine].values["xi"] / found[coarse].values["xi"] - 1.0
@@ -270,7 +270,7 @@ def _schemes_apart(report: Report, runs: dict[str, dict[float, Found]]) -> None:
 
 
 def _theory(report: Report, linear: js.LinearOWC) -> None:
-    """Rows of linear theory with one loss at the lip."""
+    """Reports linear theory with one loss coefficient of the lip."""
     where = f"linear theory, zeta = {linear.lip_loss:g}"
     for name, (label, unit) in QUANTITIES.items():
         report.row(f"{where}: {label}", _expected(linear, name), unit)
@@ -286,7 +286,7 @@ def _short(kind: str) -> str:
 
 
 def _column(kind: str, spacing: float, run: Found) -> dict[str, float]:
-    """A run's line in the table of all; the scheme is its place in `SCHEMES`."""
+    """Line of one run in the table; the scheme is given as its index in `SCHEMES`."""
     line = {"scheme": float(list(SCHEMES).index(kind)), "dx_m": spacing}
     for name, (_, unit) in QUANTITIES.items():
         named = f"{name}_{unit.replace('/', '_')}".rstrip("_")

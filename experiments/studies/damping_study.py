@@ -1,4 +1,4 @@
-"""Section 5.2: efficiency over damping and wave height, 35 runs or fewer, with linear theory beside them."""
+"""Section 5.2: efficiency over damping and wave height, up to 35 runs, compared with linear theory."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from experiments.owc_tank import CHAMBER, damping_coefficient, study_case, swept
 B_STAR = (30.51, 67.37, 86.09, 121.96, 162.81, 197.62, 263.20)
 H_STAR = (0.16, 0.31, 0.47, 0.63, 0.78)
 POINT = (0.16, 121.96, 0.54, 0.30)
-"""The one published point: H*, B*, efficiency, absorbed power in W per metre of width."""
+"""The only published point: H*, B*, efficiency, and absorbed power in W per metre of width."""
 
 
 def main(
     dx: float = 0.02,
-    damping: Annotated[list[float] | None, typer.Option(help="B*, again for more; seven")] = None,
-    height: Annotated[list[float] | None, typer.Option(help="H*, again for more; five")] = None,
+    damping: Annotated[list[float] | None, typer.Option(help="B*, repeatable; default: seven")] = None,
+    height: Annotated[list[float] | None, typer.Option(help="H*, repeatable; default: five")] = None,
 ) -> None:
-    """Runs or goes on with the study at the spacing dx."""
+    """Runs or continues the study at the spacing dx."""
     case = study_case(dx, 12.0).replace({"device.wall_thickness": 0.01})
     B_star, H_star = sorted(damping or B_STAR), sorted(height or H_STAR)
     K_dm = [round(damping_coefficient(b), 2) for b in B_star]
@@ -51,7 +51,7 @@ def main(
         largest = np.nanmax(xi, axis=1)
         falls = np.diff(largest) < 0
         report.row("smaller waves, higher efficiency", _yes(falls.all()), paper="yes", passes=falls.all())
-        # below that the lattice resists: `python -m experiments run small_waves`
+        # in lower waves the lattice resists the flow: `python -m experiments run small_waves`
         fine = np.array(H) > 1.5 * dx
         report.row(
             "the same for waves of 1.5 spacings and more",
@@ -60,13 +60,13 @@ def main(
             passes=falls[fine[:-1]].all(),
         )
         spread = float(np.max(best) / np.min(best))
-        # linear theory's optimum moves as 1/sqrt(H), by so much over these heights
+        # the optimum of linear theory is proportional to 1/sqrt(H): its ratio over these heights
         moves = float(np.max(best_linear) / np.min(best_linear))
         report.row("best damping, largest over smallest", spread, theory=moves, paper="hardly moves")
         spread, moves = (float(np.max(b[fine]) / np.min(b[fine])) for b in (best, best_linear))
         report.row("the same for waves of 1.5 spacings and more", spread, theory=moves, paper="hardly moves")
         report.row("xi from period to period, median", np.nanmedian(scatter))
-        # members run one per core, at the same time: the sum over the cores
+        # members run one per core at the same time: steps per second of core time
         speed = float(np.nansum(study["steps"]) / np.nansum(study["wall_seconds"]))
         report.row("steps per second of a member on its core", speed)
         report.row("members x steps per second, two cores", 2.0 * speed)
@@ -90,9 +90,10 @@ def scale() -> float:
 
 
 def optimum(K_dm: list[float], xi: np.ndarray) -> np.ndarray:
-    """Damping of the largest efficiency in every row, by a parabola over ln K_dm through the three best.
+    """Damping of the largest efficiency in every row, by a parabola over ln K_dm through three points.
 
-    At an end of the range it is that end.
+    The points are the largest value and its neighbours. If the largest value is at an end of the range, that
+    end is returned.
     """
     x, found = np.log(K_dm), []
     for row in np.asarray(xi):

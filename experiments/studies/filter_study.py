@@ -1,6 +1,7 @@
-"""What a filtered derivative is worth: d xi/d K_dm of the OWC at three dampings, against a fit over runs.
+"""Accuracy of a filtered derivative: d xi/d K_dm of the OWC at three dampings, against a fit through runs.
 
-The tank of the studies, 4 m, at dx = 0.02 m; then 30 periods in one of 1.2 m, where slopes must stay bounded.
+The tank is 4 m long, as in the other studies, and dx = 0.02 m. A second run covers 30 periods in a tank of
+1.2 m, where the slopes must stay bounded.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from experiments.owc_tank import T, short_case, study_case, swept
 from jaxsph.case.linear import incident_power
 
 POINTS = (257.0, 534.66, 1300.0)
-"""Below, near and above the best damping."""
+"""Dampings below, near and above the best."""
 MEMBERS = 13
 RANGE = (180.0, 1900.0)
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the three slopes, the thirteen runs and the long one, or what of them is not there yet."""
+    """Runs the three slopes, the thirteen runs and the long run; finished runs are only read."""
     case = study_case(dx)
     found = [slope(case.replace({"pto.K_dm": k}), f"filter_study_{dx:g}_{k:g}") for k in POINTS]
     long = slope(short_case(dx, 30 * T), f"filter_study_{dx:g}_long")
@@ -52,7 +53,7 @@ def main(dx: float = 0.02) -> None:
                 f"K_dm = {k:g}: share of the water's response lost", (one["slope"] - expected) / -response
             )
         slopes = np.asarray(long["per_period"])
-        # no response at all gives the direct term; twice as much is growth
+        # without any response the slope is the direct term; twice as much counts as growth
         grown = np.flatnonzero(np.abs(slopes) > 2 * long["direct"])
         whole = int(grown[0]) if grown.size else len(slopes)
         report.row(
@@ -80,14 +81,14 @@ def main(dx: float = 0.02) -> None:
 
 
 def fitted(case: js.Case) -> tuple[js.Sweep, Fit]:
-    """The thirteen runs over K_dm, made, finished or only read, and the fit through them."""
+    """The thirteen runs over K_dm (computed, completed or only read), and the fit through them."""
     K = np.round(np.geomspace(*RANGE, MEMBERS), 2)
     study = swept(case, {"pto.K_dm": list(K)}, f"filter_study_{case.dx:g}")
     return study, Fit(K, study["xi"])
 
 
 def slope(case: js.Case, name: str) -> dict:
-    """Filtered slope and value of a case, and slopes of single periods; kept in `runs/<name>.json`."""
+    """Filtered slope and value of a case, and slopes of single periods; stored in `runs/<name>.json`."""
     kept = RUNS / f"{name}.json"
     if kept.exists():
         return json.loads(kept.read_text(encoding="utf-8"))
@@ -110,13 +111,13 @@ def slope(case: js.Case, name: str) -> dict:
 
 @dataclasses.dataclass
 class Fit:
-    """A quartic in ln K_dm through efficiencies: a cubic is off by what the runs do not scatter."""
+    """Quartic in ln K_dm fitted to efficiencies; a cubic misses the runs by more than they scatter."""
 
     K: np.ndarray
     xi: np.ndarray
 
     def __post_init__(self) -> None:
-        """Least squares of points of equal error."""
+        """Fits by least squares, with equal errors of all points."""
         A = self._powers(self.K)
         self.found = np.linalg.lstsq(A, self.xi, rcond=None)[0]
         rest = self.xi - A @ self.found
@@ -127,7 +128,7 @@ class Fit:
         return np.log(np.atleast_1d(K) / 500.0)[:, None] ** np.arange(5)
 
     def value(self, K: np.ndarray) -> np.ndarray:
-        """xi of the fit."""
+        """Efficiency xi of the fit at K."""
         return self._powers(K) @ self.found
 
     def slope(self, K: float) -> tuple[float, float]:

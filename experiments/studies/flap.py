@@ -1,7 +1,7 @@
-"""Bottom-hinged flap in regular waves, 2-D and incompressible: absorbed power against the damping.
+"""Bottom-hinged flap in regular waves, 2-D and incompressible: absorbed power against damping.
 
-The geometry is that of the 1:25 model of Henry et al. 2014 and Wei et al. 2015 as far as it is known, on a
-flat bed; `jaxsph/cases/flap_2d.toml` states what is assumed. No measured response is at hand.
+The geometry follows the 1:25 model of Henry et al. 2014 and Wei et al. 2015 as far as it is known, on a flat
+bed; `jaxsph/cases/flap_2d.toml` states the assumptions. No measured response is available.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import jaxsph as js
 from experiments.common import Report, solved
 
 DAMPINGS = (3.0, 8.0, 20.0, 50.0, 125.0)
-"""N m s/rad per metre of width."""
+"""Damping coefficients, N m s/rad per metre of width."""
 
 
 def main(dx: float = 0.03) -> None:

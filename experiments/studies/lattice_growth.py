@@ -1,6 +1,7 @@
-"""What ends exact slopes first: rows of the square lattice slide over each other on the bed of still water.
+"""First limit of exact slopes: rows of the square lattice slide over each other on the bed of still water.
 
-The OWC in a tank of 2 m, before the waves have come; the slope over K_dm begins as a ripple of the chamber.
+The OWC stands in a tank of 2 m, and the waves have not arrived. The slope over K_dm starts as a ripple in
+the chamber.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""How much of the noise beside the OWC is noise: the measure applied to the flow of the finest run.
+"""Share of the flow itself in the noise measured beside the OWC, from the flow of the finest run.
 
-The noise of a particle is what its velocity differs by from a linear fit over its neighbours within three
-spacings. Around the lip of the front wall the flow itself turns within a few spacings, and no linear fit can
-follow it. Here the velocities of the finest run are averaged over the cells of each coarser lattice, which
-has no disorder: what the measure finds there is the flow's. The wall parts neighbours in both.
+The noise of a particle is the difference between its velocity and a linear fit to its neighbours within three
+spacings. Around the lip of the front wall the flow turns within a few spacings, and no linear fit can follow
+it. Here the velocities of the finest run are averaged over the cells of each coarser lattice, which has no
+disorder, so that any noise measured there belongs to the flow. In both cases particles on opposite sides of
+the wall are not neighbours.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from experiments.studies.convergence import SPACINGS, study_case
 from jaxsph.probes.noise import REACH, WIDTH
 
 NEAR = 0.6
-"""Distance from the end wall within which particles count, m."""
+"""Distance from the end wall within which particles are measured, m."""
 LIP = 4.0
-"""Distance from the lip in spacings beyond which the measure is given as well."""
+"""Distance from the lip, in spacings, beyond which a second value is reported."""
 
 
 def main(
-    dx: Annotated[list[float] | None, typer.Option(help="m, again for more; 0.02, 0.01")] = None,
+    dx: Annotated[list[float] | None, typer.Option(help="m, repeatable; default 0.02, 0.01")] = None,
     finest: float = SPACINGS[-1],
     t1: float = 14.0,
 ) -> None:
-    """Runs or goes on with the incompressible OWC at these spacings, and reports the measure at t1 (s)."""
+    """Runs or continues the incompressible OWC at these spacings, and reports the noise at t1 (s)."""
     with Report("noise_floor", f"Noise within {NEAR:g} m of the OWC's end wall at t = {t1:g} s") as report:
         report.seconds = 0.0
         flow = _particles(finest, t1, report)
@@ -53,19 +54,19 @@ def main(
 
 
 def noise(x: np.ndarray, u: np.ndarray, dx: float, mask: np.ndarray, lip: np.ndarray) -> float:
-    """RMS of velocities less a linear fit to their neighbours', over the RMS speed of the same points.
+    """RMS difference of velocities from linear fits to their neighbours, over the RMS speed of these points.
 
     **Arguments**: positions x (m) and velocities u (m/s) `[N, 2]`; spacing `dx` (m); `mask` of the points
-    that count; place of the wall's `lip` (m), over which neighbours on the other side do not count.
+    to measure; position of the wall's `lip` (m), above which points on the other side are not neighbours.
     """
     tree, total, fitted = KDTree(x), 0.0, []
     for i in np.flatnonzero(mask):
         near = np.array(tree.query_ball_point(x[i], REACH * dx))
         near = near[~_parted(x[i], x[near], lip)]
-        if len(near) < 6:  # twice the coefficients of the fit
+        if len(near) < 6:  # at least twice as many points as coefficients of the fit
             continue
         r = (x[near] - x[i]) / dx
-        weight = np.exp(-0.5 * np.sum(r**2, axis=1) / WIDTH**2)[:, None]  # of its square root
+        weight = np.exp(-0.5 * np.sum(r**2, axis=1) / WIDTH**2)[:, None]  # square root of the weight
         fit = np.linalg.lstsq(weight * np.c_[np.ones(len(r)), r], weight * u[near], rcond=None)[0]
         total += float(np.sum((u[i] - fit[0]) ** 2))
         fitted.append(i)
@@ -73,7 +74,7 @@ def noise(x: np.ndarray, u: np.ndarray, dx: float, mask: np.ndarray, lip: np.nda
 
 
 def _parted(x: np.ndarray, others: np.ndarray, lip: np.ndarray) -> np.ndarray:
-    """Mask of points that the wall over the lip hides from the point x (m)."""
+    """Mask of points separated from the point x (m) by the wall above the lip."""
     run = others[:, 0] - x[0]
     across = (x[0] < lip[0]) != (others[:, 0] < lip[0])
     level = x[1] + (others[:, 1] - x[1]) * (lip[0] - x[0]) / np.where(across, run, 1.0)
@@ -81,7 +82,7 @@ def _parted(x: np.ndarray, others: np.ndarray, lip: np.ndarray) -> np.ndarray:
 
 
 def _ends(dx: float) -> tuple[float, np.ndarray]:
-    """Place of the end wall (m), and of the middle of the front wall's lip `[2]` (m)."""
+    """Position of the end wall (m), and position `[2]` (m) of the middle of the front wall's lip."""
     case = study_case("incompressible", dx)
     device = case.device
     inner = case.tank.length - device.chamber_length
@@ -89,7 +90,7 @@ def _ends(dx: float) -> tuple[float, np.ndarray]:
 
 
 def _particles(dx: float, t1: float, report: Report) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (m) and velocities (m/s) of the last particles of the run."""
+    """Positions (m) and velocities (m/s) of the particles in the last snapshot of the run."""
     file = solved(study_case("incompressible", dx), f"convergence_incompressible_{dx:g}", t1)
     report.seconds = (report.seconds or 0.0) + file.results()["wall_seconds"]
     last = file.snapshot(-1)
@@ -97,14 +98,14 @@ def _particles(dx: float, t1: float, report: Report) -> tuple[np.ndarray, np.nda
 
 
 def _lattice(x: np.ndarray, dx: float, finest: float) -> np.ndarray:
-    """Points of a lattice (m) that have water of the finest run, at x (m), within its own spacing."""
+    """Points (m) of a lattice with spacing dx that are within `finest` of a water particle at x (m)."""
     axes = [dx * (np.arange(int(end / dx) + 1) + 0.5) for end in x.max(axis=0)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
     return points[KDTree(x).query(points)[0] < finest]
 
 
 def _averaged(x: np.ndarray, u: np.ndarray, points: np.ndarray, dx: float, lip: np.ndarray) -> np.ndarray:
-    """Mean velocities (m/s) of the particles at x (m) over discs around the points (m) of a cell's area."""
+    """Mean velocities (m/s) of the particles at x (m) in discs around the points (m), with a cell's area."""
     around = KDTree(x).query_ball_point(points, dx / np.sqrt(np.pi))
     return np.array(
         [u[near][~_parted(p, x[near], lip)].mean(axis=0) for p, near in zip(points, around, strict=True)]

@@ -10,7 +10,7 @@ from jaxsph import analysis
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the OWC with the spacing dx and prints its last ten periods."""
+    """Runs the OWC with the spacing dx and reports its settled periods."""
     case = js.load_case("owc").replace({"dx": dx})
     file = solved(case, f"owc_{dx:g}")
     series, results = file.series(), file.results()
@@ -33,7 +33,7 @@ def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[s
         "not accounted for / paddle", 100 * share, "%", theory=0.0, bar="within 5 %", passes=abs(share) < 0.05
     )
 
-    # q against the rate of the volume, by harmonics: differentiated samples are mostly noise
+    # flow q against the rate of change of the volume, at the wave frequency: differences of samples are noisy
     omega = 2 * np.pi / T
     wave = np.exp(-1j * omega * over["time"])
     volume = np.mean(over["chamber_volume"] * wave) * 1j * omega

@@ -1,11 +1,12 @@
-"""A damping that follows the waves' phase, learnt wave by wave: four Fourier coefficients, by reverse mode.
+"""Damping as a function of the waves' phase, learnt wave by wave: four Fourier coefficients, by reverse mode.
 
-The OWC in a tank of 1.2 m. Every wave gives the energy absorbed over it and, by one filtered reverse pass,
-its slope over all coefficients; Adam changes them for the next wave. Then waves go on with what was learnt,
-and beside them with the constant damping.
+The OWC stands in a tank of 1.2 m. For every wave the absorbed energy is computed, and by one filtered reverse
+pass its slope over all coefficients; Adam then changes the coefficients for the next wave. Afterwards waves
+with the learnt damping are compared with waves with the constant damping.
 
-It does not work: the slopes lead to less and less energy. A filtered pass over a wave sees what a coefficient
-takes from that wave, half of what the water answers in it, and nothing of the waves after.
+The method fails: following the slopes absorbs less and less energy. The filtered slope of one wave contains
+the direct effect of a coefficient on that wave and half of the water's response within it, but no effect on
+later waves.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from jaxsph.model.interfaces import ExactTangents
 
 
 def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, rate: float = 0.15) -> None:
-    """Learns over `learn` waves, after `before` of them, and compares over `judge`."""
+    """Learns over `learn` waves, after `before` waves to start, and compares over `judge` waves."""
     case = short_case(dx, (before + learn + judge) * T).replace({"pto.phase": [0.0] * 4})
     model, state = js.build(case)
     every = model.search.rebuild_every
@@ -65,7 +66,7 @@ def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, ra
         energy, other = run(constant, other)
         without.append(float(energy))
     if int(state.status.bits) or int(other.status.bits):
-        raise SystemExit("a run failed: see its status")
+        raise SystemExit("a run failed: see the status of its state")
     with Report(f"phase_control_{dx:g}", "Damping over the waves' phase, learnt wave by wave", dx) as report:
         P = incident_power(case) * T
         a, b = np.array(with_it[2:]) / P, np.array(without[learn + 2 :]) / P

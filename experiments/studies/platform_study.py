@@ -1,6 +1,6 @@
-"""Efficiency over the height of a platform under the OWC, not given in the text of the paper, and the period.
+"""Efficiency over period and height of a platform under the OWC; the paper's text does not give the height.
 
-Linear theory here is that of a flat bed.
+Linear theory is for a flat bed.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from experiments.owc_tank import over_periods, study_case
 
 HEIGHTS = (0.0, 0.08, 0.16)
 LENGTH = 0.5
-"""m, from the end wall: the chamber and some two and a half of its lengths in front of it."""
+"""Length of the platform from the end wall, m: the chamber and about 2.5 chamber lengths in front of it."""
 PERIODS = (1.0, 1.2, 1.4)
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs or goes on with the nine members at the spacing dx."""
+    """Runs or continues the nine members at the spacing dx."""
     title = "Efficiency over period and height of a platform: what the geometry's assumption changes"
     case = study_case(dx, 12.0).replace({"device.platform_length": LENGTH, "device.platform_height": 0.0})
     with Report(f"platform_study_{dx:g}", title, dx) as report:

@@ -1,4 +1,4 @@
-"""Slope of the mean power over the damping in an irregular sea: an ensemble against a fit over other runs."""
+"""Slope of the mean power over the damping in an irregular sea: an ensemble against a fit to other runs."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from experiments.common import RUNS, Report
 from experiments.studies.annual_power import study_case
 
 K_DM = 300.0
-"""Damping of the slope: below the best one, where the mean power rises with it."""
+"""Damping at which the slope is taken: below the best, where the mean power increases with it."""
 OTHERS = np.round(np.geomspace(100.0, 900.0, 7), 1)
-"""Dampings of the runs of the fit; none is a member of the ensemble."""
+"""Dampings of the runs for the fit; no member of the ensemble has one of them."""
 DURATION = 28.0
-"""Time after which the sea repeats, s: twenty waves."""
+"""Repeat period of the sea, s: twenty waves."""
 
 
 def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
-    """Runs the ensemble and the runs of the fit, or what of them is not there yet."""
+    """Runs the ensemble and the runs for the fit; finished runs are only read."""
     case = study_case(dx).replace(
         {"name": "sea_slope", "waves.duration": DURATION, "t1": 40.0, "pto.K_dm": K_DM}
     )

@@ -1,8 +1,8 @@
-"""Efficiency of the OWC from a run and from one of twice its length.
+"""Efficiency of the OWC from a run and from a run of twice its length.
 
-The column sends half of the waves' height back. What of it the paddle does not absorb meets the column again
-after three lengths of the tank, and from then on the waves are a little higher than those before: an
-efficiency of the asked waves moves with them, and one of the measured waves less.
+The column reflects half of the wave height. The part that the paddle does not absorb reaches the column again
+after three lengths of the tank, and from then on the waves are slightly higher. The efficiency based on the
+specified waves changes with them; the efficiency based on the measured waves changes less.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jaxsph.case.settling import travel_time
 
 
 def main(dx: float = 0.02, k_dm: float = 150.0) -> None:
-    """Runs the OWC with K_dm for twice its t1, and averages to t1 and over all that has settled."""
+    """Runs the OWC with damping k_dm to twice its t1, and averages to t1 and over the settled record."""
     case, file = damped(dx, k_dm, 2.0)
     t1, T, series = case.t1, case.waves.T, file.series()
     echo = case.waves.ramp_periods * T + 3.0 * travel_time(case, Geometry.of(case).length)

@@ -1,7 +1,8 @@
 """The OWC in waves of small amplitude against linear theory: efficiency and chamber pressure.
 
-H/d = 0.02 over a flat bed, a wall of one spacing at dx = 0.01 and 0.02 m, four frequencies around resonance,
-two dampings. The smaller the waves the larger the K_dm that suits them: 960 here is 440 in waves of 0.04 m.
+H/d = 0.02 over a flat bed, with a wall of one spacing at dx = 0.01 and 0.02 m, four frequencies around
+resonance and two dampings. The best K_dm is larger in lower waves: 960 here corresponds to 440 in waves of
+0.04 m.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ HEIGHT, WALL = 0.0084, 0.01
 
 
 def main(dx: float = 0.01) -> None:
-    """Runs or goes on with the eight members at the spacing dx."""
+    """Runs or continues the eight members at the spacing dx."""
     case = study_case(dx, 10.0).replace(
         {
             "tank.length": 3.0,

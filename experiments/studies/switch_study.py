@@ -1,7 +1,8 @@
-"""Do the hard switches of a thin wall's regions spoil exact slopes? Against differences, before chaos.
+"""Do the hard switches of a thin wall's regions spoil exact slopes? Compared with differences, before chaos.
 
-The OWC in a tank of 1.2 m over a wave period and a half, with a front wall of one spacing, where a particle
-that passes the tip's level changes what it sees at once, and with one of four, where next to nothing changes.
+The OWC stands in a tank of 1.2 m and runs for one and a half wave periods. With a front wall of one spacing,
+a particle that passes the level of the tip abruptly interacts with other ghosts and particles. With a wall of
+four spacings hardly anything changes.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ MEMBERS, SPREAD = 7, 0.1
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the slopes of the energy absorbed by 1.8 s over K_dm."""
+    """Runs the slopes over K_dm of the energy absorbed in 1.8 s."""
     with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.8 s", dx) as report:
         for layers in (1, 4):
             case = short_case(dx, 1.8).replace({"device.wall_thickness": layers * dx})
@@ -36,7 +37,7 @@ def main(dx: float = 0.02) -> None:
 
 
 def energy(case: js.Case) -> float:
-    """Energy absorbed to t1, J/m."""
+    """Energy absorbed until t1, J/m."""
     solution = js.run(case, progress=False)
     last = round(case.t1 / case.output.sample_dt)
     return float(solution["power_pto"][:last].sum() * case.output.sample_dt)

@@ -1,6 +1,7 @@
-"""How long an exact derivative speaks of the flow: growth of the slopes over K_dm in the OWC's chamber.
+"""How long an exact derivative describes the flow: growth of the slopes over K_dm in the OWC's chamber.
 
-The built-in OWC in a tank of 1.2 m, where the first waves reach the chamber within a period, at dx = 0.02 m.
+The built-in OWC stands in a tank of 1.2 m, where the first waves reach the chamber within a period, at
+dx = 0.02 m.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from experiments.owc_tank import short_case
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
-    """Runs the exact derivative to t1 (s) and prints the growth of what neighbours differ by."""
+    """Runs the exact derivative to t1 (s) and reports how the differences between neighbours grow."""
     case = short_case(dx, t1).replace({"output.snapshot_dt": 0.1})
     found = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(least=0.0))
     t, grain = found.series["time"], found.slopes["grain"]

@@ -1,4 +1,4 @@
-"""Section 5.1: efficiency over the waves' period for front walls of four thicknesses, 24 runs or fewer."""
+"""Section 5.1: efficiency over the wave period for front walls of four thicknesses, up to 24 runs."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ PERIODS = (0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 
 def main(
     dx: float = 0.02,
-    thickness: Annotated[list[float] | None, typer.Option(help="m, again for more; four")] = None,
-    period: Annotated[list[float] | None, typer.Option(help="s, again for more; six")] = None,
+    thickness: Annotated[list[float] | None, typer.Option(help="m, repeatable; default: four")] = None,
+    period: Annotated[list[float] | None, typer.Option(help="s, repeatable; default: six")] = None,
 ) -> None:
-    """Runs or goes on with the study at the spacing dx."""
+    """Runs or continues the study at the spacing dx."""
     title = "Efficiency over period and wall thickness (section 5.1), assumed draught of 0.16 m, no platform"
     with Report(f"wall_study_{dx:g}", title, dx) as report:
         case = study_case(dx, 13.0)
         walls, periods = tuple(sorted(thickness or THICKNESS)), tuple(sorted(period or PERIODS))
         xi, error, theory = over_periods(report, case, "device.wall_thickness", "k_s", walls, periods)
         mean, expected = (float(np.nanmean(a[-1] - a[0])) for a in (xi, theory))
-        # of a mean of differences
+        # standard error of a mean of differences
         own = float(np.sqrt(np.nansum(error[0] ** 2 + error[-1] ** 2)) / len(periods))
-        # the paper: the efficiency falls as the wall grows thicker
+        # in the paper the efficiency falls with growing thickness of the wall
         report.row(
             "mean change of xi from the thinnest to the thickest",
             mean,

@@ -1,1 +1,1 @@
-"""Runs against measurements and published numbers."""
+"""Comparisons with measurements and published numbers."""

@@ -1,8 +1,9 @@
-"""A dam break on a tall square column in three dimensions, by the incompressible scheme: Yeh and Petroff.
+"""Dam break on a tall square column in three dimensions, incompressible: experiment of Yeh and Petroff.
 
-Times of the measured velocity count from the bore's arrival at the probe, those of the force from about the
-release: both are aligned, the one on arrival and the other on impact. Where the probe stood is not agreed on,
-so both places are compared. `experiments/reference/README.md` has the sources.
+The times of the measured velocity start at the arrival of the bore at the probe, the times of the force
+approximately at the release. The velocities are therefore aligned at the arrival, and the forces at the
+impact. Sources disagree on the position of the probe, so both positions are compared.
+`experiments/reference/README.md` has the sources.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ import jaxsph as js
 from experiments.common import Report, reference, solved
 
 IMPULSE, LAST = 13.0, 1.5
-"""Of the measured force to this time, N s and s."""
+"""Impulse of the measured force (N s) until this time (s)."""
 COMPARED = (0.1, 1.2)
-"""After the arrival, s."""
+"""Interval of comparison after the arrival, s."""
 ARRIVED, HIT = 0.5, 5.0
-"""What counts as the bore (m/s) and as the impact (N)."""
+"""Thresholds of velocity for the arrival of the bore (m/s) and of force for the impact (N)."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the built-in column at this spacing."""
+    """Runs the built-in column with the spacing dx (m)."""
     case = js.load_case("dam_break_column").replace({"dx": dx})
     file = solved(case, f"column_{dx:g}")
     series, results = file.series(), file.results()

@@ -1,4 +1,4 @@
-"""Dam breaks: the front of Martin and Moyce and of Koshizuka and Oka, and Buchner's pressure on the far wall.
+"""Dam breaks: front by Martin and Moyce and by Koshizuka and Oka, and Buchner's pressure on the far wall.
 
 The sources of the measured series are in `experiments/reference/README.md`.
 """
@@ -22,29 +22,29 @@ from jaxsph.output.run_file import RunFile
 G, RHO = 9.81, 1000.0
 
 WIDTH = 0.05715
-"""a, m: Martin and Moyce's column of 2.25 in, twice as high as wide (n^2 = 2)."""
+"""Width a of Martin and Moyce's column, m: 2.25 in; it is twice as high as wide (n^2 = 2)."""
 HEIGHT = 2 * WIDTH
 TANK = 9.0
-"""Length of the tank over a: the front must not reach its end in the time compared."""
+"""Length of the tank over a, so long that the front does not reach its end in the time compared."""
 LAST = 5.0
-"""End of the front's runs in T = t sqrt(2g/a)."""
+"""End of the runs for the front, in T = t sqrt(2g/a)."""
 MARKS = np.arange(1.25, 3.6, 0.05)
-"""Positions x/a at which times are compared: between the first and last marks that all series share."""
+"""Positions x/a at which times are compared; all measured series cover them."""
 
 BUCHNER = 0.6
-"""H, m: Buchner's column, 2H x H, in a tank of 5.366 H."""
+"""Height H of Buchner's column, m: the column is 2H x H in a tank of length 5.366 H."""
 SENSOR, DISC = 0.2 * BUCHNER, 0.09
 """Height and diameter of Buchner's transducer, m."""
 HEIGHTS = SENSOR + DISC * (np.arange(9) - 4) / 9
-"""Levels of the sensors over the disc, m: strips of equal height; the fifth is the disc's centre."""
+"""Levels of the sensors over the disc, m, in strips of equal height; the fifth is at the disc's centre."""
 SMOOTHING = 0.1
-"""Width of the running mean over pressures, in sqrt(H/g): a tenth of the plunge that follows the peak."""
+"""Width of the running mean over pressures, in sqrt(H/g): a tenth of the plunge after the peak."""
 PLATEAU, PEAK, WINDOW = (3.3, 5.1), (2.4, 3.2), (2.4, 5.4)
-"""Where Buchner's pressure is steady, has its first peak, and is compared, in t sqrt(g/H)."""
+"""Intervals of t sqrt(g/H) of the steady pressure, of the first peak and of the comparison (Buchner)."""
 
 
 class Front(NamedTuple):
-    """T = t sqrt(2g/a), the front x/a and the residual height over 2a, at every snapshot."""
+    """Time T = t sqrt(2g/a), front x/a and residual height over 2a, at every snapshot."""
 
     T: np.ndarray
     x: np.ndarray
@@ -52,7 +52,7 @@ class Front(NamedTuple):
 
 
 class Series(NamedTuple):
-    """A measured series of fronts, by the name of its source."""
+    """A measured series of the front: time T = t sqrt(2g/a) and position x/a."""
 
     T: np.ndarray
     x: np.ndarray
@@ -73,7 +73,7 @@ def main(
 def front_case(layers: int) -> js.Case:
     """Martin and Moyce's column with `layers` spacings over its height, in a long tank."""
     dx = HEIGHT / layers
-    unit = float(np.sqrt(WIDTH / (2 * G)))  # one of T, s
+    unit = float(np.sqrt(WIDTH / (2 * G)))  # unit of T, s
     sample = float(f"{unit / 50:.3g}")
     return js.load_case("dam_break").replace(
         {
@@ -93,7 +93,7 @@ def front_case(layers: int) -> js.Case:
 
 
 def connected(x: np.ndarray, dx: float) -> np.ndarray:
-    """Marks the particles of the largest body of water: those that gaps of 2 dx do not part from it."""
+    """Mask of the particles in the largest body of water; gaps of more than 2 dx separate bodies of water."""
     pairs = cKDTree(x).query_pairs(2.0 * dx, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(x), len(x)))
     label = connected_components(graph, directed=False)[1]
@@ -103,7 +103,7 @@ def connected(x: np.ndarray, dx: float) -> np.ndarray:
 def front_and_height(x: np.ndarray, dx: float) -> tuple[float, float]:
     """Largest x of the connected water, and its level at the back wall, m.
 
-    A particle ends half a spacing from its centre. Two spacings beside the wall give the level.
+    A particle extends half a spacing from its centre. The level is read within 2.5 spacings of the wall.
     """
     water = x[connected(x, dx)]
     beside = water[water[:, 0] < 2.5 * dx]
@@ -116,10 +116,10 @@ def fronts_and_heights(file: RunFile, dx: float) -> np.ndarray:
 
 
 def front_of(file: RunFile, dx: float) -> Front:
-    """The front over all snapshots of a run."""
+    """Front and residual height over all snapshots of a run, in dimensionless form."""
     x, height = fronts_and_heights(file, dx)
     T = file.snapshot_times() * np.sqrt(2 * G / WIDTH)
-    # the release itself is no snapshot
+    # the release itself has no snapshot
     return Front(np.append(0.0, T), np.append(1.0, x / WIDTH), np.append(1.0, height / HEIGHT))
 
 
@@ -134,42 +134,42 @@ def measured() -> dict[str, Series]:
 
 
 def mps() -> Series:
-    """Koshizuka and Oka's own computation of the front, inviscid and without a gate."""
+    """Front computed by Koshizuka and Oka, inviscid and without a gate."""
     return Series(*_read("koshizuka_oka_front_mps"))
 
 
 def residual(T: np.ndarray | float) -> np.ndarray | float:
-    """Martin and Moyce's height of the column at the back wall over 2a, at T; their table is in T/sqrt(2)."""
+    """Martin and Moyce's column height at the back wall over 2a at time T; their table uses T/sqrt(2)."""
     tau, height = _read("martin_moyce_height_table")
     return np.interp(T, np.sqrt(2) * tau, height)
 
 
 def _read(name: str) -> np.ndarray:
-    """Columns of a reference file, in the order of their first."""
+    """Columns of a reference file, sorted by the first column."""
     columns = reference(f"{name}.csv").T
     return columns[:, np.argsort(columns[0], kind="stable")]
 
 
 class Comparison(NamedTuple):
-    """A front against the measured ones, in x/a at the marks."""
+    """Comparison of a front with the measured fronts, in x/a at the marks."""
 
     lead: dict[str, float]
-    """Time by which the front is early, constant for each source, in T."""
+    """Time by which the front leads each source, in T; one constant per source."""
     deviation: dict[str, np.ndarray]
-    """x/a less the measured, at the measured times of the marks, by source, with that shift."""
+    """Front x/a minus the measured x/a, at the measured times of the marks, by source, shifted by `lead`."""
     raw: dict[str, np.ndarray]
-    """The same without any shift."""
+    """Front x/a minus the measured x/a, without a shift."""
     outside: np.ndarray
-    """Distance from the envelope of the shifted sources, zero inside it."""
+    """Distance from the envelope of the shifted sources; zero inside the envelope."""
     scatter: float
-    """RMS difference of Martin and Moyce's own table and figure: what a reading is good for."""
+    """RMS difference between Martin and Moyce's table and their figure: the reading error."""
 
 
 def compared(front: Front) -> Comparison:
-    """Compares at the times at which each source has the marks, with one shift for each source.
+    """Compares the front with each source at the times when that source is at the marks, with one shift each.
 
-    The envelope is between the smallest and the largest of the shifted sources. The two readings of Martin
-    and Moyce are of one experiment and share one shift.
+    The envelope lies between the smallest and the largest of the shifted sources. The two readings of Martin
+    and Moyce belong to one experiment and share one shift.
     """
     sources = measured()
     here = np.interp(MARKS, front.x, front.T)
@@ -179,7 +179,7 @@ def compared(front: Front) -> Comparison:
     early = {name: float(twice) if name.startswith("Martin") else v for name, v in early.items()}
     deviation = {n: np.interp(T - early[n], front.T, front.x) - MARKS for n, T in there.items()}
     raw = {n: np.interp(T, front.T, front.x) - MARKS for n, T in there.items()}
-    # the same times for all: those at which the front here has its marks
+    # the same times for all sources: when the front here is at the marks
     levels = np.array([np.interp(here + early[n], s.T, s.x) for n, s in sources.items()])
     outside = np.maximum(levels.min(axis=0) - MARKS, 0.0) + np.maximum(MARKS - levels.max(axis=0), 0.0)
     table, figure = (s for name, s in sources.items() if name.startswith("Martin"))
@@ -189,7 +189,7 @@ def compared(front: Front) -> Comparison:
 
 
 def slope(T: np.ndarray, x: np.ndarray, low: float, high: float) -> float:
-    """d(x/a)/dT between two positions, by least squares on points evenly spaced in x."""
+    """Speed d(x/a)/dT between two positions x/a, by least squares on points evenly spaced in x."""
     marks = np.linspace(low, high, 40)
     return float(1.0 / np.polyfit(marks, np.interp(marks, x, T), 1)[0])
 
@@ -245,7 +245,7 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
 
 
 def _energy_rows(report: Report, label: str, file: RunFile, length: float, height: float) -> None:
-    """The stored energy may only fall: no gate, paddle or air works on the water."""
+    """Reports the energy. Stored energy may only fall, because no gate, paddle or air works on the water."""
     grown, share = energy_growth(file.series(), length, height)
     report.row(
         f"{label}: energy's largest rise / potential", grown, theory=0.0, bar="< 1e-3", passes=grown < 1e-3
@@ -254,9 +254,9 @@ def _energy_rows(report: Report, label: str, file: RunFile, length: float, heigh
 
 
 def energy_growth(series: dict[str, np.ndarray], length: float, height: float) -> tuple[float, float]:
-    """Largest rise of the stored energy over its least value so far, and what the budget misses at the end.
+    """Largest rise of the stored energy above its previous minimum, and energy not accounted for at the end.
 
-    Both over the potential energy of the column, rho g height^2 length/2.
+    Both are divided by the potential energy of the column, rho g height^2 length/2.
     """
     scale = 0.5 * RHO * G * height**2 * length
     stored = series["kinetic"] + series["potential"] + series["compression"]
@@ -265,7 +265,7 @@ def energy_growth(series: dict[str, np.ndarray], length: float, height: float) -
 
 
 def _front_picture(fronts: dict[int, Front]) -> Figure:
-    """Fronts as they are and shifted, and the residual height, with what was measured."""
+    """Figure of fronts, without and with shift, and of the residual height, beside the measurements."""
     figure = Figure(figsize=(12, 5), layout="constrained")
     raw, shifted, level = figure.subplots(1, 3)
     finest = compared(fronts[max(fronts)])
@@ -291,7 +291,7 @@ def _front_picture(fronts: dict[int, Front]) -> Figure:
 
 
 def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: float, unit: str) -> Figure:
-    """Particles coloured by pressure at some t sqrt(g/unit_length), which is called `unit`."""
+    """Figure of particles coloured by pressure at the `moments` t sqrt(g/unit_length), labelled `unit`."""
     high = case.tank.depth
     snapshots = []
     for moment in moments:
@@ -305,7 +305,7 @@ def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: 
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     for axis, moment, snapshot in zip(axes, moments, snapshots, strict=False):
         axis.set(xlim=(0, right), ylim=(0, top), aspect="equal", title=f"{unit} = {moment:g}")
-        # dots as wide as a spacing: 5.4 inches, the width of an axis, for `right` metres
+        # dots as wide as a spacing: an axis is 5.4 inches wide and shows `right` metres
         size = (1.3 * 72 * 5.4 / right * case.dx) ** 2
         dots = axis.scatter(
             *snapshot["x"].T,
@@ -326,7 +326,7 @@ def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: 
 
 
 def impact_case(layers: int) -> js.Case:
-    """Buchner's tank with `layers` spacings over the column's height, and sensors over the transducer."""
+    """Buchner's tank with `layers` spacings over the column's height, and sensors across the transducer."""
     length = js.load_case("dam_break").tank.length
     return js.load_case("dam_break").replace(
         {
@@ -338,35 +338,35 @@ def impact_case(layers: int) -> js.Case:
 
 
 def averaged(pressure: np.ndarray) -> np.ndarray:
-    """Mean over the disc of sensors at `HEIGHTS` (the last axis): each counts by the disc's width there."""
+    """Mean over the disc from sensors at `HEIGHTS` (the last axis), weighted by the disc's width there."""
     chord = np.sqrt((DISC / 2) ** 2 - (HEIGHTS - SENSOR) ** 2)
     return pressure @ (chord / chord.sum())
 
 
 def smoothed(t: np.ndarray, p: np.ndarray, width: float) -> np.ndarray:
-    """Running mean over `width`, at evenly spaced t."""
+    """Running mean of p over `width`, at evenly spaced times t."""
     count = max(1, round(width / (t[1] - t[0])))
     return np.convolve(p, np.ones(count) / count, mode="same")
 
 
 class Impact(NamedTuple):
-    """Numbers of a pressure series in t sqrt(g/H) and p/(rho g H)."""
+    """Arrival, first peak and plateau of a pressure series, in t sqrt(g/H) and p/(rho g H)."""
 
     arrival: float
-    """When the pressure first passes a fifth of rho g H."""
+    """Time when the pressure first exceeds a fifth of rho g H."""
     peak: float
     plateau: float
 
     @classmethod
     def of(cls, t: np.ndarray, p: np.ndarray) -> Impact:
-        """Of a series."""
+        """Evaluates a series of times t and pressures p."""
         first = t[np.argmax(p > 0.2)]
         peak = p[(t > PEAK[0]) & (t < PEAK[1])].max()
         return cls(float(first), float(peak), float(p[(t > PLATEAU[0]) & (t < PLATEAU[1])].mean()))
 
 
 def measured_impact() -> np.ndarray:
-    """Buchner's t sqrt(g/H) and p/(rho g H)."""
+    """Buchner's measured series: t sqrt(g/H) and p/(rho g H)."""
     return _read("buchner_pressure")
 
 
@@ -413,7 +413,7 @@ def _impacts(resolutions: list[int]) -> None:
 
 
 def _impact_picture(found: dict[int, tuple], t_there: np.ndarray, p_there: np.ndarray) -> Figure:
-    """Pressure against time, the point's and the disc's, as it is (thin) and smoothed."""
+    """Figure of the pressure over time at the point and over the disc, unsmoothed (thin) and smoothed."""
     figure = Figure(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(2, sharex=True, sharey=True)
     for axis, which, title in ((axes[0], 1, "at the point"), (axes[1], 2, "over the disc of 90 mm")):

@@ -1,6 +1,7 @@
-"""Bodies that float, sink and fall into water: draught, positions over time, and a flap that swings.
+"""Bodies that float, sink and fall into water: draught, positions over time, and a swinging flap.
 
-Boxes and the cylinder are free to heave; the flap, hinged at its foot, is let go leaning by ten degrees.
+Boxes and the cylinder are free to heave. The flap is hinged at its foot and released at an angle of ten
+degrees.
 `experiments/reference/README.md` has the sources.
 """
 
@@ -13,18 +14,18 @@ import jaxsph as js
 from experiments.common import Report, reference, solved
 
 SIDE = 0.4
-"""Of the floating box, m."""
+"""Side of the floating box, m."""
 BOX, DIAMETER = 0.02, 0.11
-"""Sizes of the sinking box and of the falling cylinder, m."""
+"""Side of the sinking box and diameter of the falling cylinder, m."""
 ENTRY = 2.955
-"""Speed of the cylinder as it meets the water, m/s."""
+"""Speed of the cylinder at the water surface, m/s."""
 LEAN = np.radians(10.0)
 HELD = 1.0
-"""So long the water settles around the leaning flap, s."""
+"""Time for which the flap is held while the water settles, s."""
 
 
 def at_rest(ratio: float, dx: float) -> js.Case:
-    """A box of this share of the water's density, put where it should float."""
+    """A box with `ratio` times the water's density, placed at its theoretical draught."""
     low, depth, length = 0.6 - ratio * SIDE, 0.6, 1.2
     return _case(
         f"floating box of {ratio:g} of the water's density",
@@ -40,8 +41,11 @@ def at_rest(ratio: float, dx: float) -> js.Case:
 
 
 def sinking(dx: float) -> js.Case:
-    """The box of Qiu et al. 2017, its top in the surface: with its middle there, as the first point stands,
-    it would set out at twice the measured acceleration."""
+    """The box of Qiu et al. 2017, starting with its top in the surface.
+
+    The first measured point has the middle of the box in the surface; from there the box would start with
+    twice the measured acceleration.
+    """
     depth, half = 0.131, 0.5 * BOX
     return _case(
         "a box sinks",
@@ -59,7 +63,7 @@ def sinking(dx: float) -> js.Case:
 
 
 def falling(ratio: float, dx: float) -> js.Case:
-    """The cylinder of Greenhow and Lin 1983 as it meets the water."""
+    """The cylinder of Greenhow and Lin 1983 at the moment when it touches the water."""
     return _case(
         f"a cylinder of {ratio:g} of the water's density falls in",
         dx=dx,
@@ -76,7 +80,7 @@ def falling(ratio: float, dx: float) -> js.Case:
 
 
 def swinging(dx: float) -> js.Case:
-    """The built-in flap without waves, let go leaning."""
+    """The built-in flap without waves, released at an angle."""
     base = js.load_case("flap_2d")
     case = {"waves": None, "dx": dx, "t1": HELD + 8.0, "body.pto": None, "probes.gauges": []}
     return base.replace(case | {"body.angle": LEAN, "body.release": HELD})
@@ -89,13 +93,13 @@ def _case(what: str, **sections: object) -> js.Case:
 
 
 def extremes(t: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
-    """Time from the release to the first swing's far end, s, and its share of the first angle."""
+    """Time from the release to the end of the first swing, s, and the angle there over the first angle."""
     far = int(np.argmin(angle))
     return float(t[far]), float(-angle[far] / angle[0])
 
 
 def main(dx: float = 0.02, flap_dx: float = 0.01) -> None:
-    """Runs every body."""
+    """Runs all bodies."""
     with Report("floating", "Bodies that float, sink and fall into water, incompressible", dx) as report:
         figure = Figure(figsize=(9, 6.4), layout="constrained")
         upper, lower = figure.subplots(2, 2)
@@ -103,7 +107,7 @@ def main(dx: float = 0.02, flap_dx: float = 0.01) -> None:
             file = solved(at_rest(ratio, dx), f"floating_{ratio:g}_{dx:g}")
             series = file.series()
             heave = float(np.mean(series["heave"][series["time"] > 1.0]))
-            # the water that it gives way to as it sinks lifts the level
+            # the water displaced by the sinking box raises the level
             draught = ratio * SIDE - heave / (1.0 - SIDE / 1.2)
             off = draught / (ratio * SIDE) - 1.0
             report.row(
@@ -175,7 +179,7 @@ def _flap(report: Report, axes, spacings: tuple[float, ...]) -> None:
         report.row("the same: the first swing's share of the first angle", share)
         lost = energy[free] - energy[free][0]
         whole = float(lost[0] - lost.min())
-        # readings at single instants scatter by 0.02 to 0.08 J/m of the 17 kJ/m that the water has
+        # single readings scatter by 0.02 to 0.08 J/m; the water has 17 kJ/m
         second = round(1.0 / (t[1] - t[0]))
         mean = np.convolve(lost, np.ones(second) / second, mode="valid")
         grown = float(np.max(mean - np.minimum.accumulate(mean)))

@@ -1,11 +1,11 @@
-"""A half-immersed cylinder let go in heave: period (s) and damping ratio (-), against linear theory.
+"""Half-immersed cylinder released in heave: period (s) and damping ratio (-), against linear theory.
 
-Two-dimensional, with both schemes. The cylinder is held a quarter of its radius above the place where it
-floats until the water has settled, and let go. Theory is Cummins' equation with the cylinder's own added
-mass and damping on the tank's depth (`experiments/heaving_cylinder.py`): on deep water the damping ratio
-would be a tenth higher. It is linear: a quarter of a radius from its middle the cylinder cuts the surface in
-a section 3 % narrower, and the lift is 1 % less. The tank is so long that nothing comes back from its ends
-before the readings are done, even at the speed of the longest waves.
+The runs are two-dimensional, in both schemes. The cylinder is held a quarter of its radius above equilibrium
+until the water has settled, and then released. The theory is Cummins' equation with the added mass and
+damping of the cylinder at the tank's depth (`experiments/heaving_cylinder.py`); in deep water the damping
+ratio would be a tenth higher. The theory is linear: a quarter of a radius from its middle the cylinder is 3 %
+narrower at the surface, and the restoring force is 1 % smaller. The tank is so long that no wave returns from
+its ends before the last reading, even at the speed of the longest waves.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from experiments.heaving_cylinder import Cylinder, Release, strip_of_a_long_cyli
 
 CYLINDER = Cylinder(radius=0.1, depth=0.5)
 LENGTH = 3.2
-"""Of the tank, the cylinder in its middle, m."""
+"""Length of the tank, m; the cylinder is in its middle."""
 LIFT = 0.25 * CYLINDER.radius
 """Height above equilibrium at the release, m."""
 HELD = 1.0
-"""So long the water settles around the cylinder, s."""
+"""Time for which the cylinder is held while the water settles, s."""
 AFTER = 1.5
 """Time of the free motion, s."""
 BACK = (LENGTH - 2.0 * CYLINDER.radius) / float(np.sqrt(CYLINDER.g * CYLINDER.depth))
-"""Time to the tank's ends and back at the speed of the longest waves, s."""
+"""Time of the longest waves to the ends of the tank and back, s."""
 SCHEMES = ("incompressible", "weakly_compressible")
 
 
 def let_go(kind: str, dx: float) -> js.Case:
-    """The cylinder in its tank, by the scheme of this kind."""
+    """The cylinder in its tank, with the scheme `kind`."""
     return js.Case.from_dict(
         {
             "name": f"heave_{kind}",
@@ -53,10 +53,12 @@ def let_go(kind: str, dx: float) -> js.Case:
 
 
 def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and heights (m) of the release and of the first `count` turns after it.
+    """Times (s) and heights (m) of the release and of the first `count` turning points after it.
 
-    z is the height over where the cylinder floats. A turn is the vertex of a parabola through the readings
-    around it, over a quarter of the last swing's time, so that single readings which scatter do not move it.
+    z is the height above equilibrium. A turning point is the vertex of a parabola fitted to the readings
+    around it, over a quarter of the last swing's time, so that scatter of single readings does not move it.
+
+    **Raises** ValueError if the record has fewer turning points.
     """
     times, heights = [float(t[0])], [float(z[0])]
     start = 0
@@ -64,7 +66,7 @@ def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, 
         sign = -1.0 if n % 2 == 0 else 1.0
         crossed = np.flatnonzero(sign * z[start:] > 0)
         if not crossed.size:
-            raise ValueError(f"the record of {t[-1] - t[0]:.3g} s has {n} turns, {count} are needed")
+            raise ValueError(f"the record of {t[-1] - t[0]:.3g} s has {n} turns, but {count} are needed")
         first = start + int(crossed[0])
         back = np.flatnonzero(sign * z[first:] < 0)
         last = first + int(back[0]) if back.size else t.size
@@ -78,11 +80,11 @@ def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, 
 
 
 def period_and_damping(t: np.ndarray, z: np.ndarray) -> tuple[float, float]:
-    """Period (s), from the release to the next top, and damping ratio (-) over the first two swings.
+    """Period (s), from the release to the next maximum, and damping ratio (-) over the first two swings.
 
-    A swing goes from one turn to the next. Its length, unlike a turn's own height, does not depend on where
-    the cylinder comes to rest; two swings on it has fallen by exp(-2 delta), and the ratio is
-    delta / sqrt(pi^2 + delta^2).
+    A swing goes from one turning point to the next. Its height difference, unlike the height of a turning
+    point, does not depend on the equilibrium position. Over two swings it falls by the factor exp(-2 delta),
+    and the damping ratio is delta / sqrt(pi^2 + delta^2).
     """
     times, heights = extremes(t, z)
     swings = np.abs(np.diff(heights))
@@ -91,7 +93,7 @@ def period_and_damping(t: np.ndarray, z: np.ndarray) -> tuple[float, float]:
 
 
 def main(dx: float = 0.01) -> None:
-    """Runs both schemes beside theory."""
+    """Runs both schemes and compares them with theory."""
     with Report(f"heave_{dx:g}", "Half-immersed cylinder let go in heave, both schemes, 2-D", dx) as report:
         figure = Figure(figsize=(7, 4), layout="constrained")
         ax = figure.subplots()
@@ -117,7 +119,7 @@ def main(dx: float = 0.01) -> None:
 
 
 def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and heights (m) of theory, after rows that say how good it is."""
+    """Times (s) and heights (m) of the theory; reports first how accurate the theory is."""
     release = Release(CYLINDER)
     t, z = release.path(LIFT, AFTER)
     times, _ = extremes(t, z)
@@ -144,7 +146,7 @@ def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _compare(report: Report, name: str, here: tuple[float, float], theory: tuple[float, float]) -> None:
-    """Rows of period and damping ratio."""
+    """Reports period and damping ratio."""
     for what, unit, bar, found, expected in zip(
         ("period", "damping ratio over the first two swings"),
         ("s", ""),

@@ -1,8 +1,8 @@
-"""Run-up of waves that do not break on a slope of 1:2, and what it sends back, against linear long waves.
+"""Run-up of non-breaking waves on a slope of 1:2, and their reflection, against linear long waves.
 
-On a plane slope whose foot is x0 before the shore, R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the
-height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); all of them come back. That is
-the first harmonic: waves so long for their depth have a second, which raises their crests.
+On a plane slope whose foot is x0 from the shore, R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the
+height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); all waves are reflected. R is
+the first harmonic: waves so long for their depth also have a second harmonic, which raises their crests.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from experiments.common import Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, in_style
 
 DEPTH, SLOPE, FOOT, T = 0.3, 0.5, 5.0, 2.5
-"""Depth (m), slope, place of its foot (m) and period (s)."""
+"""Depth (m), slope, position of its foot (m) and period (s)."""
 
 
 def slope_case(dx: float, H: float) -> js.Case:
-    """Waves of height H (m) on the slope, which rises 0.2 m over still water."""
+    """Waves of height H (m) on the slope, which rises 0.2 m above still water."""
     top = DEPTH + 0.2
     end = FOOT + top / SLOPE
     return js.Case.from_dict(
@@ -39,7 +39,7 @@ def slope_case(dx: float, H: float) -> js.Case:
 
 
 def main(dx: float = 0.02, H: float = 0.04) -> None:
-    """Runs or goes on with waves of height H (m) at the spacing dx (m)."""
+    """Runs or continues waves of height H (m) at the spacing dx (m)."""
     case = slope_case(dx, H)
     file = solved(case, f"run_up_{dx:g}_{H:g}")
     results, series = file.results(), file.series()

@@ -1,9 +1,10 @@
-"""Forces of regular waves on a fixed ship section, incompressible, 2-D, against a flume's and linear theory.
+"""Forces of regular waves on a fixed ship section, incompressible, 2-D, against a flume and linear theory.
 
-Amplitudes of the first harmonic per metre of the section's length and of the incident waves' amplitude, which
-the gauges in front tell from the reflected ones. The section is 0.586 m of a flume 0.6 m wide: what flows
-through the gaps of 7 mm at its ends is not in two dimensions. Linear diffraction of the same section
-(`experiments/fixed_section.py`) says how much of a difference is the flume's.
+Compared are amplitudes of the first harmonic per metre of the section's length and per metre of incident wave
+amplitude, which the gauges in front separate from the reflected waves. In the experiment the section was
+0.586 m long in a flume 0.6 m wide; the flow through the gaps of 7 mm at its ends is missing in two
+dimensions. Linear diffraction of the same section (`experiments/fixed_section.py`) shows how much of a
+difference is caused by the flume.
 """
 
 from __future__ import annotations
@@ -17,18 +18,18 @@ from experiments.fixed_section import diffraction
 from jaxsph.output.plot.style import BLUE, RED, in_style
 
 MEASURED = {1.269: (3086.0, 1939.0), 0.897: (2517.0, 1025.0)}
-"""Amplitudes of the force along the flume and upwards, N/m per metre of wave amplitude, by the waves' period
-(s): KRSundsdal1/2D-ship-cross-section-in-regular-waves (CC0)."""
+"""Measured amplitudes of the force along the flume and upwards, N/m per metre of wave amplitude, by wave
+period (s): KRSundsdal1/2D-ship-cross-section-in-regular-waves (CC0)."""
 ENDS = {1.269: 16.0, 0.897: 26.0}
-"""End of the run by the waves' period, s: the shorter waves go more slowly, and settle later."""
+"""End of the run by wave period, s: shorter waves travel more slowly and settle later."""
 BAR = {0.02: 7.0, 0.01: 5.0}
-"""Largest error, %, by the spacing (m)."""
+"""Largest allowed error, %, by spacing (m)."""
 ELEMENT = 0.005
-"""Largest element of linear theory on the section, m; half of it changes no force by 0.1 %."""
+"""Largest element of linear theory on the section, m; half this size changes no force by 0.1 %."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs or goes on with both waves at the spacing dx (m)."""
+    """Runs or continues both waves at the spacing dx (m)."""
     with Report(f"section_fixed_{dx:g}", "Fixed ship section in regular waves", dx) as report:
         kept = {}
         for T, measured in MEASURED.items():
@@ -68,7 +69,7 @@ def main(dx: float = 0.02) -> None:
 
 
 def _in_the_water(case: js.Case) -> list[tuple[float, float]]:
-    """Corners of the section below the still level and in it, from right to left about its middle, m."""
+    """Corners of the section (m) below and in the still level, from right to left, relative to its middle."""
     corners = np.array(case.solid["section"].polygon)[::-1] - [0.0, case.tank.depth]
     corners[:, 0] -= 0.5 * (np.min(corners[:, 0]) + np.max(corners[:, 0]))
     return [(float(x), min(float(z), 0.0)) for x, z in corners]
@@ -76,7 +77,7 @@ def _in_the_water(case: js.Case) -> list[tuple[float, float]]:
 
 @in_style
 def _forces(kept: dict[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
-    """Figure of both forces over time, less that at rest."""
+    """Figure of both forces over time, minus the force at rest."""
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     for ax, (label, (t, force)) in zip(figure.subplots(len(kept), sharex=True), kept.items(), strict=True):
         rest = np.mean(force[(t > 0.5) & (t < 1.5)], axis=0)

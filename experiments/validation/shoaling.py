@@ -1,7 +1,7 @@
-"""Waves up a bed of 1:10 onto a shelf under a sponge: their heights against linear shoaling.
+"""Waves up a bed of 1:10 onto a shelf with a sponge: wave heights against linear shoaling.
 
-The flow of energy is the same over every depth: H/H0 = sqrt(c_g0/c_g). Heights are those of sines of the
-elevations' variance.
+The energy flux is the same at every depth, so that H/H0 = sqrt(c_g0/c_g). Wave heights are computed from the
+variance of the elevation as for a sine.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from jaxsph.output.plot.style import BLUE, RED, in_style
 from jaxsph.waves import theory
 
 DEPTH, SHELF, FOOT, SLOPE = 0.4, 0.2, 3.0, 0.1
-"""Depth in front and over the shelf (m), foot of the slope (m), and slope."""
+"""Depth in front, height of the shelf and foot of the slope (m), and slope."""
 PLACES = (4.0, 5.2)
-"""Places where heights are compared, m: half-way up the slope, and on the shelf."""
+"""Positions where heights are compared, m: half-way up the slope, and on the shelf."""
 
 
 def shelf_case(dx: float, H: float, T: float) -> js.Case:
@@ -41,7 +41,7 @@ def shelf_case(dx: float, H: float, T: float) -> js.Case:
 
 
 def main(dx: float = 0.02, H: float = 0.04, T: float = 1.2) -> None:
-    """Runs or goes on with waves of height H (m) and period T (s) at the spacing dx (m)."""
+    """Runs or continues waves of height H (m) and period T (s) at the spacing dx (m)."""
     case = shelf_case(dx, H, T)
     file = solved(case, f"shoaling_{dx:g}_{H:g}")
     series, results = file.series(), file.results()
@@ -64,12 +64,12 @@ def main(dx: float = 0.02, H: float = 0.04, T: float = 1.2) -> None:
 
 
 def depth_at(x: float) -> float:
-    """Depth (m) at the place x (m)."""
+    """Depth (m) at the position x (m)."""
     return round(DEPTH - SLOPE * max(x - FOOT, 0.0) if x < FOOT + (DEPTH - SHELF) / SLOPE else SHELF, 6)
 
 
 def _energy_speed(T: float, depth: float, g: float) -> float:
-    """Power (W/m) of waves one metre high, in proportion to their group velocity."""
+    """Power (W/m) of waves one metre high, which is proportional to their group velocity."""
     return float(theory.incident_power(1.0, T, depth, 1000.0, g))
 
 

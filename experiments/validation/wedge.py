@@ -1,8 +1,8 @@
 """Water entry of a wedge of 30 degrees: pressure and force against the similarity flow, and a free fall.
 
-At constant speed V, without gravity and far from the chines, the flow is similar: pressures depend on z/(Vt)
-alone, and the force grows as rho V^3 t (Zhao and Faltinsen 1993). `experiments/reference/README.md` has the
-sources.
+At constant speed V, without gravity and far from the chines, the flow is self-similar: pressures depend on
+z/(Vt) only, and the force grows as rho V^3 t (Zhao and Faltinsen 1993). `experiments/reference/README.md` has
+the sources.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from experiments.common import Report, reference, solved
 
 V, RHO = 6.15, 1000.0
 CP, FORCE = 6.927, 14.139
-"""Largest 2p/(rho V^2) (Iafrati 2013, table 1) and F/(rho V^3 t), of both faces (Zhao and Faltinsen 1993)."""
+"""Largest 2p/(rho V^2) (Iafrati 2013, table 1), and F/(rho V^3 t) on both faces (Zhao and Faltinsen 1993)."""
 WINDOW = (0.009, 0.0145)
-"""From when the wedge is some tens of spacings deep until its jet is near the chine, s."""
+"""Interval from an immersion of some tens of spacings until the jet is near the chine, s."""
 FALL = {0.0045: 6.06, 0.0155: 5.10}
-"""Speed (m/s) of the free fall by the quasi-similarity balance of momentum."""
+"""Speed (m/s) in free fall by time (s), from the quasi-similarity balance of momentum."""
 FACE = np.linspace(0.02, 0.98, 49)
 
 
 def wedge_case(dx: float, constant: bool) -> js.Case:
-    """The built-in wedge with sensors along its right face; at constant speed, weightless."""
+    """The built-in wedge with sensors along its right face; `constant`: constant speed, almost no gravity."""
     case = js.load_case("wedge_entry")
     (x0, z0), (x1, z1) = case.body.polygon[0], case.body.polygon[1]
     sensors = [[x0 + s * (x1 - x0), z0 + s * (z1 - z0)] for s in FACE]
@@ -41,7 +41,7 @@ def main(dx: float = 0.005) -> None:
     t = fixed["time"]
     now = (t >= WINDOW[0]) & (t <= WINDOW[1])
     force = fixed["body_force"][:, 1]
-    # through the origin: the start is a splash of single particles
+    # fitted through the origin, because the start is a splash of single particles
     slope = float(np.sum(force[now] * t[now]) / np.sum(t[now] ** 2) / (RHO * V**3))
     Cp = fixed["body_pressure"] / (0.5 * RHO * V**2)
     height = FACE * 0.1443

@@ -1,1 +1,1 @@
-"""Runs against exact solutions and theory."""
+"""Comparisons with exact solutions and theory."""

@@ -1,4 +1,4 @@
-"""A closed chamber's air as a spring: free oscillation of two vessels against the exact frequency."""
+"""Air of a closed chamber as a spring: free oscillation of two vessels against the exact frequency."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from jaxsph import analysis
 VOLUME = 1.0
 """Volume of the air, m2 per metre of width."""
 SQUEEZED, PRESSED = 800.0, 400.0
-"""Pressures that set the vessels swinging: of the closed air at the start, and a constant one, Pa."""
+"""Pressures that start the oscillation, Pa: initial pressure of the closed air, and a constant pressure."""
 T1 = 4.0
 
 
 def main(dx: float = 0.01) -> None:
-    """Runs the vessels of section 4.2 with air that is closed in, and under a constant pressure."""
+    """Runs the vessels of section 4.2 with closed air, and under a constant pressure."""
     base = js.load_case("vessel").replace({"dx": dx, "probes.gauges": [], "t1": T1})
     if dx > 0.01:
         base = base.replace({"device.wall_thickness": dx, "tank.length": 0.64 + dx})
     constant = swing(base.replace({"pto.P_a": PRESSED}))
     case = base.replace({"pto.resistance": 1e12, "air.volume": VOLUME})
     closed = swing(case, SQUEEZED)
-    # the same water: the air adds to the restoring force 2 rho g b the spring gamma p0 b^2 / V
+    # for the same water the air adds the stiffness gamma p0 b^2 / V to the restoring 2 rho g b
     spring = case.device.chamber_length / case.air.give / (2.0 * case.fluid.rho0 * case.g)
     exact = np.sqrt(1.0 + spring)
     with Report(f"air_spring_{dx:g}", "Air of a closed chamber as a spring", dx) as report:
@@ -55,7 +55,7 @@ def main(dx: float = 0.01) -> None:
 
 
 def swing(case: js.Case, squeezed: float = 0.0) -> dict[str, np.ndarray]:
-    """Readings of a run from rest, its air at the pressure `squeezed` (Pa) at the start."""
+    """Readings of a run from rest, with initial air pressure `squeezed` (Pa)."""
     model, state = js.build(case)
     chamber = model.chambers[0]
     if squeezed:
@@ -76,7 +76,7 @@ def swing(case: js.Case, squeezed: float = 0.0) -> dict[str, np.ndarray]:
 
 
 def _omega(run: dict[str, np.ndarray]) -> float:
-    """Angular frequency of the level's swing, rad/s."""
+    """Angular frequency of the level's oscillation, rad/s."""
     return analysis.fit_damped_oscillation(run["t"], run["chamber_level"]).omega
 
 

@@ -1,4 +1,4 @@
-"""Water that goes over a breakwater: what is behind the crest against what flowed over it, and the energy."""
+"""Overtopping of a breakwater: water behind the crest against water that flowed over it, and energy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxsph.output.plot.style import BLUE, RED, in_style
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs or goes on with the built-in breakwater at the spacing dx (m)."""
+    """Runs or continues the built-in breakwater at the spacing dx (m)."""
     file = solved(js.load_case("breakwater").replace({"dx": dx}), f"breakwater_{dx:g}")
     series, results = file.series(), file.results()
     t, behind = series["time"], np.float64(series["overtopped_breakwater"])
@@ -40,7 +40,7 @@ def main(dx: float = 0.02) -> None:
 
 @in_style
 def _volumes(t: np.ndarray, behind: np.ndarray, passed: np.ndarray) -> Figure:
-    """Figure of the volumes behind the crest and over it."""
+    """Figure of the volume behind the crest and the volume that flowed over it."""
     figure = Figure(figsize=(9.0, 3.0), layout="constrained")
     ax = figure.subplots()
     ax.plot(t, behind, color=BLUE, label="behind the crest")

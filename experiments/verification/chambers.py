@@ -1,7 +1,7 @@
-"""Chambers between any walls: the built-in cases that have them, and one chamber written in two ways.
+"""Chambers between any walls: the built-in cases with such chambers, and one chamber defined in two ways.
 
-Energies close, the duct's law holds, and an OWC whose front wall is a solid takes what one with the plate of
-regional ghosts takes.
+Checks the energy budgets and the law of the duct, and that an OWC whose front wall is a solid absorbs the
+same power as an OWC whose front wall is a plate with regional ghosts.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from jaxsph.output.plot.style import BLUE, GREEN, ORANGE, in_style
 from jaxsph.output.run_file import RunFile
 
 CASES = ("owc_slope", "owc_two_chambers", "owc_ning")
-"""Built-in cases."""
+"""Built-in cases with chambers between any walls."""
 THICK = 3
-"""Thickness of the front wall in spacings where it is a plate and a solid: below, a solid does not part the
+"""Thickness of the front wall in spacings, as a plate and as a solid. A thinner solid does not separate the
 water on its two sides."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs or goes on with the built-in cases and with both forms of an OWC, at the spacing dx (m)."""
+    """Runs or continues the built-in cases and both forms of an OWC at the spacing dx (m)."""
     with Report(f"chambers_{dx:g}", "Chambers between any walls", dx) as report:
         for name in CASES:
             file = solved(js.load_case(name).replace({"dx": dx}), f"{name}_{dx:g}")
@@ -34,7 +34,7 @@ def main(dx: float = 0.02) -> None:
 
 
 def _balance(report: Report, name: str, results: dict[str, float]) -> None:
-    """Efficiency of a case, and where its energy went."""
+    """Reports the efficiency of a case, its energy budget and its hyperviscosity."""
     report.row(f"{name}: absorbed over incident power", results["xi"])
     off = of_paddle(results, "residual", "whole_")
     report.row(
@@ -49,7 +49,7 @@ def _balance(report: Report, name: str, results: dict[str, float]) -> None:
 
 
 def _duct(report: Report, file: RunFile) -> None:
-    """Law of the duct between two chambers, and what it loses."""
+    """Reports the law of the duct between two chambers, and its loss."""
     series = file.series()
     drop, flow = (np.float64(series[f"{name}_cross"])[1:] for name in ("pressure_drop", "duct_flow"))
     between = np.float64(series["P_a_sea"] - series["P_a_land"])[1:]
@@ -66,7 +66,7 @@ def _duct(report: Report, file: RunFile) -> None:
 
 
 def plate_and_solid(dx: float) -> dict[str, js.Case]:
-    """One OWC in three ways: a plate in a tank of images, the same in one of dummies, and a solid in that."""
+    """One OWC in three forms: plate with walls of images, plate with dummy walls, solid with dummy walls."""
     plate = study_case(dx).replace({"device.wall_thickness": THICK * dx})
     length, depth = plate.tank.length, plate.tank.depth
     inner = length - plate.device.chamber_length
@@ -87,7 +87,7 @@ def plate_and_solid(dx: float) -> dict[str, js.Case]:
 
 
 def _two_forms(report: Report, dx: float) -> None:
-    """Efficiency and pressure of one OWC whose front wall is a plate and a solid."""
+    """Reports efficiency and pressure of one OWC whose front wall is a plate or a solid."""
     found = {}
     for label, case in plate_and_solid(dx).items():
         file = solved(case, f"chambers_{label.replace(', ', '_')}_{dx:g}")
@@ -116,7 +116,7 @@ def _two_forms(report: Report, dx: float) -> None:
 
 @in_style
 def _pressures(found: dict[str, tuple[float, float, float, dict[str, np.ndarray], np.ndarray]]) -> Figure:
-    """Figure of the air's pressure over time in every form of the OWC."""
+    """Figure of the air pressure over time in every form of the OWC."""
     figure = Figure(figsize=(9.0, 3.5), layout="constrained")
     ax = figure.subplots()
     for (label, (*_, series, P_a)), colour in zip(found.items(), (BLUE, GREEN, ORANGE), strict=True):

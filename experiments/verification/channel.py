@@ -5,9 +5,9 @@ Poiseuille, from rest under a body force F = 8 nu U/L^2, with y and t in units o
 Couette, the upper wall suddenly at U:
     u/U = y + sum over n of 2 (-1)^n/(n pi) sin(n pi y) exp(-(n pi)^2 t)
 
-Re = U L/nu = 1 (nu = 0.01 m2/s, L = 0.5 m, U = 0.02 m/s): fast enough that the rows of particles pass each
-other by many spacings while the flow develops, and slow enough that viscosity sets the time step, so the
-speed of sound may be high at no cost.
+Re = U L/nu = 1 (nu = 0.01 m2/s, L = 0.5 m, U = 0.02 m/s). The flow is fast enough that rows of particles pass
+each other by many spacings while it develops, and slow enough that viscosity limits the time step, so that a
+high speed of sound costs nothing.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 L, NU, U = 0.5, 0.01, 0.02
 SCALE = L**2 / NU
-"""Time in which viscosity crosses the channel, s."""
+"""Viscous time scale of the channel L^2/nu, s."""
 TIMES = (0.02, 0.1, 1.0)
-"""When profiles are compared, over `SCALE`."""
+"""Times at which profiles are compared, over `SCALE`."""
 TERMS = 200
-"""Terms of the series: at t = 0.02 the last is exp(-(200 pi)^2 0.02), nothing."""
+"""Number of terms of the series: at t = 0.02 the last, exp(-(200 pi)^2 0.02), is negligible."""
 
 
 class Flow(NamedTuple):
-    """What drives the fluid, and the exact profile."""
+    """Driving force and wall of a flow, and its exact profile."""
 
     force: float
     """Body force, m/s2."""
@@ -41,7 +41,7 @@ class Flow(NamedTuple):
     """Speed of the upper wall, m/s."""
 
     def profile(self, y: np.ndarray, t: float) -> np.ndarray:
-        """u (m/s) at y (m) and t (s)."""
+        """Exact velocity u (m/s) at y (m) and t (s)."""
         y, t = np.asarray(y)[..., None] / L, t / SCALE
         n = np.arange(1, TERMS + 1)
         q = n * np.pi
@@ -55,10 +55,10 @@ FLOWS = {"Poiseuille": Flow(8.0 * NU * U / L**2, 0.0), "Couette": Flow(0.0, U)}
 
 
 def built(flow: Flow, n: int, viscosity=LaplacianViscosity, strength: float | None = 12.0):
-    """(model, state) with n spacings between the walls and 16 along them."""
+    """Model and state with n spacings between the walls and 16 along them."""
     dx = L / n
     box = js.Box((0.0, 0.0), (16 * dx, L), sides=("periodic", "walls"))
-    # with viscosity's step, h^2/(8 nu), this speed of sound is at a Courant number of a quarter
+    # with the viscous time step h^2/(8 nu), this speed of sound gives a Courant number of 1/4
     c0 = max(10.0 * U, 2.0 * NU / (1.2 * dx))
     shifting = None if strength is None else Shifting(strength)
     scheme = DeltaSPH.of(dx, c0, viscosity=viscosity(NU), period=box.period, shifting=shifting)
@@ -69,7 +69,7 @@ def built(flow: Flow, n: int, viscosity=LaplacianViscosity, strength: float | No
 
 
 def solved(flow: Flow, n: int, times: tuple[float, ...] = TIMES, **options) -> list[tuple]:
-    """(t, y, u) of the particles at each of `times` (over `SCALE`): s, m and m/s."""
+    """Time t (s), positions y (m) and velocities u (m/s) of particles at each of `times` (over `SCALE`)."""
     model, state = built(flow, n, **options)
     found = []
     for time in times:
@@ -81,7 +81,7 @@ def solved(flow: Flow, n: int, times: tuple[float, ...] = TIMES, **options) -> l
 
 
 def errors(flow: Flow, profiles: list[tuple]) -> list[tuple[float, float]]:
-    """(L2, largest) error of the velocity at each time, over U."""
+    """L2 error and largest error of the velocity over U, at each time."""
     found = []
     for t, y, u in profiles:
         off = np.hypot(u[:, 0] - flow.profile(y, t), u[:, 1]) / U
@@ -90,7 +90,7 @@ def errors(flow: Flow, profiles: list[tuple]) -> list[tuple[float, float]]:
 
 
 def main(n: int = 40) -> None:
-    """Runs both flows with n spacings between the walls, and n/4 and n/2 for the order."""
+    """Runs both flows with n spacings between the walls, and with n/4 and n/2 for the order."""
     with Report("channel", f"Start-up of plane flows at Re = 1, {n} spacings across", L / n) as report:
         shown = {}
         for name, flow in FLOWS.items():
@@ -98,7 +98,7 @@ def main(n: int = 40) -> None:
             found = {m: errors(flow, run) for m, run in runs.items()}
             for time, (rms, most) in zip(TIMES, found[n], strict=True):
                 where = f"{name}, t = {time:g} L²/nu"
-                # two per cent of U: a bar of this project, the series themselves are exact
+                # the bar of 2 % of U is chosen here; the series themselves are exact
                 report.row(
                     f"{where}: L2 error / U", 100 * rms, "%", theory=0.0, bar="< 2 %", passes=rms < 0.02
                 )
@@ -113,7 +113,7 @@ def main(n: int = 40) -> None:
 
 
 def _picture(shown: dict) -> Figure:
-    """Profiles of particles and series."""
+    """Figure of the velocity profiles of particles and series."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     for axis, (name, (flow, profiles)) in zip(figure.subplots(1, 2), shown.items(), strict=True):
         y = np.linspace(0.0, L, 200)

@@ -1,4 +1,4 @@
-"""A sweep of eight members on two workers of Dask, one killed with SIGKILL, against members run in turn."""
+"""A sweep of eight members on two Dask workers, one killed with SIGKILL, against members run one by one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jaxsph.output.run_file import RunFile
 
 
 def main(dx: float = 0.04, t1: float = 2.0) -> None:
-    """Kills one of two workers as soon as its member has written a checkpoint; another goes on with that."""
+    """Kills one of two workers once its member has a checkpoint, from which another worker continues."""
     case = js.load_case("owc").replace(
         {"dx": dx, "device.wall_thickness": dx, "t1": t1, "output.snapshot_dt": 0.1}
     )
@@ -49,11 +49,11 @@ def main(dx: float = 0.04, t1: float = 2.0) -> None:
 
 
 def _kill_one(client: Client, out: Path, killed: list[float]) -> None:
-    """Kills the first worker once the first member has a checkpoint and has not ended."""
+    """Kills the worker of the first member as soon as this member has a checkpoint."""
     run = out.resolve().with_name(f"{out.name}.members") / "0000.h5"
     while not (t := _time(run)):
         time.sleep(0.05)
-    # the worker that has the first member is the one whose process is an ancestor of its run
+    # the worker with the first member is the process that started the run of this member
     victims = client.run(lambda: [os.getpid(), _children()])
     for pid, children in victims.values():
         if any(str(run) in command for command in children):
@@ -62,7 +62,7 @@ def _kill_one(client: Client, out: Path, killed: list[float]) -> None:
 
 
 def _time(run: Path) -> float:
-    """Time of the last checkpoint in a member's file (s), 0 where there is none."""
+    """Time of the last checkpoint in a member's file, s; 0 if there is no checkpoint."""
     try:
         times = RunFile.open(run).series().get("time", np.zeros(1))
         return float(times[-1])
@@ -71,7 +71,7 @@ def _time(run: Path) -> float:
 
 
 def _children() -> list[str]:
-    """Command lines of the processes that this one has started (Linux)."""
+    """Command lines of the child processes of this process (Linux)."""
     mine = Path(f"/proc/{os.getpid()}/task").glob("*/children")
     pids = " ".join(path.read_text() for path in mine).split()
     return [Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode() for pid in pids]

@@ -1,7 +1,7 @@
-"""Short waves that a low standing wave sends out where its surface meets the walls, by kind of wall.
+"""Short waves radiated by a low standing wave where its surface meets the walls, by kind of wall.
 
-A wave of a quarter of a spacing between two walls: whatever the walls do to the surface shows as modes that
-the wave does not have. A periodic tank, which has no walls, shows what is left without them.
+The wave is a quarter of a spacing high and stands between two walls. Any effect of the walls on the surface
+appears as modes that the wave does not have. A periodic tank shows which of these modes appear without walls.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ from jaxsph.model.probe import AbstractProbe
 TIMES = (0.95, 3.05)
 """Times at which the modes are compared, s."""
 SAMPLE, WAVE, SHORT, BAR = 0.05, 2, (4, 6, 8, 10, 12), 0.01
-"""Sampling interval, s; mode of the wave in the tank; modes that it does not have; their bar, of the wave."""
+"""Sampling interval (s), mode of the wave, modes that it does not have, and their bar over the wave (-)."""
 
 
 class SurfaceModes(AbstractProbe):
-    """Probe of the vertical speed of the top layer by cosine modes of the tank, m/s."""
+    """Probe of the vertical velocity of the top layer in cosine modes of the tank, m/s."""
 
     top: Bool[Array, " N"]
-    """Whether a particle, by its number, is in the top layer."""
+    """Whether each particle, by its id, is in the top layer at the start."""
     length: float = eqx.field(static=True)
     """Length of the tank, m."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         p = state.particles
         w = jnp.where(self.top[p.id], p.u[:, -1], 0.0) * 2.0 / jnp.sum(self.top)
         mode = jnp.arange(1, SHORT[-1] + 1)[:, None]
         return {"modes": jnp.cos(mode * jnp.pi * p.x[:, 0] / self.length) @ w}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         return {"modes": Reading("m s-1", "vertical speed of the top layer by cosine mode of the tank")}
 
 
 def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = False) -> None:
-    """Runs the standing wave (m) in the second mode between walls of every kind, and without walls."""
+    """Runs a standing wave of this amplitude (m) in the second mode, with all kinds of walls and without."""
     kind = "weakly_compressible" if weakly_compressible else "incompressible"
     name = f"contact_line_{dx:g}_{amplitude:g}" + "_weakly_compressible" * weakly_compressible
     title = f"Short waves from where the surface of a standing wave of {amplitude:g} m meets walls, {kind}"
@@ -98,7 +98,7 @@ def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = 
 
 
 def solved(case: js.Case, walls: str) -> js.Solution:
-    """A run of the case between walls of a kind (`tank.walls`), or in a periodic tank of the same length."""
+    """Runs the case with one kind of wall (`tank.walls`), or in a periodic tank of the same length."""
     model, state = js.build(case if walls == "periodic" else case.replace({"tank.walls": walls}))
     if walls == "periodic":
         geometry, x = Geometry.of(case), np.asarray(state.particles.x, float)

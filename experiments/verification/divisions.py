@@ -1,8 +1,8 @@
-"""Vessels at rest, joined under a wall of one spacing, by the three region divisions of section 2.4.1.2.
+"""Vessels at rest, joined under a wall of one spacing, with the three region divisions of section 2.4.1.2.
 
-Each division runs as a user would run it, with `Background`, and without it, which is the paper's
-method. The vessels are 0.35 and 0.32 m wide, the water 0.8 m deep, the wall 0.01 m thick with 0.6 m of it
-in the water.
+Each division runs with `Background`, as a user would run it, and without `Background`, as in the paper. The
+vessels are 0.35 and 0.32 m wide, and the water is 0.8 m deep. The wall is 0.01 m thick and reaches 0.6 m into
+the water.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from jaxsph.model.state import Failure
 
 LENGTH, DEPTH, DRAUGHT, CHAMBER, WALL = 0.68, 0.8, 0.6, 0.32, 0.01
 SCALE = 0.5 * 1000.0 * 9.81 * DEPTH**2 * (LENGTH - WALL)
-"""J/m: potential energy of the water over the bed, rho g d^2/2 times the vessels' widths."""
+"""Potential energy of the water above the bed, rho g d^2/2 times the width of the vessels, J/m."""
 BAR = 1.0e-4
-"""Kinetic energy over SCALE at the end; as a mean speed sqrt(BAR g d) it is a hundredth of sqrt(g d)."""
+"""Bar for the final kinetic energy over `SCALE`: a mean speed sqrt(BAR g d), a hundredth of sqrt(g d)."""
 COLOURS = {"a": "#E69F00", "b": "#0072B2", "c": "#D55E00"}
 PAPER = {"a": "unsteady", "b": "at rest", "c": "unsteady"}
-"""What section 2.4.1.2 says of each division at 10 s; the values of its Fig. 8 are not in the text."""
+"""State of each division at 10 s according to section 2.4.1.2; the text has no values for its Fig. 8."""
 
 
 class Found(NamedTuple):
-    """A run: its series, the last sound state, and how it ended."""
+    """Results of a run: series, last valid state, and how it ended."""
 
     t: np.ndarray
     kinetic: np.ndarray
@@ -40,12 +40,12 @@ class Found(NamedTuple):
     u: np.ndarray
     p: np.ndarray
     ended: str
-    """Empty, or the failure that stopped it."""
+    """Failure that stopped the run; empty if there was none."""
     seconds: float
 
 
 def main(dx: float = 0.01, t1: float = 10.0) -> None:
-    """Runs three divisions with and without the background, to t1 (s)."""
+    """Runs the three divisions with and without the background to t1 (s)."""
     found = {}
     for background in (True, False):
         for division in "abc":
@@ -62,7 +62,7 @@ def main(dx: float = 0.01, t1: float = 10.0) -> None:
 
 
 def case_of(division: str, dx: float) -> js.Case:
-    """The vessels at rest, with this division of the water around the wall."""
+    """The vessels at rest, with one division of the water around the wall."""
     return js.load_case("vessel").replace(
         {
             "scheme.kind": "weakly_compressible",
@@ -82,7 +82,7 @@ def case_of(division: str, dx: float) -> js.Case:
 
 
 def _kept(division: str, background: bool, dx: float, t1: float) -> Found:
-    """The run of `runs/`, made where it is not there."""
+    """Reads the run from `runs/`, or computes it if it does not exist."""
     label = "with" if background else "without"
     path = RUNS / f"divisions_{division}_{label}_{dx:g}_{t1:g}.npz"
     if not path.exists():
@@ -94,11 +94,12 @@ def _kept(division: str, background: bool, dx: float, t1: float) -> Found:
 
 
 def solve(case: js.Case, background: bool, t1: float) -> Found:
-    """Runs to t1 (s), or to the first failure, which is a result and raises nothing."""
+    """Runs to t1 (s) or to the first failure, which is a result here and not an error."""
     began = time.perf_counter()
     model, state = js.build(case)
     every = round(case.output.sample_dt / float(model.dt))
-    # Room for what an unquiet division does to the tables; searched more often where that is not enough.
+    # The tables get spare capacity for a division with moving water; if that is not enough, the search is
+    # repeated more often.
     search = dataclasses.replace(
         model.search,
         capacity=int(1.5 * model.search.capacity),
@@ -116,7 +117,7 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
         new, readings = advance(model, state)
         failure = Failure(int(new.status.bits))
         if failure == Failure.STALE_TABLE and search.rebuild_every > 1:
-            # a particle is faster than the tables are good for: again from the last state, as `js.run` does
+            # a particle has left the reach of the tables: repeat from the last state, as `js.run` does
             shorter = max(n for n in range(1, search.rebuild_every) if every % n == 0)
             search = dataclasses.replace(search, rebuild_every=shorter)
             model = eqx.tree_at(lambda m: m.search, model, search)
@@ -128,7 +129,7 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
             break
         state = new
     joined = {k: np.concatenate([s[k] for s in series]) for k in ("time", "kinetic", "max_speed")}
-    if ended:  # what was read after the failure says nothing
+    if ended:  # readings after the failure are meaningless
         joined = {k: v[joined["time"] <= when] for k, v in joined.items()}
     p = state.particles
     return Found(
@@ -144,16 +145,16 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
 
 
 def pressure_error(run: Found) -> float:
-    """RMS of p - rho g (d - z) in the last sound state, over rho g d."""
+    """RMS of p - rho g (d - z) in the last valid state, over rho g d."""
     error = run.p / (1000.0 * 9.81) - (DEPTH - run.x[:, 1])
     return float(np.sqrt(np.mean(error**2)) / DEPTH)
 
 
 def verdict(run: Found) -> str:
-    """Whether the water stays at rest: under the bar, and no less quiet in the end than once it has settled.
+    """Whether the water stays at rest: below the bar, and not growing after it has settled.
 
-    The settled level is the mean of the second fifth of the run, the end its last fifth. In a quiet run the
-    two are equal but for the noise, which is well under a factor of two.
+    The settled energy is the mean over the second fifth of the run, the final energy the mean over its last
+    fifth. In a quiet run the two are equal except for noise, which is well below a factor of two.
     """
     if run.ended:
         return "fails"
@@ -167,7 +168,7 @@ def verdict(run: Found) -> str:
 def _rows(report: Report, division: str, background: bool, run: Found, t1: float) -> None:
     label = f"({division}) {'as a user runs it' if background else 'without the background'}"
     share = run.kinetic / SCALE
-    # A failed run has no energy at t1, and meets no bar. The bar is for the division that the code uses.
+    # A failed run has no energy at t1 and misses the bar. Only the division that the code uses has a bar.
     last = "failed" if run.ended else float(share[-1])
     barred = division == "b" and background
     report.row(
@@ -184,13 +185,13 @@ def _rows(report: Report, division: str, background: bool, run: Found, t1: float
 
 
 def _energies(found: dict[tuple[str, bool], Found]) -> Figure:
-    """Kinetic energy over the scale, against time."""
+    """Figure of the kinetic energy over the scale, against time."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axis = figure.subplots()
     for (division, background), run in found.items():
         label = f"({division}) {'with' if background else 'without'} the background"
         style = "-" if background else "--"
-        # the first sample is of water exactly at rest, which a logarithm cannot show
+        # in the first sample the water is exactly at rest, which a logarithm cannot show
         shown = run.kinetic > 0
         axis.semilogy(
             run.t[shown], run.kinetic[shown] / SCALE, style, color=COLOURS[division], lw=1, label=label
@@ -202,7 +203,7 @@ def _energies(found: dict[tuple[str, bool], Found]) -> Figure:
 
 
 def _fields(runs: dict[str, Found], dx: float) -> Figure:
-    """Pressure, its error and the horizontal velocity of the last sound state."""
+    """Figure of pressure, its error and horizontal velocity in the last valid state."""
     figure = Figure(figsize=(9, 10), layout="constrained")
     axes = figure.subplots(3, len(runs), sharex=True, sharey=True)
     speed = max(float(np.percentile(abs(run.u[:, 0]), 99.5)) for run in runs.values())
@@ -227,7 +228,7 @@ def _fields(runs: dict[str, Found], dx: float) -> Figure:
                 vmin=limits[0],
                 vmax=limits[1],
                 lw=0,
-                antialiased=False,  # a third of the file
+                antialiased=False,  # reduces the file to a third
             )
             end = f"stopped: {run.ended}" if run.ended else f"{run.t[-1]:.1f} s"
             axis.set(aspect="equal", title=f"({division}), {end}", xlim=(0, LENGTH), ylim=(0, DEPTH + 4 * dx))

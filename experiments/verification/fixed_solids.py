@@ -1,7 +1,7 @@
 """Still water over a slope, beside a leaning wall, around a caisson, a cylinder and a thin plate.
 
-Nothing moves the water: what moves is noise. The force on each solid is that of its pressure at rest, known
-exactly. Ten seconds, incompressible.
+Nothing moves the water, so any motion is noise. The force on each solid is the exactly known force of the
+hydrostatic pressure. Runs last ten seconds and are incompressible.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TILT = np.pi / 6
 
 
 class Rest(NamedTuple):
-    """A solid in still water and the force on it at rest."""
+    """A solid in still water, and the hydrostatic force on it."""
 
     label: str
     length: float
@@ -29,11 +29,11 @@ class Rest(NamedTuple):
     shape: dict[str, Any]
     """Section of the solid."""
     force: tuple[float, float] | None
-    """Force along x and z, N/m; None where it is not asked for."""
+    """Force along x and z, N/m; None if it is not compared."""
 
 
 def main(dx: float = 0.02, t1: float = 10.0) -> None:
-    """Runs or goes on with the five tanks at the spacing dx, to t1 (s)."""
+    """Runs or continues the five tanks at the spacing dx (m) to t1 (s)."""
     with Report(f"fixed_solids_{dx:g}", "Still water beside solids that do not move", dx) as report:
         for name, rest in solids(dx).items():
             file = solved(at_rest(name, rest, dx, t1), f"fixed_solids_{name}_{dx:g}", t1)
@@ -51,7 +51,7 @@ def main(dx: float = 0.02, t1: float = 10.0) -> None:
 
 
 def solids(dx: float) -> dict[str, Rest]:
-    """The solids by their names."""
+    """The solids by name."""
     c, s, foot, length = np.cos(TILT), np.sin(TILT), (0.6, 0.2), 0.5
     head = [float(a + length * b) for a, b in zip(foot, (c, s), strict=True)]
     weight, push = RHO * G, 0.5 * RHO * G
@@ -99,6 +99,6 @@ def at_rest(name: str, rest: Rest, dx: float, t1: float) -> js.Case:
 
 
 def largest_speed(file: RunFile) -> float:
-    """Largest speed of a particle from one second on, m/s."""
+    """Largest speed of a particle after the first second, m/s."""
     series = file.series()
     return float(np.max(series["max_speed"][series["time"] > 1.0]))

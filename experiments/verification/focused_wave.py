@@ -1,4 +1,4 @@
-"""A focused wave: place, time and height of its crest against second-order theory."""
+"""Focused wave: position, time and height of its crest against second-order theory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GAUGES = tuple(float(x) for x in np.round(np.arange(3.4, 4.61, 0.05), 3))
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the group and prints where and when its highest crest is."""
+    """Runs the wave group and reports position, time and height of its highest crest."""
     case = js.Case.from_dict(
         {
             "name": "focused_wave",
@@ -35,7 +35,7 @@ def main(dx: float = 0.02) -> None:
     t, eta = series["time"], np.float64(series["eta"])
     expected = asked(case, t)
     near = np.abs(t - TIME) < TP
-    # the crest of the envelope moves with the group: the highest of all crests that any gauge sees
+    # the crest of the envelope moves with the group: take the highest crest at any gauge
     when, where, top = highest(t[near], np.array(GAUGES), eta[near])
     when2, where2, top2 = highest(t[near], np.array(GAUGES), expected[near])
     trough = expected[near][:, np.argmin(np.abs(np.array(GAUGES) - X))].min()
@@ -55,7 +55,7 @@ def main(dx: float = 0.02) -> None:
 
 
 def asked(case: js.Case, t: np.ndarray) -> np.ndarray:
-    """Elevations (m) of the group at the gauges to second order, `[times, gauges]`."""
+    """Elevations (m) of the specified group at the gauges to second order, `[times, gauges]`."""
     depth = Geometry.of(case).depth
     a, omega = case.waves.sum_of_waves(depth, case.g)
     k = second_order.wavenumbers(omega, depth, case.g)
@@ -67,7 +67,7 @@ def asked(case: js.Case, t: np.ndarray) -> np.ndarray:
 
 
 def highest(t: np.ndarray, x: np.ndarray, eta: np.ndarray) -> tuple[float, float, float]:
-    """Time (s), place (m) and elevation (m) of the highest crest, by parabolas through its neighbours."""
+    """Time (s), position (m) and elevation (m) of the highest crest, by parabolas fitted around it."""
     i, j = np.unravel_index(np.argmax(eta), eta.shape)
     i, j = np.clip(i, 1, len(t) - 2), np.clip(j, 2, len(x) - 3)
     at = np.polyfit(t[i - 5 : i + 6] - t[i], eta[i - 5 : i + 6, j], 2)

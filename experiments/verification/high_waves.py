@@ -1,6 +1,6 @@
-"""What waves high for their depth lose by time step, relaxation and spacing: `flap_3d` without its flap.
+"""Losses of waves high for their depth over time step, relaxation and spacing: `flap_3d` without its flap.
 
-Waves of 0.15 m, T = 1.34 s, on 0.36 m of water, in two dimensions, incompressible.
+The waves are 0.15 m high with T = 1.34 s in 0.36 m of water, in two dimensions, incompressible.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ RUNS = (
     (0.04, 0.12, 2 * RELAXATION),
     (0.02, 0.25, RELAXATION),
 )
-"""Spacings (m), Courant numbers, and rates at which crowding is undone (over sqrt(g/h)) of the runs."""
+"""Spacing (m), Courant number, and rate at which crowding is relaxed (over sqrt(g/h)) of each run."""
 
 
 def main() -> None:
-    """Runs the tank with three Courant numbers, other rates of relaxation, and half the spacing."""
+    """Runs the tank with three Courant numbers, two other relaxation rates, and half the spacing."""
     case = js.load_case("flap_3d").replace({"tank.width": None, "body": None, "probes.surface": None})
     with Report("high_waves", "Waves high for their depth by time step, relaxation and spacing") as report:
         for dx, cfl, relaxation in RUNS:

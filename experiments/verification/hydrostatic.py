@@ -1,4 +1,4 @@
-"""Water at rest: its pressure against rho g d and how quiet it stays, in 2-D and 3-D, in both precisions."""
+"""Water at rest: pressure against rho g d, and largest speed, in 2-D and 3-D and in both precisions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DEPTH, G, RHO = 1.0, 9.81, 1000.0
 
 
 def main(layers: int = 40, layers_3d: int = 20, t1: float = 5.0) -> None:
-    """Runs a square tank of `layers` spacings' depth, and in 3-D a column of 10 x 5 x `layers_3d`."""
+    """Runs a square tank `layers` spacings deep, and in 3-D a column of 10 x 5 x `layers_3d` spacings."""
     jax.config.update("jax_enable_x64", True)
     flat = {"dx": DEPTH / layers, "output.sample_dt": 0.05}
     deep = {
@@ -47,7 +47,7 @@ def main(layers: int = 40, layers_3d: int = 20, t1: float = 5.0) -> None:
 
 
 def errors(solution: js.Solution) -> tuple[float, float]:
-    """RMS error of the last pressure over rho g d, largest speed after 3 s over sqrt(g d)."""
+    """RMS error of the final pressure over rho g d, and largest speed after 3 s over sqrt(g d)."""
     p = solution.state.particles
     pressure = np.asarray(p.rho, np.float64) * float(solution.model.scheme.c0) ** 2
     error = pressure - RHO * G * (DEPTH - np.asarray(p.x, np.float64)[:, -1])

@@ -1,6 +1,6 @@
-"""The incompressible scheme where there is an exact solution: still water, a standing wave, a vortex.
+"""The incompressible scheme against exact solutions: still water, a standing wave, a vortex.
 
-Each is the case of the weakly compressible scheme, with the same bars.
+Each case is the same as for the weakly compressible scheme, with the same bars. Buchner's dam break is added.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from jaxsph.model.viscosity import LaplacianViscosity
 from jaxsph.schemes.incompressible import ISPH
 
 FRONT = 5.0
-"""Where the front of Buchner's dam break is timed, in H from the wall behind the column."""
+"""Distance from the wall behind the column at which the front of Buchner's dam break is timed, in H."""
 
 
 INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
 
 
 def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: int = 30) -> None:
-    """Runs the three with the incompressible scheme, and the wave and Buchner's dam break with both."""
+    """Runs the three cases with the incompressible scheme; the wave and Buchner's dam break with both."""
     with Report("incompressible", "Incompressible SPH against exact solutions", dx) as report:
         still = js.load_case("hydrostatic").replace({"dx": dx} | INCOMPRESSIBLE)
         rest = js.run(still, t1=3.0, progress=False)
@@ -68,9 +68,9 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: int = 30
 
 
 def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
-    """Buchner's dam break over the plateau of its pressure, with dummy walls where it is incompressible."""
+    """Reports Buchner's dam break until after the plateau of its pressure; dummy walls if incompressible."""
     scale = np.sqrt(dam_break.G / dam_break.BUCHNER)
-    # the residual is a share of all sources, and where the water falls they are far larger than on the wall
+    # the residual is relative to all sources, which are far larger where the water falls than at the wall
     changes = changes | ({"tank.walls": "dummy", "scheme.tolerance": 3e-4} if changes else {})
     case = dam_break.impact_case(layers).replace(
         changes | {"t1": 1.4, "output.sample_dt": 0.004, "probes.gauges": []}
@@ -97,7 +97,7 @@ def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
 
 
 def _divergence(solution: js.Solution) -> float:
-    """Of the water a smoothing length below the surface; what the gradients themselves are: U/h."""
+    """RMS divergence (1/s) of water more than 3 dx below the still level; velocity gradients are near U/h."""
     model = solution.model
     state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(solution.state)
     deep = np.asarray(state.particles.x[:, 1]) < float(model.depth) - 3.0 * float(model.dx)
@@ -108,8 +108,8 @@ def _divergence(solution: js.Solution) -> float:
 def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
     """The vortex of `taylor_green` with n by n particles.
 
-    With half of this strength of shifting particles are in less order and energy decays at 5.7 % beside the
-    exact rate for 3.1 %; with twice of it, at 3.2 %.
+    With half of this shifting strength the particles are less ordered, and the decay rate of the energy is
+    5.7 % off instead of 3.1 %; with twice the strength it is 3.2 % off.
     """
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
     scheme = ISPH.of(
@@ -127,6 +127,6 @@ def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
     u, p = taylor_green.exact(x, 0.0)
     sample = taylor_green.SAMPLE
     given = dict(scheme=scheme, walls=walls, dx=1.0 / n, sample_dt=sample, p=p)
-    # of first order in time: with steps of 3.6 ms the energy's rate is 5 % off
+    # the scheme is of first order in time: with steps of 3.6 ms the energy's rate is 5 % off
     model, state = js.assemble(x, u, **given, speed=1.3 * taylor_green.U, skin=0.6, dt_most=2.0e-3)
     return js.march(model, state, t1, sample, (js.EnergyProbe.over(model, state, jnp.float32(sample)),))

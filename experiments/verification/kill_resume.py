@@ -1,4 +1,4 @@
-"""A run killed with SIGKILL and resumed, against one left alone: every series bit for bit."""
+"""A run killed with SIGKILL and resumed, against an uninterrupted run: every series bit for bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jaxsph.output.run_file import RunFile
 
 
 def main(dx: float = 0.02, t1: float = 2.0) -> None:
-    """Kills the OWC's run once it has written its fifth snapshot."""
+    """Kills the run of the OWC once it has written 60 samples."""
     with (
         tempfile.TemporaryDirectory() as folder,
         Report("kill_resume", f"The OWC killed with SIGKILL and resumed, to {t1:g} s", dx) as report,
@@ -47,5 +47,5 @@ def _cli(*args: str) -> subprocess.Popen:
 def _samples(path: Path) -> int:
     try:
         return len(RunFile.open(path).series().get("time", ()))
-    except FileError:  # not yet there
+    except FileError:  # the file does not exist yet
         return 0

@@ -4,10 +4,11 @@ The drop stays an ellipse of semi-axes A and B with the velocity (sigma x, -sigm
     sigma' = (sigma^2 + Omega^2) (B^2 - A^2)/(B^2 + A^2),  A' = sigma A,  B' = -sigma B,
 from A = B = R and sigma = sigma0. Its pressure is
     p = rho (sigma^2 + Omega^2) A^2 B^2/(A^2 + B^2) (1 - x^2/A^2 - y^2/B^2)
-(Monaghan and Rafiee 2013; Antuono et al. 2015). No wall, no gravity: the surface is free all around.
+(Monaghan and Rafiee 2013; Antuono et al. 2015). There are no walls and no gravity, and the surface is free
+all around.
 
-Pressures are positive and the particles keep their order, so there is no shifting: with it the period is
-exact to 0.02 %, but the surface creeps outwards and gains energy (8 % of the kinetic in two periods at
+Pressures are positive and the particles stay ordered, so shifting is not used. With shifting the period is
+exact to 0.02 %, but the surface creeps outwards and gains energy (8 % of the kinetic energy in two periods at
 R = 25 dx, `built(25, strength=12.0)`).
 """
 
@@ -31,7 +32,7 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 R, OMEGA, SIGMA0, RHO = 1.0, 1.0, 0.5, 1000.0
 SAMPLE = 0.05
 HALF = 1.6
-"""Half of the box that the drop may not leave, m."""
+"""Half the side of the box that contains the drop, m."""
 
 
 def _flow():
@@ -50,24 +51,24 @@ def _flow():
 
 FLOW = _flow()
 PERIOD = float(FLOW.t_events[0][FLOW.t_events[0] > 1.0][0])
-"""s: A is back at B, and rising."""
+"""Period, s: the time until A equals B again and is rising."""
 
 
 def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """sigma (1/s), A and B (m) and the pressure at the centre (Pa)."""
+    """Exact sigma (1/s), A and B (m), and pressure at the centre (Pa), at times t (s)."""
     sigma, A, B = FLOW.sol(t)
     return sigma, A, B, RHO * (sigma**2 + OMEGA**2) * A**2 * B**2 / (A**2 + B**2)
 
 
 class DropProbe(AbstractProbe):
-    """Semi-axes by the drop's second moments, sigma by its velocities, and the pressure at the centre."""
+    """Probe of the semi-axes (from second moments), sigma (from velocities), and pressure at the centre."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         p = state.particles
         V = p.m / (model.scheme.rho0 + p.rho)
         x, u = p.x - jnp.sum(V[:, None] * p.x, axis=0) / jnp.sum(V), p.u
-        # an ellipse has second moments of a quarter of its squared semi-axes
+        # the second moments of an ellipse are a quarter of its squared semi-axes
         axes = 2.0 * jnp.sqrt(jnp.sum(V[:, None] * x**2, axis=0) / jnp.sum(V))
         sigma = jnp.sum(V * (x[:, 0] * u[:, 0] - x[:, 1] * u[:, 1])) / jnp.sum(V * jnp.sum(x**2, axis=1))
         near = V * jnp.exp(-jnp.sum(x**2, axis=1) / (3.0 * model.dx) ** 2)
@@ -75,7 +76,7 @@ class DropProbe(AbstractProbe):
         return {"axes": axes, "sigma": sigma, "p_centre": centre}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         return {
             "axes": Reading("m", "semi-axes along x and y"),
             "sigma": Reading("s-1", "rate of strain"),
@@ -84,7 +85,7 @@ class DropProbe(AbstractProbe):
 
 
 def built(n: int, c0: float = 15.0, strength: float | None = None):
-    """(model, state) of a drop with n spacings to its radius; no `strength`, no shifting."""
+    """Model and state of a drop with n spacings per radius; without `strength` there is no shifting."""
     dx = R / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
     shifting = None if strength is None else Shifting(strength)
@@ -94,7 +95,7 @@ def built(n: int, c0: float = 15.0, strength: float | None = None):
     x = lattice((-R, -R), (R, R), dx)
     x = x[np.sum(x**2, axis=1) < R**2]
     u = SIGMA0 * x * [1.0, -1.0]
-    # the lattice's own circle: its area is that of the particles
+    # for the circle with the same area as the particles
     p = 0.5 * RHO * (SIGMA0**2 + OMEGA**2) * (len(x) * dx**2 / np.pi - np.sum(x**2, axis=1))
     force = CentralForce(jnp.float32(OMEGA), jnp.zeros(2, jnp.float32))
     given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, forces=(force,))
@@ -102,7 +103,7 @@ def built(n: int, c0: float = 15.0, strength: float | None = None):
 
 
 def solved(n: int, t1: float, **options) -> js.Solution:
-    """The run of `built(n, **options)` to t1 (s), with energies, axes and pressure."""
+    """Runs `built(n, **options)` to t1 (s), with energies, axes and pressure."""
     model, state = built(n, **options)
     energy = js.EnergyProbe.over(model, state, jnp.float32(SAMPLE))
     return js.march(model, state, t1, SAMPLE, (energy, DropProbe()))
@@ -112,34 +113,34 @@ def crossings(solution: js.Solution) -> np.ndarray:
     """Times at which A and B are equal, s; the first is the start."""
     t, difference = solution.t, solution["axes"][:, 0] - solution["axes"][:, 1]
     at = np.flatnonzero(difference[:-1] * difference[1:] < 0)
-    at = at[t[at] > 0.25 * PERIOD]  # at the start they are equal but for rounding
+    at = at[t[at] > 0.25 * PERIOD]  # at the start A and B differ only by rounding
     share = difference[at] / (difference[at] - difference[at + 1])
     return np.concatenate([[0.0], t[at] + share * SAMPLE])
 
 
 def period(solution: js.Solution, skip: int = 0) -> float:
-    """Mean period, s, over all crossings but the first `skip`."""
+    """Mean period over all crossings except the first `skip`, s."""
     found = crossings(solution)[skip:]
     return float(2.0 * np.polyfit(np.arange(len(found)), found, 1)[0])
 
 
 def axes_error(solution: js.Solution) -> float:
-    """RMS error of both semi-axes over the run, over the lattice's own radius, by which the flow scales."""
+    """RMS error of both semi-axes over the run, divided by the lattice's radius, which scales the flow."""
     radius = np.mean(solution["axes"][0])
     _, A, B, _ = exact(solution.t)
     return float(np.sqrt(np.mean((solution["axes"] / radius - np.stack([A, B], axis=1)) ** 2)))
 
 
 def energy_drift(solution: js.Solution) -> float:
-    """Change of kinetic, potential and compression energy over the first kinetic energy."""
+    """Change of kinetic, potential and compression energy over the initial kinetic energy."""
     total = solution["kinetic"] + solution["potential"] + solution["compression"]
     return float((total[-1] - total[0]) / solution["kinetic"][0])
 
 
 def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
-    """Runs a drop of n spacings' radius to t1 (two periods), and n/4 and n/2.
+    """Runs drops with radii of n, n/2 and n/4 spacings to t1 (two periods).
 
-    The axes' error is that of the phase, which does not fall with dx: there is no order to report.
+    The error of the axes is an error of phase, which does not fall with dx, so no order is reported.
     """
     title = f"Oscillating drop under a central force, R = {n} dx, to {t1:g} s"
     with Report("oscillating_drop", title, R / n) as report:
@@ -148,7 +149,7 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         found, last = period(good), exact(good.t[-1:])
         off = abs(found / PERIOD - 1.0)
         report.row("period", found, "s", theory=PERIOD, bar="within 1 %", passes=off < 0.01)
-        # the lattice falls out of line in the first half period, which shifts the phase and no more
+        # the lattice loses its order in the first half period, which only shifts the phase
         late = period(good, skip=2)
         report.row("period, after the first", late, "s", theory=PERIOD)
         lead = len(crossings(good)) // 2 * PERIOD - crossings(good)[len(crossings(good)) // 2 * 2]
@@ -167,7 +168,7 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
 
 
 def _picture(run: js.Solution) -> Figure:
-    """Semi-axes and pressure at the centre over time, and the particles at the end."""
+    """Figure of semi-axes and central pressure over time, and of the particles at the end."""
     figure = Figure(figsize=(12, 3.8), layout="constrained")
     axes, centre, drop = figure.subplots(1, 3)
     _, A, B, p = exact(run.t)

@@ -1,7 +1,7 @@
-"""Height of the waves that a piston makes over Biesel's transfer function, by its stroke.
+"""Height of the waves made by a piston over Biesel's transfer function, for several strokes.
 
-Biesel's theory is linear. Waves of a finite height are lower than it says by a share that grows with their
-steepness squared, so that the limit at no steepness is what is compared with it.
+Biesel's theory is linear. Waves of finite height are lower than in this theory by a share proportional to the
+square of their steepness. Therefore the limit at zero steepness is compared with the theory.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from jaxsph import analysis
 from jaxsph.waves import theory
 
 DEPTH, STROKE, SHARES = 0.31, 0.0524, (0.25, 0.5, 1.0)
-"""Depth and largest stroke, m; shares of the stroke that are run."""
+"""Depth and largest stroke, m; strokes of the runs over the largest stroke."""
 ALONG = np.arange(1.0, 2.5, 0.2)
-"""Places of the gauges, wavelengths from the paddle."""
+"""Positions of the gauges, in wavelengths from the paddle."""
 RAMP, PERIODS, BAR = 3.0, 4, 0.01
 
 
 def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
-    """Runs a piston of the period T (s) with so many strokes, the smallest first, over `layers` spacings."""
+    """Runs a piston of period T (s) with the `strokes` smallest strokes, in water `layers` spacings deep."""
     dx, k = DEPTH / layers, 2 * np.pi / float(theory.wavelength(T, DEPTH))
     transfer = float(theory.biesel(k, DEPTH))
     with Report(f"piston_{layers}_{T:g}", f"Waves of a piston against Biesel, T = {T:g} s", dx) as report:
@@ -51,7 +51,7 @@ def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
 
 
 def made(dx: float, T: float, height: float) -> js.Solution:
-    """A run of a tank of five wavelengths until waves of this height (m) have passed all gauges."""
+    """Runs a tank of five wavelengths until waves of this height (m) have passed all gauges."""
     length = float(theory.wavelength(T, DEPTH))
     speed = float(theory.group_velocity(2 * np.pi / T, DEPTH))
     changes = {
@@ -72,7 +72,7 @@ def made(dx: float, T: float, height: float) -> js.Solution:
 
 
 def harmonics(run: js.Solution, T: float) -> np.ndarray:
-    """Heights (m) of the waves of the period T (s) at all gauges, over the last periods."""
+    """Heights (m) of waves of period T (s) at all gauges, over the last periods."""
     t, eta = run.t, run["eta"]
     last = t > t[-1] - PERIODS * run.case.waves.T + 1e-6
     return np.array([2 * abs(analysis.fundamental(t[last], at[last], T)) for at in eta.T])

@@ -1,8 +1,8 @@
-"""Decay, noise and hyperviscosity of a standing wave, by kernel and by the diffusion of density.
+"""Decay, noise and hyperviscosity of a standing wave, by kernel and by diffusion of density.
 
-The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. A wave of 0.08 m in a tank of
-1 m (and 0.4 m wide in 3-D), two spacings high: what it loses it loses to the noise that the lattice of
-particles makes.
+The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The wave of 0.08 m is two
+spacings high, in a tank 1 m long (and 0.4 m wide in 3-D). It loses energy only to the noise that the lattice
+of particles makes.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
 """Decay (1/s), noise over speed (-) and energy lost by hyperviscosity in `USUAL` (J/m, J), by number of
 dimensions."""
 USUAL = 3.0
-"""Time that the wave is watched for, s."""
+"""Default duration of the run, s."""
 BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}
-"""Default kernels before semicircle and polynomial, by number of dimensions."""
+"""Earlier default kernels, before semicircle and polynomial, by number of dimensions."""
 DIFFUSIONS = (0.1, 0.2, 0.4)
-"""Coefficients delta of the weakly compressible diffusion that are compared; the first is the default."""
+"""Compared coefficients delta of the weakly compressible diffusion; the first is the default."""
 
 
 def main(
@@ -35,9 +35,9 @@ def main(
     weakly_compressible: bool = False,
     flat: bool = False,
 ) -> None:
-    """Runs the wave (m) to t1 (s) with polynomial, semicircle and the default before them, in 2-D and 3-D.
+    """Runs the wave to t1 (s) with polynomial, semicircle and earlier default kernel, in 2-D and 3-D.
 
-    `flat`: in 2-D alone.
+    `amplitude` is in m; `flat`: in 2-D only.
     """
     if weakly_compressible:
         by_diffusion(dx, amplitude, t1)
@@ -72,7 +72,7 @@ def main(
 
 
 def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
-    """The same in weakly compressible water, with two kernels and several coefficients of the diffusion."""
+    """Runs the wave in weakly compressible water, with two kernels and several diffusion coefficients."""
     title = f"Standing wave of {amplitude:g} m by kernel and diffusion, weakly compressible"
     with Report(f"quiet_water_{dx:g}_weakly_compressible", title, dx) as report:
         for kernel in (BEFORE[2], "semicircle"):
@@ -93,7 +93,7 @@ def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
 
 
 def solved(dx: float, amplitude: float, t1: float, dim: int, changes: dict[str, Any]) -> js.Solution:
-    """A run of the wave to t1 (s) with these changes of the incompressible case."""
+    """Runs the wave to t1 (s) with these changes to the incompressible case."""
     asked = {
         "dx": dx,
         "scheme.kind": "incompressible",
@@ -107,5 +107,5 @@ def solved(dx: float, amplitude: float, t1: float, dim: int, changes: dict[str, 
 
 
 def decay(run: js.Solution) -> float:
-    """Rate at which the amplitude of the surface's tilt decays, 1/s."""
+    """Decay rate of the amplitude of the surface's tilt, 1/s."""
     return analysis.fit_damped_oscillation(run.t, run["eta"][:, 0] - run["eta"][:, 1]).decay_rate

@@ -1,4 +1,4 @@
-"""Relaxation zone: its waves, what it does with waves that come back, and an OWC in a short tank."""
+"""Relaxation zone: its waves, its absorption of returning waves, and an OWC in a short tank."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from jaxsph import analysis
 
 H, T, D = 0.06, 1.2, 0.5
 LENGTH = 2.048
-"""Wavelength, m, which is the zone's length."""
+"""Wavelength and length of the zone, m."""
 GAUGES = (0.0, 0.3, 0.5, 0.8, 1.0, 1.3, 1.6)
-"""Places of the gauges beyond the zone's end, m."""
+"""Positions of the gauges beyond the end of the zone, m."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs a flume with a sponge, one with a wall, and the built-in OWC with a paddle and with a zone."""
+    """Runs a flume with a sponge, a flume with a wall, and the built-in OWC with a paddle and with a zone."""
     flume = {
         "dx": dx,
         "tank": {"length": LENGTH + 4.0, "depth": D},

@@ -1,10 +1,10 @@
-"""A square patch of inviscid fluid in rigid rotation, with a free surface all around: nothing holds it.
+"""A square patch of inviscid fluid in rigid rotation, with a free surface all around.
 
-Its pressure is negative everywhere, which the sum p_i + p_j turns into a pull that clumps particles, and it
-is stretched into arms (Colagrossi 2005). Initially, with m and n odd and 0 < x, y < L,
+The pressure is negative everywhere, so that the sum p_i + p_j attracts and clumps particles, and the patch
+stretches into arms (Colagrossi 2005). Initially, with m and n odd and 0 < x, y < L,
     p = -rho omega^2 L^2 sum 32 sin(m pi x/L) sin(n pi y/L)/(m n pi^2 ((m pi)^2 + (n pi)^2)).
-No closed solution exists later; mass, momentum and angular momentum are kept, and energy is kept but for what
-the scheme dissipates.
+There is no closed solution at later times. Mass, momentum and angular momentum are conserved, and energy is
+conserved except for the dissipation of the scheme.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 L, OMEGA, RHO = 1.0, 1.0, 1000.0
 SAMPLE = 0.1
 HALF = 3.0
-"""Half of the box that the patch may not leave, m."""
+"""Half the side of the box that contains the patch, m."""
 CENTRE = -0.147343
-"""p/(rho omega^2 L^2) at the centre by the series' limit (torsion of a square bar)."""
+"""Exact p/(rho omega^2 L^2) at the centre, the limit of the series (torsion of a square bar)."""
 
 
 def initial_pressure(x: np.ndarray, terms: int = 60) -> np.ndarray:
-    """p (Pa) at x (m, from the centre); with 60 odd terms each way to 1e-5 of that at the centre."""
+    """Pressure p (Pa) at x (m, from the centre); 60 odd terms each way are exact to 1e-5 of the central p."""
     odd = np.pi * (2 * np.arange(terms) + 1)
     sines = [np.sin(odd * (x[:, k : k + 1] / L + 0.5)) for k in (0, 1)]
     weight = 32.0 / (odd[:, None] * odd * (odd[:, None] ** 2 + odd**2))
@@ -39,10 +39,10 @@ def initial_pressure(x: np.ndarray, terms: int = 60) -> np.ndarray:
 
 
 class PatchProbe(AbstractProbe):
-    """Angular momentum about the origin, and the pressure at the centre."""
+    """Probe of the angular momentum about the origin and of the pressure at the centre."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         p = state.particles
         spin = p.x[:, 0] * p.u[:, 1] - p.x[:, 1] * p.u[:, 0]
         near = p.m * jnp.exp(-jnp.sum(p.x**2, axis=1) / (3.0 * model.dx) ** 2)
@@ -50,7 +50,7 @@ class PatchProbe(AbstractProbe):
         return {"angular_momentum": jnp.sum(p.m * spin), "p_centre": centre}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         return {
             "angular_momentum": Reading("kg m s-1", "angular momentum about the origin"),
             "p_centre": Reading("Pa", "pressure at the centre"),
@@ -58,7 +58,7 @@ class PatchProbe(AbstractProbe):
 
 
 def built(n: int, strength: float | None = 12.0, c0: float = 10.0):
-    """(model, state) of n by n particles; no `strength`, no shifting."""
+    """Model and state of n by n particles; without `strength` there is no shifting."""
     dx = L / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
     scheme = DeltaSPH.of(
@@ -76,21 +76,21 @@ def built(n: int, strength: float | None = 12.0, c0: float = 10.0):
 
 
 def solved(n: int, t1: float, **options) -> js.Solution:
-    """The run of `built(n, **options)` to t1 (s), with energies, angular momentum and pressure."""
+    """Runs `built(n, **options)` to t1 (s), with energies, angular momentum and pressure."""
     model, state = built(n, **options)
     energy = js.EnergyProbe.over(model, state, jnp.float32(SAMPLE))
     return js.march(model, state, t1, SAMPLE, (energy, PatchProbe()))
 
 
 def drift(solution: js.Solution) -> tuple[float, float]:
-    """Change of the kinetic and compression energy and of the angular momentum, over the first."""
+    """Relative changes of kinetic plus compression energy and of angular momentum since the start."""
     energy = solution["kinetic"] + solution["compression"]
     spin = solution["angular_momentum"]
     return float(energy[-1] / energy[0] - 1.0), float(spin[-1] / spin[0] - 1.0)
 
 
 def voids(solution: js.Solution) -> float:
-    """Share of the particles at the end that have less than half of the first particles' neighbours."""
+    """Share of the final particles that have less than half as many neighbours as on the full lattice."""
     p = solution.state.particles
     x = np.asarray(p.x, float)
     count = np.array(
@@ -118,7 +118,7 @@ def main(n: int = 60, t1: float = 4.0) -> None:
 
 
 def _picture(shown: dict[str, js.Solution]) -> Figure:
-    """The patches at the end, coloured by pressure, and what they have kept."""
+    """Figure of the final patches coloured by pressure, and of energy and angular momentum over time."""
     figure = Figure(figsize=(14, 4.4), layout="constrained")
     *patches, curves = figure.subplots(1, len(shown) + 1)
     for axis, (label, run) in zip(patches, shown.items(), strict=True):

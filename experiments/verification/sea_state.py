@@ -1,4 +1,4 @@
-"""A JONSWAP sea of 100 waves against its spectrum, and a recorded series made again at a gauge."""
+"""A JONSWAP sea of 100 waves against its spectrum, and a recorded series reproduced at a gauge."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from jaxsph.waves import second_order, spectra
 HS, TP, D = 0.04, 1.4, 0.5
 WAVES = 100
 GAUGES = (2.6, 2.8, 3.1, 3.5, 4.0)
-"""Places of the gauges, m: at the middle of a flume of 7 m before its sponge."""
+"""Positions of the gauges, m: in the middle of a flume of 7 m in front of its sponge."""
 START = 15.0
-"""Time at which the shortest waves that count have reached the gauges, s."""
+"""Time at which the shortest relevant waves have reached the gauges, s."""
 BANDS = 8
-"""Number of neighbouring frequencies that a value of the spectrum is the mean of."""
+"""Number of neighbouring frequencies averaged for each value of the spectrum."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the sea and the series, or what of them is not there yet."""
+    """Runs the sea and the recorded series; finished runs are only read."""
     duration = WAVES * TP
     base = {
         "dx": dx,
@@ -49,7 +49,7 @@ def main(dx: float = 0.02) -> None:
             "significant height", height, "m", theory=HS, bar="5 %", passes=abs(height / HS - 1) < 0.05
         )
         report.row("peak period", S.Tp, "s", theory=TP, bar="3 %", passes=abs(S.Tp / TP - 1) < 0.03)
-        # the mean of the spectrum over every band, which is as wide as the peak
+        # mean of the spectrum over each band of frequencies, which is as wide as the peak
         within = (np.arange(BANDS) - 0.5 * (BANDS - 1)) / duration
         expected = spectra.JONSWAP(HS, TP).density(S.f[:, None] + within).mean(axis=1)
         low, high = S.band(0.9)
@@ -72,14 +72,14 @@ def main(dx: float = 0.02) -> None:
 
 
 def _series() -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) and elevations (m) of a sea of Bretschneider's spectrum, as a gauge has them."""
+    """Times (s) and elevations (m) of a sea with Bretschneider's spectrum, like a record of a gauge."""
     a, omega = spectra.draw_sea(spectra.Bretschneider(0.05, 1.5), 60.0, 7)
     t = np.arange(0.0, 60.0, 0.05)
     return t.round(6), second_order.Harmonics(a, omega, omega).at(t).round(6)
 
 
 def incident_sea(series: dict[str, np.ndarray], duration: float) -> analysis.TwoWaySea:
-    """Incident and reflected sea at the gauges over one repetition."""
+    """Incident and reflected sea at the gauges over one repeat period."""
     t = series["time"]
     last = t > t[-1] - duration + 1e-6
     eta, x = np.float64(series["eta"][last]).T, np.array(GAUGES)

@@ -1,8 +1,8 @@
-"""Period and decay of a standing wave of small amplitude against linear theory, by both integrators.
+"""Period and decay of a standing wave of small amplitude against linear theory, with both integrators.
 
-With free-slip walls and a viscosity nu the flow stays irrotational but for a layer at the surface. Were that
-thin, the amplitude would decay as exp(-2 nu k^2 t) (Lamb, section 348); here it is an eighth of a wavelength
-over 2 pi, and takes 7 % off that rate (section 349).
+With free-slip walls and a viscosity nu the flow stays irrotational except in a layer at the surface. For a
+thin layer the amplitude decays as exp(-2 nu k^2 t) (Lamb, section 348). Here the layer is an eighth of a
+wavelength over 2 pi thick, which reduces the rate by 7 % (section 349).
 
 The one-evaluation scheme (symplectic Euler at Courant 0.5) is the default because it is as accurate here as
 the paper's predictor-corrector (at 0.25), which costs four times as many evaluations.
@@ -20,16 +20,17 @@ from jaxsph import analysis
 
 DEPTH = LENGTH = 1.0
 OMEGA = float(np.sqrt(9.81 * np.pi / LENGTH * np.tanh(np.pi * DEPTH / LENGTH)))
-"""Lowest mode of the square tank, rad/s."""
+"""Angular frequency of the lowest mode of the square tank, rad/s."""
 NU = 0.005
-"""m2/s: the amplitude decays at 0.1 per second, many times faster than by the scheme's own dissipation."""
+"""Viscosity, m2/s: the amplitude decays at 0.1 per second, much faster than by numerical dissipation."""
 
 
 def viscous_decay(k: float, omega: float, nu: float) -> float:
-    """Rate at which viscosity takes the amplitude of a deep-water wave, 1/s: Lamb, section 349.
+    """Decay rate of the amplitude of a deep-water wave by viscosity, 1/s: Lamb, section 349.
 
-    **Arguments**: wavenumber `k` (1/m), frequency `omega` (rad/s) without viscosity, `nu` (m2/s). It is that
-    of the root s of (s + 2 nu k^2)^2 + omega^2 = 4 nu^2 k^4 sqrt(1 + s/(nu k^2)) nearest to an undamped wave.
+    **Arguments**: wavenumber `k` (1/m), frequency `omega` (rad/s) without viscosity, `nu` (m2/s). The rate is
+    -Re s, with s the root of (s + 2 nu k^2)^2 + omega^2 = 4 nu^2 k^4 sqrt(1 + s/(nu k^2)) that is nearest to
+    the undamped wave.
     """
     rate = nu * k**2
 
@@ -40,34 +41,34 @@ def viscous_decay(k: float, omega: float, nu: float) -> float:
 
 
 DECAY = viscous_decay(np.pi / LENGTH, OMEGA, NU)
-"""Rate of the amplitude, 1/s."""
+"""Theoretical decay rate of the amplitude, 1/s."""
 
 
 def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool = True) -> None:
-    """Prints period and damping of a wave of the given amplitude (m), `both` integrators or the default.
+    """Reports period and damping of a wave of this amplitude (m), with `both` integrators or the default.
 
-    At 0.03 m the amplitude's own effect on the period, (ka)^2/8, is 0.11 %. Well below a spacing the
-    particles do not pass each other, and the lattice is a little stiff: see the numbers for 0.01 m.
+    At 0.03 m the effect of the amplitude on the period, (ka)^2/8, is 0.11 %. In waves much lower than a
+    spacing the particles do not pass each other, and the lattice is slightly stiff: compare 0.01 m.
     """
     title = f"Standing wave of {amplitude:g} m in a square tank of 1 m"
     with Report(f"standing_wave_{amplitude:g}", title, dx) as report:
         spacings = (2.5 * dx, dx / 0.6, dx)
         runs = [solved(each, amplitude, t1) for each in spacings]
         _measure(report, "symplectic", runs[-1])
-        # a standing wave in deep water is slower by (ka)^2/8 (Penney and Price 1952): that is no error
+        # a standing wave in deep water is slower by (ka)^2/8 (Penney and Price 1952), which is not an error
         own = (np.pi / LENGTH * amplitude) ** 2 / 8.0
         errors = [period_error(run) - own for run in runs]
         for each, error in zip(spacings, errors, strict=True):
             label = f"period error less (ka)²/8, dx = d/{DEPTH / each:.0f}"
             report.row(label, 100 * error, "%", theory=0.0)
-        # it changes its sign in between, so this is no more than what these three show
+        # the error changes sign in between, so this order holds for these three spacings only
         report.row("order of convergence of the period", observed_order(spacings, np.abs(errors)))
         damped = solved(dx, amplitude, t1, {"fluid.nu": NU})
         rate, scheme = (fitted(run).decay_rate for run in (damped, runs[-1]))
         off = abs((rate - scheme) / DECAY - 1.0)
         report.row("decay of the amplitude without viscosity", scheme, "1/s", theory=0.0)
         report.row(f"decay with nu = {NU:g} m²/s", rate, "1/s", theory=DECAY)
-        # a tenth: the viscous sum itself is up to 9 % off on a lattice (schemes.PhysicalViscosity)
+        # bar of 10 %: the viscous sum is up to 9 % off on a lattice (model.viscosity.PhysicalViscosity)
         report.row("its difference", rate - scheme, "1/s", theory=DECAY, bar="within 10 %", passes=off < 0.1)
         report.picture(_picture(damped, runs[-1]))
         if both:
@@ -76,7 +77,7 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
 
 
 def solved(dx: float, amplitude: float, t1: float, changes: dict | None = None) -> js.Solution:
-    """A run of the wave to t1 (s), with changes to the case."""
+    """Runs the wave to t1 (s), with changes to the case."""
     wave = {
         "dx": dx,
         "start.amplitude": amplitude,
@@ -87,7 +88,7 @@ def solved(dx: float, amplitude: float, t1: float, changes: dict | None = None) 
 
 
 def fitted(solution: js.Solution) -> analysis.DampedOscillation:
-    """The damped oscillation of the surface's tilt."""
+    """Damped oscillation fitted to the tilt of the surface."""
     return analysis.fit_damped_oscillation(solution.t, solution["eta"][:, 0] - solution["eta"][:, 1])
 
 
@@ -114,7 +115,7 @@ def _measure(report: Report, integrator: str, solution: js.Solution) -> None:
 
 
 def _picture(damped: js.Solution, free: js.Solution) -> Figure:
-    """Kinetic energy with and without viscosity, and the exact envelopes."""
+    """Figure of the kinetic energy with and without viscosity, and the exact envelopes."""
     figure = Figure(figsize=(7, 3.6), layout="constrained")
     axis = figure.subplots()
     first = free["kinetic"][0]

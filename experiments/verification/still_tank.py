@@ -1,8 +1,8 @@
-"""Incompressible water that nobody disturbs, and the energy of the projection over a whole run.
+"""Undisturbed incompressible water, and the energy of the projection over a whole run.
 
-A tank at rest must keep its level and its potential energy from the first step on, in 2-D and 3-D, and in 3-D
-still be at rest after ten seconds. In a run with waves the projection may give or take only little of the
-paddle's work, the start of the run included.
+A tank at rest must keep its level and potential energy from the first step on, in 2-D and 3-D, and in 3-D it
+must still be at rest after ten seconds. In a run with waves the projection must give or take little of the
+paddle's work, including the start of the run.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from jaxsph.analysis import energy_budget
 DEPTH = 0.48
 """Depth of the still tanks, m."""
 PERIOD = 1.2
-"""Time that the tanks are watched for, s: the first period of the built-in waves."""
+"""Duration of the runs at rest, s: one period of the built-in waves."""
 LONG, LAYERS = 10.0, 20
-"""Time (s) that a 3-D tank so many spacings deep is watched for."""
+"""Duration (s) of the long run of a 3-D tank, and its depth in spacings."""
 
 
 def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
-    """Runs a 2-D tank of the size of `wave_tank`, 3-D ones of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
+    """Runs a 2-D tank as long as `wave_tank`, 3-D tanks of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
     flat = still(dx, js.load_case("wave_tank").tank.length)
     deep = still(dx_3d, 1.0, width=0.3)
     with Report(f"still_tank_{dx:g}", "Incompressible water at rest from its first step on", dx) as report:
@@ -54,7 +54,7 @@ def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
 
 
 def long(report: Report) -> None:
-    """Rows of a 3-D tank after ten seconds."""
+    """Reports a 3-D tank over ten seconds."""
     case = still(DEPTH / LAYERS, 1.0, width=0.3)
     run = js.run(case, t1=LONG, progress=False)
     level, _, _ = disturbance(run, case)
@@ -82,10 +82,9 @@ def still(dx: float, length: float, width: float | None = None) -> js.Case:
 
 
 def disturbance(run: js.Solution, case: js.Case) -> tuple[float, float, float]:
-    """Shift of the mean level (m) and potential energy per metre of width (J/m), the largest of the run, and
-    its last speed (m/s).
+    """Largest shift of the mean level (m), largest potential energy (J/m of width), and final speed (m/s).
 
-    The level is that of the centre of mass: water that is lifted evenly by s has the energy rho g d L s.
+    The shift of the level is that of the centre of mass: lifting all water by s needs the energy rho g d L s.
     """
     energy = float(np.max(np.abs(np.float64(run["potential"])))) / (case.tank.width or 1.0)
     weight = case.fluid.rho0 * case.g * case.tank.depth * case.tank.length

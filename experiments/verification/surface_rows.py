@@ -1,8 +1,8 @@
-"""Growth of a disturbance of the rows under the surface of still incompressible water.
+"""Growth of disturbances of the rows under the surface of still incompressible water.
 
-A row under a free surface lacks the neighbours that would hold it: pressure pushes the second row away from
-where it is, and only what undoes crowding holds it. Unheld, single particles of it come to the surface of
-still water after some seconds.
+A row under a free surface lacks neighbours on one side. Pressure pushes the second row away from its
+position, and only the relaxation of crowding holds it. If it is not held, single particles of this row rise
+to the surface of still water after some seconds.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from jaxsph.schemes.kernels import NAMED, usual_length
 DEPTH, LENGTH = 0.4, 0.8
 """Depth and length of the tank, m."""
 DISTURBED = 0.01
-"""Largest displacement of every particle along each axis at the start, in spacings."""
+"""Largest initial displacement of a particle along each axis, in spacings."""
 CHANGES: dict[str, dict[str, Any]] = {
     "as it is": {},
     "half the time step": {"scheme.cfl": 0.2},
     "twice the relaxation": {"scheme.relaxation": 3.0},
     "the Gaussian": {"scheme.kernel": "gaussian"},
 }
-"""Changes of the scheme by their labels; the shorter step is that of twice as many in a sample."""
+"""Changes of the scheme by label; with the shorter time step there are twice as many steps per sample."""
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
-    """Prints stiffness of rows by kernel, and growth in a tank at the spacing dx (m) from 1 s to t1 (s)."""
+    """Reports stiffness of rows by kernel, and growth in a tank with spacing dx (m) from 1 s to t1 (s)."""
     with Report(f"surface_rows_{dx:g}", "Rows under the surface of still water", dx) as report:
         for name in ("polynomial", "semicircle"):
             kernel = NAMED[2][name]
@@ -47,7 +47,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
 
 
 def growth(dx: float, t1: float, changes: dict[str, Any]) -> tuple[float, float]:
-    """Time step (s), and rate (1/s) at which the second row departs from its mean height, 1 s to t1 (s)."""
+    """Time step (s), and growth rate (1/s) of the deviations of the second row from 1 s to t1 (s)."""
     still = {
         "name": "surface_rows",
         "dx": dx,
@@ -74,5 +74,5 @@ def growth(dx: float, t1: float, changes: dict[str, Any]) -> tuple[float, float]
 
 
 def heights(state: js.State) -> np.ndarray:
-    """Heights of the particles by their ids, m."""
+    """Heights of the particles in order of their ids, m."""
     return np.asarray(state.particles.x)[np.argsort(np.asarray(state.particles.id)), -1]

@@ -1,7 +1,7 @@
 """The decaying Taylor-Green vortex at Re = 100 in a periodic unit square: decay and order of convergence.
 
 Exact: u = -U e^(bt) cos 2 pi x sin 2 pi y, v = U e^(bt) sin 2 pi x cos 2 pi y, b = -8 pi^2/Re, U = 1 m/s,
-p = -rho U^2 e^(2bt) (cos 4 pi x + cos 4 pi y)/4 and the mean of u^2/2 at U^2 e^(2bt)/4.
+p = -rho U^2 e^(2bt) (cos 4 pi x + cos 4 pi y)/4 and mean of u^2/2 = U^2 e^(2bt)/4.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 U, RE, RHO = 1.0, 100.0, 1000.0
 DECAY = -8.0 * np.pi**2 / RE
-"""Rate of the velocity, 1/s; the energy's is twice that."""
+"""Growth rate of the velocity, 1/s (negative); the rate of the energy is twice as large."""
 SAMPLE = 0.05
 
 
 def exact(x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity `[N, 2]` (m/s) and pressure `[N]` (Pa) at x (m) and t (s)."""
+    """Exact velocity `[N, 2]` (m/s) and pressure `[N]` (Pa) at x (m) and t (s)."""
     k = 2.0 * np.pi * x
     u = np.stack([-np.cos(k[:, 0]) * np.sin(k[:, 1]), np.sin(k[:, 0]) * np.cos(k[:, 1])], axis=1)
     p = -0.25 * RHO * (np.cos(2 * k[:, 0]) + np.cos(2 * k[:, 1]))
@@ -31,7 +31,7 @@ def exact(x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def built(n: int, c0: float = 10.0, viscosity=LaplacianViscosity, strength: float | None = 12.0):
-    """(model, state) of n by n particles; no `strength`, no shifting."""
+    """Model and state of n by n particles; without `strength` there is no shifting."""
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
     scheme = DeltaSPH.of(
         1.0 / n,
@@ -45,30 +45,30 @@ def built(n: int, c0: float = 10.0, viscosity=LaplacianViscosity, strength: floa
     x = lattice(box.low, box.high, 1.0 / n)
     u, p = exact(x, 0.0)
     given = dict(scheme=scheme, walls=walls, dx=1.0 / n, sample_dt=SAMPLE, p=p)
-    # shifting adds to the distance that a table must stand
+    # shifting adds to the distance that particles move between two neighbour searches
     return js.assemble(x, u, **given, speed=1.3 * U, skin=0.6)
 
 
 def solved(n: int, t1: float, **options) -> js.Solution:
-    """The run of `built(n, **options)` to t1 (s), with the energies."""
+    """Runs `built(n, **options)` to t1 (s), with energies."""
     model, state = built(n, **options)
     return js.march(model, state, t1, SAMPLE, (js.EnergyProbe.over(model, state, jnp.float32(SAMPLE)),))
 
 
 def decay_rate(solution: js.Solution) -> float:
-    """Rate of the kinetic energy over twice `DECAY`: 1 were it exact."""
+    """Rate of the kinetic energy over twice `DECAY`; the exact value is 1."""
     return float(np.polyfit(solution.t, np.log(solution["kinetic"]), 1)[0] / (2.0 * DECAY))
 
 
 def velocity_error(solution: js.Solution) -> float:
-    """L2 error of the particles' velocities at the end, over that of the exact ones."""
+    """L2 error of the final velocities of the particles over the L2 norm of the exact velocities."""
     p = solution.state.particles
     u, _ = exact(np.asarray(p.x, float), int(solution.state.step) * float(solution.model.dt))
     return float(np.linalg.norm(np.asarray(p.u) - u) / np.linalg.norm(u))
 
 
 def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
-    """Runs n by n particles to t1, again without what they need, and n/2 to `finest` for the order."""
+    """Runs n by n particles to t1 (s), also without shifting and with another viscosity, and the order."""
     title = f"Taylor-Green vortex at Re = 100, {n} x {n}, to {t1:g} s"
     with Report("taylor_green", title, 1.0 / n) as report:
         good = solved(n, t1)
@@ -101,7 +101,7 @@ def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
 
 
 def _picture(curves: dict[str, js.Solution], good: js.Solution) -> Figure:
-    """Decay of the energy, and the particles at the end coloured by speed."""
+    """Figure of the decay of the energy, and of the final particles coloured by speed."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     for label, solution in curves.items():

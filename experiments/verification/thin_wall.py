@@ -1,7 +1,7 @@
 """Water at rest beside a wall of one spacing, with and without `model.background.Background`.
 
-The incompressible scheme has no background: its water is not quite still beside such a wall, and is beside
-one as thick as the kernel reaches.
+The incompressible scheme has no background: its water is not quite still beside a wall of one spacing, but it
+is still beside a wall as thick as the support of the kernel.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from experiments.common import Report
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
-    """Prints the largest speed at a quarter, half, and the end of t1 (s), without any viscosity."""
+    """Reports the largest speed after a quarter, half and all of t1 (s), without viscosity."""
     case = at_rest(dx)
     title = f"Inviscid water at rest beside a wall of one spacing: largest speed in {t1:g} s"
     with Report("thin_wall", title, dx) as report:
@@ -42,7 +42,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
 
 
 def at_rest(dx: float, kind: str = "weakly_compressible", spacings: int = 1) -> js.Case:
-    """Two vessels of inviscid water at rest by the scheme `kind`, with a plate of so many spacings."""
+    """Two vessels of inviscid water at rest with the scheme `kind` and a plate `spacings` spacings thick."""
     return js.load_case("vessel").replace(
         {
             "scheme.kind": kind,
@@ -57,7 +57,7 @@ def at_rest(dx: float, kind: str = "weakly_compressible", spacings: int = 1) -> 
 
 
 def _speeds(model: js.Model, state: js.State, t1: float):
-    """Largest speed every 0.05 s or so, up to the first failure."""
+    """Largest speed (m/s) about every 0.05 s, until the first failure."""
     every = model.search.rebuild_every
     chunk = max(1, round(0.05 / float(model.dt) / every)) * every
     advance = jax.jit(lambda m, s: js.simulate(m, s, n_steps=chunk, sample_every=chunk)[0])

@@ -1,8 +1,8 @@
-"""Do the readings of pressure and flow obey the law of the power take-off, whatever it is?
+"""Do the readings of pressure and flow obey the law of the power take-off, for every law?
 
-The OWC in a tank of 1.2 m over three wave periods: quadratic turbines from soft to nearly closed, and the
-other laws, each fitted to its own readings by least squares. Then, if asked for, the built-in OWC as it is,
-of which efficiency, pressure and flow are stated too.
+The OWC runs in a tank of 1.2 m over three wave periods, with quadratic turbines from soft to nearly closed
+and with the other laws. Each law is fitted to its readings by least squares. Optionally the unmodified
+built-in OWC runs too, and its efficiency, pressure and flow are reported as well.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ PERIODS, BAR = 3.0, 0.002
 
 
 def quadratic(K_dm: float) -> Pressure:
-    """Pressure (Pa) of a quadratic turbine from the flow (m2/s)."""
+    """Pressure (Pa) of a quadratic turbine as a function of the flow (m2/s)."""
     return lambda q: K_dm**2 * np.abs(q) * q
 
 
 def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
-    """Keys of a case, and the pressure (Pa) from the flow (m2/s), by the name of the law."""
+    """Keys of the case, and pressure (Pa) as a function of the flow (m2/s), by name of the law."""
     found: dict[str, tuple[dict[str, Any], Pressure]] = {
         f"K_dm = {K:g}": ({"pto.K_dm": K}, quadratic(K)) for K in DAMPINGS
     }
@@ -42,7 +42,7 @@ def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
 
 
 def main(dx: float = 0.04, built_in: bool = False) -> None:
-    """Runs every law; `built_in`: the four dampings in the whole tank, ten periods of each."""
+    """Runs every law; `built_in`: also the four dampings in the built-in tank, ten periods of each."""
     with Report(f"turbine_law_{dx:g}", "Readings of the chamber against the law", dx) as report:
         for name, (keys, pressure) in laws().items():
             case = short_case(dx, 1.0).replace(keys)
@@ -58,7 +58,7 @@ def main(dx: float = 0.04, built_in: bool = False) -> None:
 
 
 def in_the_tank(dx: float) -> None:
-    """The built-in OWC to its end with four dampings: the law, and what the readings amount to."""
+    """Runs the built-in OWC with four dampings to its end, and reports law, efficiency, pressure and flow."""
     title = "The built-in OWC with four dampings: the law, efficiency, pressure and flow"
     with Report(f"turbine_law_{dx:g}_built_in", title, dx) as report:
         for K in DAMPINGS:
@@ -79,11 +79,11 @@ def in_the_tank(dx: float) -> None:
 
 
 def fit(P_a: NDArray[np.float64], law: NDArray[np.float64], quadratic: bool) -> float:
-    """Ratio of the pressure read to the law's, by least squares; of a damping its square root."""
+    """Ratio of the measured pressure to the law, by least squares; for a damping the square root of it."""
     ratio = float(np.sum(P_a * law) / np.sum(law**2))
     return float(np.sqrt(ratio)) if quadratic else ratio
 
 
 def obeyed(report: Report, check: str, fitted: float) -> None:
-    """A row that a law is obeyed."""
+    """Reports whether a law is obeyed."""
     report.row(check, fitted, theory=1.0, bar="0.002", passes=abs(fitted - 1) < BAR)

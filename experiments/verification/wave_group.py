@@ -1,8 +1,8 @@
-"""Free long waves of a group of two waves, made by a piston of first and of second order.
+"""Free long waves in a group of two waves, made by a piston of first and of second order.
 
-Two waves bind a long wave between them. A piston that makes them to first order alone sends out a free one
-besides, which travels ahead at the speed of shallow water (Schaeffer 1996); one of second order does not.
-The tank is so long that nothing comes back while the gauges read: no sponge and no absorption are needed.
+Two waves bind a long wave between them. A first-order piston also makes a free long wave, which travels ahead
+at the speed of shallow water (Schaeffer 1996); a second-order piston does not. The tank is so long that no
+reflection returns while the gauges are read, so neither sponge nor absorption is needed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ GROUP = 1.0 / (1.0 / T[0] - 1.0 / T[1])
 
 
 def main(dx: float = 0.03) -> None:
-    """Runs both orders over the same waves and prints the long waves' amplitudes."""
+    """Runs the same waves with both orders and reports the amplitudes of the long waves."""
     base = js.Case.from_dict(
         {
             "name": "wave_group",
@@ -63,9 +63,9 @@ def main(dx: float = 0.03) -> None:
 
 
 def long_waves(series: dict[str, np.ndarray]) -> tuple[complex, complex, complex]:
-    """Bound, free and returning free long wave: complex amplitudes (m) at the paddle, over the last group.
+    """Complex amplitudes (m) of bound, free and returning free long wave at the paddle, over the last group.
 
-    Amplitudes at the group's frequency at every gauge, fitted by three waves of known wavenumbers.
+    Three waves of known wavenumbers are fitted to the amplitudes at the group's frequency at all gauges.
     """
     A = _amplitudes(series)
     x = np.array(GAUGES)
@@ -87,7 +87,7 @@ def _amplitudes(series: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _theory() -> dict[str, float]:
-    """Bound long wave's amplitude (m) and wavenumber, and the free one's wavenumber (rad/m)."""
+    """Amplitude (m) and wavenumber (rad/m) of the bound long wave, and wavenumber of the free long wave."""
     a, omega = 0.5 * np.array(H) + 0j, 2.0 * np.pi / np.array(T)
     bound = second_order.second_order_elevation(a, omega, D)
     long = int(np.argmin(bound.omega))

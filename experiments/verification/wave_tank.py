@@ -11,14 +11,14 @@ from jaxsph import analysis
 from jaxsph.waves import theory
 
 PAPER = {0.5: (5.9, 1.5), 1.0: (6.1, 1.3), 2.0: (5.6, 1.9), 6.0: (6.3, 1.8)}
-"""Where the errors are taken, wavelengths from the paddle, and the paper's MAE_a and MAE_p there, %, at
+"""Positions of the errors, in wavelengths from the paddle, with the paper's MAE_a and MAE_p there, %, at
 dx = 0.01 m (section 4.1; 6 wavelengths in the longer tank of Appendix A)."""
 
 
 def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -> None:
-    """Runs a tank of so many wavelengths with the spacing dx: errors, drift, decay and reflection.
+    """Runs a tank of `wavelengths` with the spacing dx, and reports errors, drift, decay and reflection.
 
-    The sponge fills the last wavelength. Eight wavelengths are Appendix A's tank.
+    The sponge fills the last wavelength. With eight wavelengths this is the tank of Appendix A.
     """
     case = js.load_case("wave_tank").replace({"dx": dx})
     T, d = case.waves.T, case.tank.depth
@@ -29,13 +29,13 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         changes = {
             "tank.length": round(case.tank.length / 4 * wavelengths, 3),
             "probes.gauges": [*case.probes.gauges, *far],
-            # as many settled periods as in the short tank, for waves that travel with their group and a front
+            # as many settled periods as in the short tank, after group and front have reached the last gauge
             "t1": round(
                 case.t1 + (wavelengths - 4) * wavelength / speed + front(max(far, default=0.0), T, d), 1
             ),
         }
         case = case.replace(changes)
-    # a fifth of a wavelength apart, for the decay beside what the sponge sends back
+    # gauges a fifth of a wavelength apart separate the decay from the reflection by the sponge
     along = np.arange(0.5, wavelengths - 1.2, 0.2) * wavelength
     case = case.replace({"probes.gauges": [*case.probes.gauges, *(float(np.round(at, 3)) for at in along)]})
     suffix = "" if wavelengths == 4 else f"_{wavelengths}"
@@ -63,9 +63,9 @@ def against_stokes(
     bars: tuple[float, float] | None,
     label: str = "",
 ) -> Figure:
-    """Rows of the errors along a tank of so many wavelengths and of the decay; the elevations as a picture.
+    """Reports the errors along a tank of `wavelengths` and the decay, and returns a figure of the elevations.
 
-    `bars`: largest MAE_a and MAE_p against second order, %, or none; `label`: what the rows begin with.
+    `bars`: largest allowed MAE_a and MAE_p against second order, %, or None; `label`: beginning of the rows.
     """
     H, T, d = case.waves.H, case.waves.T, case.tank.depth
     wavelength = float(theory.wavelength(T, d))
@@ -77,7 +77,7 @@ def against_stokes(
         window = settled(t, x[i] / speed + front(x[i], T, d), T, case.waves.ramp_periods)
         record = t[window], eta[window, i]
         reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
-        # the waves' height makes them longer, which second order leaves out
+        # waves of finite height are longer, which second-order theory neglects
         longer = np.asarray(theory.stokes2_profile(k3 * x[i] - 2 * np.pi / T * t[window], H, k3, d))
         for expected, than in ((reference, ""), (longer, ", third order's length")):
             errors = _errors(*record, expected, H, T)
@@ -107,14 +107,14 @@ def against_stokes(
 
 
 def _errors(t: np.ndarray, eta: np.ndarray, reference: np.ndarray, H: float, T: float) -> tuple[float, float]:
-    """MAE_a and MAE_p (%) of an elevation off the reference (m), at the same times (s)."""
+    """MAE_a and MAE_p (%) of an elevation against the reference (m), at the same times (s)."""
     both = t, eta, t, reference
     height = analysis.mae_amplitude(*both, H / 2, T, window=5)
     return 100 * height, 100 * analysis.mae_phase(*both, T, window=5)
 
 
 def _picture(gauges: list[tuple]) -> Figure:
-    """Elevation at every gauge with the theory over the periods compared."""
+    """Figure of the elevation at every gauge, with the theory over the compared periods."""
     figure = Figure(figsize=(8, 1.8 * len(gauges)), layout="constrained")
     axes = figure.subplots(len(gauges), sharex=True, squeeze=False)[:, 0]
     for axis, (label, t, eta, t_theory, expected) in zip(axes, gauges, strict=True):
@@ -127,17 +127,17 @@ def _picture(gauges: list[tuple]) -> Figure:
 
 
 def front(x: float, T: float, d: float) -> float:
-    """Time (s) that the front of waves takes to pass a place at x (m), so long has dispersion made it.
+    """Time (s) that the front of the waves, lengthened by dispersion, takes to pass the position x (m).
 
-    Frequencies travel at different speeds: a sharp front is sqrt(2 pi x |dS/domega|) long after x, S being
-    the inverse of the group velocity.
+    Frequencies travel at different speeds: after the distance x a sharp front lasts sqrt(2 pi x |dS/domega|),
+    with S the inverse of the group velocity.
     """
     slower, faster = (1.0 / float(theory.group_velocity(2 * np.pi / T * by, d)) for by in (0.99, 1.01))
     return float(np.sqrt(2 * np.pi * x * abs(faster - slower) / (0.02 * 2 * np.pi / T)))
 
 
 def settled(t: np.ndarray, delay: float, T: float, ramp: float, most: int = 5) -> np.ndarray:
-    """Whole periods, `most` at most, from when the ramp's waves have passed a gauge."""
+    """Mask of up to `most` whole periods after the ramp and the delay (s) of a gauge."""
     start = ramp * T + delay
     periods = min(most, int((t[-1] - start) / T))
     return (t >= start) & (t < start + periods * T)

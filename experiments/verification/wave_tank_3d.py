@@ -1,4 +1,4 @@
-"""Waves in a narrow tank in 3-D against Stokes' second order, and in the slice of it in 2-D."""
+"""Waves in a narrow 3-D tank against Stokes' second order, and in a 2-D slice of the tank."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from experiments.verification.wave_tank import against_stokes
 from jaxsph.waves import theory
 
 BARS = (3.0, 1.5)
-"""Largest MAE_a and MAE_p, %."""
+"""Largest allowed MAE_a and MAE_p, %."""
 
 
 def main(dx: float = 0.025, width: float = 0.2) -> None:
-    """Runs a tank of this width (m) with the spacing dx (m), and the slice of it: errors, decay, losses."""
+    """Runs a tank of this width (m) with spacing dx (m) and its 2-D slice; reports errors, decay, losses."""
     case = js.load_case("wave_tank_3d").replace({"dx": dx, "tank.width": width})
     wavelength = float(theory.wavelength(case.waves.T, case.tank.depth))
     along = np.round(np.arange(0.5, 2.15, 0.2) * wavelength, 3)
-    # beside the places of the rows, a fifth of a wavelength apart for the decay
+    # besides the gauges for the errors, gauges a fifth of a wavelength apart for the decay
     case = case.replace({"probes.gauges": [1.024, 2.048, 4.096, *map(float, along)]})
     title = "Waves in a narrow tank in 3-D against Stokes' second order"
     with Report(f"wave_tank_3d_{dx:g}", title, dx) as report:

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
-    """Names of what takes energy from the water besides the power take-offs, by the series `power_<name>`.
+    """Names of the parts besides the power take-offs that take energy, from the series `power_<name>`.
 
     `harvested`: names of the power take-offs' series.
     """
@@ -19,16 +19,16 @@ def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -
 def energy_budget(
     series: dict[str, np.ndarray], harvested: Collection[str] = ("power_pto",)
 ) -> dict[str, float]:
-    """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it went.
+    """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it goes.
 
     Keys: `paddle` (work of paddles and driven bodies), `stored` (change of kinetic, potential and compression
-    energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, and the energies of all other
-    series `power_`, such as `sponge`, `contact`, `projection` (each taken from the water); `residual` (the
-    imbalance) and `residual_share` (its ratio to the paddle's work, or to the largest kinetic energy where
+    energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, and one for every other series
+    `power_<name>`, for example `sponge`, `contact`, `projection` (energy taken from the water); `residual`
+    (the imbalance) and `residual_share` (its ratio to the paddle's work, or to the largest kinetic energy if
     that is larger).
-    `harvested`: names of the power take-offs' series. Powers called `power_` are means over the interval
-    before their sample; the losses called `loss_` are values at their sample, and integrated by the
-    trapezoidal rule. `projection` is negative where the projection gives the water energy.
+    `harvested`: names of the power take-offs' series. A series `power_<name>` has means over the interval
+    before each sample; a series `loss_<name>` has values at the samples, which are integrated by the
+    trapezoidal rule. `projection` is negative if the projection adds energy to the water.
     """
     t = series["time"]
     dt = np.diff(t)

@@ -29,9 +29,9 @@ def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1
     """Crests and troughs of a series y at times t (s), each located by a parabola through three points.
 
     `window` samples (odd, 5 or more) smooth a noisy, uniformly sampled series by local
-    parabolas (Savitzky-Golay), which keep the height of a crest; 1 is none.
+    parabolas (Savitzky-Golay), which keep the height of a crest; 1 means no smoothing.
     `prominence` is the least height by which an extremum must stand out, as a fraction of the
-    series' range. **Raises** ValueError where there is no extremum.
+    series' range. **Raises** ValueError if there is no extremum.
     """
     t, y = checked(t, y)
     if window > 1:
@@ -62,9 +62,9 @@ def matched_extrema(
 ) -> tuple[Series, Series]:
     """Matched extrema (reference, series) of two elevations: times [pairs, 2] (s), values [pairs, 2] (m).
 
-    Each reference extremum goes with the nearest of its kind within T / 2. An extremum without a partner is
-    left out within T / 2 of the ends of the common time. **Raises** ValueError for one without a partner
-    elsewhere, since leaving it out would flatter the error, and where there is no pair.
+    Each reference extremum is paired with the nearest extremum of the same kind within T / 2. A reference
+    extremum without a partner is left out within T / 2 of the ends of the common time. **Raises** ValueError
+    for a missing partner elsewhere, since leaving it out would understate the error, and if there is no pair.
     """
     found = extrema(t, eta, window, prominence)
     reference = extrema(t_ref, eta_ref, 1, prominence)
@@ -79,9 +79,9 @@ def matched_extrema(
             values.append((y_r, found.y[j]))
         elif start <= t_r <= end:
             kind = "crest" if sign > 0 else "trough"
-            raise ValueError(f"no {kind} within T/2 of the reference's at t = {t_r:.6g} s")
+            raise ValueError(f"the series has no {kind} within T/2 of the reference one at t = {t_r:.6g} s")
     if not times:
-        raise ValueError("no extremum of the series is within T/2 of one of the reference")
+        raise ValueError("no extremum of the series is within T/2 of an extremum of the reference")
     return np.array(times), np.array(values)
 
 

@@ -1,4 +1,4 @@
-"""Fields between particles, by a linear least-squares fit over the nearest of them."""
+"""Fields between particles, by a linear least-squares fit over the nearest particles."""
 
 from __future__ import annotations
 
@@ -12,10 +12,14 @@ Real = NDArray[np.floating]
 """Real numbers."""
 
 NEIGHBOURS = {2: 14, 3: 42}
-"""Particles, itself among them, over which a linear field is fitted, by the number of dimensions."""
+"""Number of nearest particles of a linear fit (at a particle including itself), by the number of
+dimensions."""
 FAR = 1.1
-"""Distance from the nearest particle (spacings) beyond which a point is not in the water: the middle of a
-lattice's cell is 0.71 (in 3-D 0.87) from its corners, and noise brings the nearest particles nearer."""
+"""Distance from the nearest particle (spacings) beyond which a point is not in the water.
+
+The centre of a lattice cell is 0.71 (in 3-D 0.87) spacings from its corners, and disorder only brings the
+nearest particle closer.
+"""
 
 
 class LinearFit(NamedTuple):
@@ -30,10 +34,10 @@ class LinearFit(NamedTuple):
 
 
 def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
-    """Fields f `[M, F]` of the particles of a tree, M in D dimensions, about the points `at` `[N, D]` (m).
+    """Linear fit of the fields f `[M, F]` of the M particles of a tree at the points `at` `[N, D]` (m).
 
-    The fit is weighted by 1 - (r/R)^2, R being the distance of the last neighbour. **Raises** ValueError for
-    fewer particles than the fit needs.
+    The fit is weighted by 1 - (r/R)^2, where R is the distance of the farthest neighbour. **Raises**
+    ValueError for fewer particles than the fit needs.
     """
     axes, x = particles.m, particles.data
     near = min(NEIGHBOURS[axes], particles.n)
@@ -50,5 +54,5 @@ def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
 
 
 def vorticity(gradient: Real) -> Real:
-    """Vorticity across the plane of x and z, du/dz - dw/dx, 1/s, of velocity gradients `[N, D, D]` (1/s)."""
+    """Vorticity normal to the x-z plane, du/dz - dw/dx, 1/s, of velocity gradients `[N, D, D]` (1/s)."""
     return gradient[:, -1, 0] - gradient[:, 0, -1]

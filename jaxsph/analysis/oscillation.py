@@ -1,4 +1,4 @@
-"""Periods and decay: of oscillations in time, and of waves along a tank."""
+"""Period and decay of oscillations in time, and decay of waves along a tank."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class DampedOscillation(NamedTuple):
 
 
 def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
-    """Period of an oscillation, s, from the upward crossings of its mean over all its periods.
+    """Period of an oscillation, s: mean interval between the upward crossings of its mean.
 
-    For a clean series of several periods: use `fit_damped_oscillation` where the oscillation
-    decays to another level or carries noise. **Raises** ValueError for fewer than two
+    It suits a clean series of several periods. Use `fit_damped_oscillation` if the oscillation
+    decays to another level or is noisy. **Raises** ValueError for fewer than two
     crossings.
     """
     t, y = checked(t, y)
@@ -52,16 +52,15 @@ def _damped_basis(s: Series, decay_rate: float, omega: float) -> Series:
 def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
     """Damped oscillation fitted to a series by least squares, about its final value.
 
-    The search is over the decay rate and omega alone; offset, amplitude and phase are linear
-    and follow (variable projection, Golub and Pereyra 1973). The start is the best of a grid
-    of half a cycle to 60 cycles in the record. **Raises** ValueError for under 8 samples, a
-    constant series, or one that a damped cosine does not describe (under half of its
-    variance).
+    Only the decay rate and omega are searched; offset, amplitude and phase follow from a linear
+    fit (variable projection, Golub and Pereyra 1973). The search starts from the best point of
+    a grid of half a cycle to 60 cycles in the record. **Raises** ValueError for fewer than 8
+    samples, a constant series, or if a damped cosine describes less than half of the variance.
     """
     t, y = checked(t, y)
     variance = np.var(y)
     if t.size < 8 or variance <= (1e-12 * np.max(np.abs(y))) ** 2:
-        raise ValueError("a damped oscillation needs 8 samples that are not constant")
+        raise ValueError("a damped oscillation needs at least 8 samples that are not constant")
     s, duration = t - t[0], t[-1] - t[0]
 
     def solve(
@@ -71,8 +70,8 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
         solution = np.linalg.lstsq(basis, y, rcond=None)[0]
         return solution, basis @ solution - y
 
-    # Half a cycle to at most a quarter of the samples, a third of a cycle apart: inside
-    # the main lobe of the spectrum, from where the descent cannot miss the minimum.
+    # From half a cycle to a quarter of the samples at most, in steps of a third of a cycle: the best point
+    # is inside the main lobe of the spectrum, from which the descent reaches the minimum.
     cycles = np.arange(0.5, max(1.0, min(60.0, t.size / 4.0)), 1.0 / 3.0)
     stride = max(1, t.size // 1000)
     grid = [(b / duration, 2.0 * np.pi * c / duration) for c in cycles for b in (0.0, 1.0, 4.0)]
@@ -82,7 +81,7 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
     decay_rate, omega = result.x * scale
     (offset, c, sn), residual = solve((decay_rate, omega), s, y)
     if np.mean(residual**2) > 0.5 * variance:
-        raise ValueError("a damped cosine describes under half of the series' variance")
+        raise ValueError("a damped cosine describes less than half of the series' variance")
     phase = np.arctan2(-np.sign(omega) * sn, c)
     return DampedOscillation(
         float(offset), float(np.hypot(c, sn)), float(decay_rate), float(abs(omega)), float(phase)
@@ -90,17 +89,17 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
 
 
 def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) -> float:
-    """Share of a wave's amplitude lost over one wavelength (-), beside the wave reflected at the tank's end.
+    """Share of a wave's amplitude lost over one wavelength (-), allowing for a reflected wave.
 
     `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m).
-    Fitted to them, by least squares: a wave that decays along x, whose wavenumber may be a few per cent off
-    that of the `wavelength` (m), and one that comes back. Without the second its nodes look like a decay or a
-    growth. The share is negative where the wave grows. **Raises** ValueError for under four positions, less
-    than half a wavelength, or no waves.
+    The least-squares fit has a wave that decays along x, whose wavenumber may be a few per cent off that of
+    the `wavelength` (m), and a reflected wave. Without the reflected wave, its nodes would look like decay or
+    growth. The share is negative if the wave grows. **Raises** ValueError for fewer than four positions,
+    positions over less than half a wavelength, or zero amplitudes.
     """
     x, found = np.asarray(x, np.float64), np.asarray(amplitude, np.complex128)
     if x.ndim != 1 or x.size < 4 or x.shape != found.shape or np.ptp(x) < 0.5 * wavelength:
-        raise ValueError("a decay needs amplitudes at four positions at least, over half a wavelength")
+        raise ValueError("a decay needs amplitudes at four positions or more, over half a wavelength")
     size = float(np.max(np.abs(found)))
     if not size > 0.0:
         raise ValueError("a decay needs waves: all amplitudes are zero")

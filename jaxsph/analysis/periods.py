@@ -16,7 +16,7 @@ Series = NDArray[np.float64]
 
 
 class Efficiency(NamedTuple):
-    """Hydrodynamic efficiency, mean and by period: the result of `efficiency`."""
+    """Hydrodynamic efficiency, as a mean and by period: the result of `efficiency`."""
 
     xi: float
     """Mean efficiency over the periods (-)."""
@@ -28,7 +28,7 @@ def checked(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
     """Times and values as float64, checked: one time per sample, times increasing, values finite."""
     t, y = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if t.ndim != 1 or t.size < 2 or y.shape[-1:] != t.shape:
-        raise ValueError(f"series of shape {y.shape} does not go with times of shape {t.shape}")
+        raise ValueError(f"series of shape {y.shape} does not match times of shape {t.shape}")
     if not np.all(np.diff(t) > 0.0):
         raise ValueError("times are not strictly increasing")
     if not np.all(np.isfinite(y)):
@@ -39,8 +39,8 @@ def checked(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
 def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
     """Mask of the samples in the last `periods` whole periods, both ends included.
 
-    `t`: times (s); `T`: period (s). **Raises** ValueError if the record is shorter by more than a hundredth
-    of a sampling interval, which times accumulated or rounded to float32 may lack.
+    `t`: times (s); `T`: period (s). **Raises** ValueError if the record is too short. A hundredth of a
+    sampling interval may be missing, because times may be accumulated or rounded to float32.
     """
     t = np.asarray(t, np.float64)
     if periods < 1 or T <= 0.0:
@@ -58,7 +58,7 @@ def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tup
     """Phases t / T of bins (-), and the mean and standard deviation of y in each, in the unit of y.
 
     The phases are in [0, 1). Bins are centred on j / n_bins, so that sampling at those phases
-    does not fall on an edge. All samples count: choose whole periods first. **Raises**
+    does not fall on an edge. All samples are used: select whole periods first. **Raises**
     ValueError for an empty bin.
     """
     t, y = checked(t, y)
@@ -74,8 +74,8 @@ def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tup
 def per_period(t: ArrayLike, y: ArrayLike, T: float, periods: int) -> Series:
     """Mean of `y` in each of the last whole periods, oldest first, in the unit of y.
 
-    `y` at times `t` (s) is a mean over the interval before its sample, as the powers of a run are: the first
-    sample of a record, which has no interval, has no part in it. **Raises** ValueError for a short record.
+    Each value of `y` is a mean over the interval before its time `t` (s), like the powers of a run; the first
+    sample of a record has no interval and is not used. **Raises** ValueError if the record is too short.
     """
     t, y = checked(t, y)
     whole_periods(t, T, periods)
@@ -87,9 +87,9 @@ def per_period(t: ArrayLike, y: ArrayLike, T: float, periods: int) -> Series:
 def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: int) -> Efficiency:
     """Hydrodynamic efficiency xi over the last whole periods (-), Eqs 24 and 25.
 
-    `power`: absorbed by the device, mean over the interval before each of the times `t` (s), in the unit of
-    the incident power `P_inc` (W, or W/m per unit width as `theory.incident_power`). **Raises** ValueError
-    for a short record.
+    `power`: power absorbed by the device, a mean over the interval before each time `t` (s), in the unit of
+    the incident power `P_inc` (W, or W/m per unit width as in `theory.incident_power`). **Raises** ValueError
+    if the record is too short.
     """
     if not P_inc > 0.0:
         raise ValueError(f"incident power P_inc = {P_inc} must be positive")
@@ -100,17 +100,17 @@ def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: 
 SIGNIFICANT = 0.05
 """Probability with which `settled_from` leaves out the first period of a record that has settled."""
 LEAST_PERIODS = 3
-"""Fewest periods in which `settled_from` looks for a trend, and which it leaves."""
+"""Least number of periods that `settled_from` keeps."""
 
 
 def settled_from(values: ArrayLike) -> int:
-    """Number of leading periods to leave out of a mean, by the means `values` of all periods, oldest first.
+    """Number of leading periods to leave out of a mean, from the means `values` of all periods, oldest first.
 
-    Leading periods go until those that remain show neither a linear trend nor a first period unlike the
-    others: Student's t for the slope of a regression and for a single observation against the rest, each at
-    half of `SIGNIFICANT`. Truncation of an initial transient by the record itself: White (1997), whose own
-    rule (MSER) leaves out a quarter of ten settled periods; this one 1 %. A transient below the scatter of
-    the periods is not seen. At least `LEAST_PERIODS` are left.
+    Leading periods are left out until the others show neither a linear trend nor a first period that differs
+    from the rest. Both are tested by Student's t (slope of a regression; a single observation against the
+    rest), each at half of `SIGNIFICANT`. Truncating an initial transient by means of the record itself
+    follows White (1997). White's rule (MSER) leaves out a quarter of ten settled periods; this rule leaves
+    out 1 %. A transient below the scatter of the periods is not detected. At least `LEAST_PERIODS` remain.
     """
     values = np.asarray(values, np.float64)
     least = 1e-6 * np.max(np.abs(values), initial=0.0)  # rounding of the readings is no trend
@@ -121,7 +121,7 @@ def settled_from(values: ArrayLike) -> int:
 
 
 def _has_transient(y: Series, least: float) -> bool:
-    """Whether periods have a trend, or a first one unlike the others; scatter below `least` counts as it."""
+    """Whether periods have a trend or a first value unlike the rest; `least`: smallest scatter assumed."""
     n, rest = len(y), y[1:]
     scatter = max(float(np.std(rest, ddof=1)), least, 1e-300)
     first = abs(y[0] - np.mean(rest)) / (scatter * np.sqrt(1.0 + 1.0 / (n - 1)))
@@ -129,5 +129,5 @@ def _has_transient(y: Series, least: float) -> bool:
     slope = float(place @ y / (place @ place))
     residual = np.sqrt(np.sum((y - np.mean(y) - slope * place) ** 2) / (n - 2))
     trend = abs(slope) * np.sqrt(place @ place) / max(residual, least, 1e-300)
-    # two tests: each at half of the level, and both sides
+    # two two-sided tests, each at half of the level
     return bool(max(first, trend) > scipy.stats.t.isf(0.25 * SIGNIFICANT, n - 2))

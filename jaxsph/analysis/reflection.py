@@ -25,18 +25,18 @@ class Reflection(NamedTuple):
 
 
 _MIN_SAMPLES_PER_PERIOD = 8
-"""Least number of samples per period for `reflection`."""
+"""Least number of samples per period in `reflection`."""
 
 
 _MAX_CONDITION = 10.0
-"""Largest condition number of the gauges' equations for `reflection` (-)."""
+"""Largest condition number of the gauges' equations in `reflection` (-)."""
 
 
 def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
     """Complex amplitudes B of series at the period T (s), in the unit of y, by least squares.
 
     y ~ mean + Re(B exp(i 2 pi t / T)) + second harmonic. Shapes: `t` [times] (s), `y` [..., times], B [...].
-    The angle of B1 / B2 is the lead in phase of the first series over the second.
+    The angle of B1 / B2 is the phase lead of the first series over the second.
     """
     t, y = checked(t, y)
     phase = 2.0 * np.pi / T * t
@@ -58,23 +58,23 @@ def reflection(
 ) -> Reflection:
     """Amplitudes of the incident and the reflected wave (m) at the frequency 1 / T, from a row of gauges.
 
-    Least squares over the gauges after Mansard and Funke (1980), with linear wavenumbers; the gauges should
-    stand a wavelength from paddle and device.
+    Least squares over the gauges after Mansard and Funke (1980), with linear wavenumbers. Place the
+    gauges a wavelength away from paddle and device.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges] (m); `t`
     [times] (s); period `T` (s); depth `d` (m); `periods`: number of last periods to use, all by default.
 
     **Raises** ValueError for fewer than two gauges, a record under one period, fewer than 8
-    samples per period, and for distances that cannot tell the waves apart (all near a
-    multiple of half a wavelength: condition number over 10, a distance within about
-    0.03 wavelengths of it).
+    samples per period, and for gauge distances that cannot separate the two waves: all
+    within about 0.03 wavelengths of a multiple of half a wavelength (condition number
+    over 10).
     """
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != eta.shape[:1]:
-        raise ValueError(f"eta of shape {eta.shape} is not [gauges, times] for x of {x.shape}")
+        raise ValueError(f"eta of shape {eta.shape} must be [gauges, times] and match x of shape {x.shape}")
     if x.size < 2:
-        raise ValueError(f"{x.size} gauges: two at least tell incident from reflected waves")
+        raise ValueError(f"{x.size} gauges: at least two are needed to tell incident from reflected waves")
     periods = periods or int((t[-1] - t[0]) / T * (1.0 + 1e-6))
     mask = whole_periods(t, T, max(periods, 1))
     if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
@@ -84,8 +84,8 @@ def reflection(
     (incident,), (reflected,), (condition,) = separated(np.array([k]), x, B[None])
     if not condition < _MAX_CONDITION:
         raise ValueError(
-            f"gauges at {x.tolist()} m are singular (condition {condition:.3g}) for a wavelength "
-            f"of {2.0 * np.pi / k:.4g} m: keep a distance from multiples of half of it"
+            f"gauges at {x.tolist()} m cannot tell incident from reflected waves (condition {condition:.3g}) "
+            f"at a wavelength of {2.0 * np.pi / k:.4g} m: avoid distances near multiples of half of it"
         )
     incident, reflected = abs(incident), abs(reflected)
     if incident == 0.0:
@@ -98,8 +98,8 @@ def separated(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
     """Complex amplitudes at x[0] of the waves along +x and -x, and the condition of their equations (-).
 
-    Least squares over gauges at `x` (m, `[G]`) for every wavenumber k (rad/m, `[F]`), of the complex
-    amplitudes B `[F, G]` that they have, in the unit of B (Mansard and Funke 1980).
+    Least-squares fit to the complex amplitudes B `[F, G]` of gauges at `x` (m, `[G]`), for every wavenumber k
+    (rad/m, `[F]`), in the unit of B (Mansard and Funke 1980).
     """
     basis = np.exp(1j * k[:, None, None] * (x - x[0])[None, :, None] * np.array([-1.0, 1.0]))
     both = (np.linalg.pinv(basis) @ B[..., None])[..., 0]
@@ -116,7 +116,7 @@ class TwoWaySea(NamedTuple):
     coefficient: float
     """Reflection coefficient of the whole sea, the root of the ratio of the variances (-)."""
     left_out: float
-    """Share of the frequencies at which the gauges cannot tell the two apart (-); their neighbours count."""
+    """Share of frequencies at which the gauges cannot separate the two (-); neighbours replace them."""
 
 
 def two_way_sea(
@@ -131,20 +131,20 @@ def two_way_sea(
 ) -> TwoWaySea:
     """Incident and reflected spectrum of a sea from a row of gauges, frequency by frequency.
 
-    Least squares after Mansard and Funke (1980), with linear wavenumbers. Gauges at uneven distances leave
-    few frequencies out.
+    Least squares after Mansard and Funke (1980), with linear wavenumbers. Unevenly spaced
+    gauges leave out few frequencies.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges (m); `t`: times (s),
-    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz), outside of which there
-    are bound waves and noise; `bands`: number of frequencies that a value of a spectrum is the mean of.
+    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz); bound waves and noise
+    lie outside; `bands`: number of neighbouring frequencies averaged into a value of a spectrum.
 
-    **Raises** ValueError for fewer than three gauges, a short record, and a sea of which the gauges leave
-    out more than half.
+    **Raises** ValueError for fewer than three gauges, a record that is too short, and gauges that leave out
+    more than half of the frequencies.
     """
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
-        raise ValueError(f"eta of shape {eta.shape} and x of {x.shape} are not of three gauges or more")
+        raise ValueError(f"eta of shape {eta.shape}, x of shape {x.shape}: must be of three gauges or more")
     step = even_step(t)
     fade = scipy.signal.windows.tukey(t.size, TAPER)
     rest = (eta - eta.mean(axis=1, keepdims=True)) * fade / np.sqrt(np.mean(fade**2))
@@ -162,7 +162,7 @@ def two_way_sea(
             "the frequencies: place them at uneven distances of a tenth to a third of a wavelength"
         )
     both = np.zeros((2, every.size))
-    # of half the square of an amplitude, over the distance of the frequencies
+    # density: half the squared amplitude over the frequency step
     both[:, use] = np.where(sound, 0.5 * np.abs([incident, reflected]) ** 2 * t.size * step, np.nan)
     coefficient = float(np.sqrt(np.nansum(both[1]) / np.nansum(both[0])))
     incident, reflected = (banded(every, S, bands) for S in both)

@@ -1,6 +1,7 @@
-"""Variance spectra of recorded seas: heights and periods by their moments, confidence, single waves.
+"""Variance spectra of recorded seas: heights and periods from moments, confidence bands, single waves.
 
-S(f) in m2/Hz over the frequency f in Hz, of elevations in m; of any other series in the square of its unit.
+S(f) in m2/Hz over the frequency f in Hz for elevations in m; for other series in the square of their unit
+per Hz.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from jaxsph.analysis.periods import Series, checked
 from jaxsph.waves import theory
 
 BANDS = 8
-"""Number of neighbouring frequencies of which a value of a spectrum is the mean."""
+"""Number of neighbouring frequencies averaged into a value of a spectrum."""
 TAPER = 0.1
-"""Share of a record that is faded in and out: its ends do not meet."""
+"""Share of a record that is tapered, at both ends together, because its ends do not match."""
 
 
 class Spectrum(NamedTuple):
@@ -29,10 +30,10 @@ class Spectrum(NamedTuple):
     S: Series
     """Variance density, m2/Hz."""
     freedom: float
-    """Degrees of freedom of every value (-): two for each frequency that went into it."""
+    """Degrees of freedom of every value (-): two for each averaged frequency."""
 
     def moment(self, n: float) -> float:
-        """Moment of order n of the spectrum, m2 Hz^n; the frequency 0 has no part in it."""
+        """Moment of order n of the spectrum, m2 Hz^n, without the frequency 0."""
         above = self.f > 0.0
         return float(np.sum(self.f[above] ** n * self.S[above]) * (self.f[1] - self.f[0]))
 
@@ -43,9 +44,9 @@ class Spectrum(NamedTuple):
 
     @property
     def Tp(self) -> float:
-        """Peak period, s, by the mean frequency of the spectrum's fourth power (Young 1995).
+        """Peak period, s, from the mean frequency weighted by S^4 (Young 1995).
 
-        The highest value's own frequency jumps with the bins: in 100 waves of a JONSWAP sea by 5 %.
+        The frequency of the highest value jumps between bins: by 5 % in 100 waves of a JONSWAP sea.
         """
         weight = self.S**4
         return float(np.sum(weight) / np.sum(weight * self.f))
@@ -61,9 +62,9 @@ class Spectrum(NamedTuple):
         return float(np.sqrt(self.moment(0) / self.moment(2)))
 
     def band(self, share: float = 0.9) -> tuple[Series, Series]:
-        """Lower and upper end of the band that has the true density with a probability `share`, m2/Hz.
+        """Lower and upper bound of the band that contains the true density with probability `share`, m2/Hz.
 
-        A value over the true density is chi-square over its degrees of freedom, for Gaussian waves.
+        For Gaussian waves, the ratio of a value to the true density is chi-square over degrees of freedom.
         """
         tail = 0.5 * (1.0 - share)
         low, high = (self.freedom / scipy.stats.chi2.ppf(q, self.freedom) for q in (1.0 - tail, tail))
@@ -77,23 +78,23 @@ class Spectrum(NamedTuple):
 
 
 def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
-    """Variance spectrum of an evenly sampled series y at times t (s): means of the periodogram over `bands`.
+    """Variance spectrum of an evenly sampled series y at times t (s): periodogram averaged over `bands`.
 
-    **Raises** ValueError for times that are not evenly spaced, or fewer samples than four bands have.
+    **Raises** ValueError for times that are not evenly spaced, or fewer than 8 `bands` samples.
     """
     t, y = checked(t, y)
     step = even_step(t)
     if y.ndim != 1 or t.size < 8 * bands:
-        raise ValueError(f"a spectrum needs one series of {8 * bands} samples at least, not {y.shape}")
-    fade: Any = ("tukey", TAPER)  # the stubs know windows without parameters alone
+        raise ValueError(f"a spectrum needs one series of at least {8 * bands} samples, not shape {y.shape}")
+    fade: Any = ("tukey", TAPER)  # the type stubs only have windows without parameters
     f, S = scipy.signal.periodogram(y, 1.0 / step, window=fade, detrend="constant")
     return banded(f, S, bands)
 
 
 def banded(f: ArrayLike, S: ArrayLike, bands: int = BANDS) -> Spectrum:
-    """Spectrum of the means over `bands` neighbouring frequencies (Daniell), the frequency 0 left out.
+    """Spectrum averaged over `bands` neighbouring frequencies (Daniell), without the frequency 0.
 
-    Where the density is not known (NaN) the others of a band stand for it; a band without any has none.
+    Unknown densities (NaN) are left out of the average; a band without any known density gets 0.
     """
     f, S = np.asarray(f, float)[1:], np.asarray(S, float)[1:]
     count = len(f) // bands
@@ -104,7 +105,7 @@ def banded(f: ArrayLike, S: ArrayLike, bands: int = BANDS) -> Spectrum:
 
 
 def even_step(t: Series) -> float:
-    """Time between samples, s. **Raises** ValueError where it varies by more than a hundredth."""
+    """Time between samples, s. **Raises** ValueError if it varies by more than a hundredth."""
     step = np.diff(t)
     usual = float((t[-1] - t[0]) / step.size)
     if np.any(np.abs(step - usual) > 0.01 * usual):
@@ -126,18 +127,18 @@ class ZeroCrossingWaves(NamedTuple):
         return float(np.mean(np.sort(self.H)[-max(len(self.H) // 3, 1) :]))
 
     def exceedance(self) -> tuple[Series, Series]:
-        """Heights (m), from the lowest, and the share of waves that are higher (-)."""
+        """Heights (m) in ascending order, and the share of waves that are higher (-)."""
         n = len(self.H)
         return np.sort(self.H), 1.0 - (np.arange(n) + 0.5) / n
 
 
 def rayleigh_exceedance(H: ArrayLike, Hm0: float) -> NDArray[np.float64]:
-    """Share of waves higher than H (m) in a narrow sea of the significant height Hm0 (m) (-)."""
+    """Share of waves higher than H (m) in a narrow-banded sea of significant wave height Hm0 (m) (-)."""
     return np.exp(-2.0 * (np.asarray(H, float) / Hm0) ** 2)
 
 
 def zero_crossing_waves(t: ArrayLike, eta: ArrayLike) -> ZeroCrossingWaves:
-    """Single waves of an elevation eta (m) at times t (s). **Raises** ValueError where there is none."""
+    """Single waves of an elevation eta (m) at times t (s). **Raises** ValueError if there is none."""
     t, eta = checked(t, eta)
     y = eta - np.mean(eta)
     up = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
@@ -161,13 +162,13 @@ def mean_with_error(y: ArrayLike) -> Mean:
     """Mean of an evenly sampled, correlated series and its standard error, s sqrt(2 tau / n).
 
     tau, the integral time scale in samples, is half plus the sum of the autocorrelation up to the first lag
-    beyond six tau (Sokal 1997). A mean over less than some ten tau has an error larger than this one says.
-    **Raises** ValueError for under 8 samples.
+    beyond six tau (Sokal 1997). For a series shorter than about ten tau the error is too small.
+    **Raises** ValueError for fewer than 8 samples.
     """
     y = np.asarray(y, np.float64)
     n = y.size
     if y.ndim != 1 or n < 8:
-        raise ValueError(f"a mean with an error needs one series of 8 samples at least, not {y.shape}")
+        raise ValueError(f"a mean with an error needs one series of at least 8 samples, not shape {y.shape}")
     rest = y - np.mean(y)
     variance = float(np.mean(rest**2))
     if variance <= (1e-12 * np.max(np.abs(y))) ** 2:

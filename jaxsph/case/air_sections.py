@@ -1,4 +1,4 @@
-"""Sections of chambers and ducts, and of their air: the power take-off, and air that can be compressed."""
+"""Sections of chambers, ducts and their air: power take-offs and compressible air."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ LAWS: dict[str, tuple[str, ...]] = {
     "curve": VALVE,
     "P_a": ("ramp",),
 }
-"""Laws of a power take-off by the key that each is given by, and the further keys that it has."""
+"""Laws of a power take-off: the key that selects each law, and the further keys that it allows."""
 
 FAR = "far"
 """Name of the tank's end wall in `chamber.NAME.between`."""
 DEVICE_WALLS = ("device", FAR)
 """Walls of the device's chamber: its plate and the tank's end wall."""
 SMOOTH_LAWS = ("K_dm", "resistance", "area", "discharge", "P_a", "relief", "suction")
-"""Keys of a power take-off on which a model depends smoothly, and which may change in the course of a run."""
+"""Keys of a power take-off on which a model depends smoothly; they may change during a run."""
 
 
 def air_keys(keys: Iterable[str]) -> list[str]:
-    """Dotted names of keys of power take-offs, wherever a case has one: `NAME` stands for any name."""
+    """Dotted names of the `keys` in every section `pto` of a case, and `duct.NAME.area`; NAME: any name."""
     places = ("", f"chamber.{NAME}.", f"duct.{NAME}.")
     return [f"{place}pto.{key}" for key in keys for place in places] + [f"duct.{NAME}.area"]
 
@@ -41,43 +41,43 @@ Reading = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class PTOSection(Section):
-    """Power take-off of the chamber's air: one of a quadratic damping, a linear turbine, an orifice, a
-    characteristic curve and a prescribed pressure; all amounts are per metre of width."""
+    """Power take-off of a chamber's air: a quadratic damping, a linear turbine, an orifice, a characteristic
+    curve or a prescribed pressure. Give exactly one; all quantities are per metre of width."""
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
-    """Damping coefficient, kg^0.5 m^-2.5; 1e6 is a closed chamber for every purpose."""
+    """Damping coefficient, kg^0.5 m^-2.5; with 1e6 the chamber is practically closed."""
     phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
         None, min_length=2, max_length=100
     )
-    """Fourier coefficients of ln(K_dm(t)/K_dm) over the waves' phase, a cosine's and a sine's for each
+    """Fourier coefficients of ln(K_dm(t)/K_dm) over the wave phase, a cosine and a sine coefficient for each
     harmonic: [a1, b1, a2, b2]."""
     resistance: float | None = Field(None, ge=0, le=1e12)
-    """Resistance of a linear turbine, such as of Wells' type, P_a = resistance q, Pa s/m2."""
+    """Resistance of a linear turbine, for example a Wells turbine, P_a = resistance q, Pa s/m2."""
     area: Area | None = None
     """Area of an orifice, m2 per metre of width."""
     discharge: Discharge = 0.6
-    """Coefficient of discharge of the orifice (-)."""
+    """Discharge coefficient of the orifice (-)."""
     density: Density = 1.2
-    """Density of the ambient air, of which an orifice's damping depends, kg/m3."""
+    """Density of the ambient air, kg/m3; the damping of an orifice depends on it."""
     curve: tuple[tuple[Reading, Reading], ...] | None = Field(None, min_length=2, max_length=10_000)
-    """Characteristic curve: pairs of flow (m2/s) and pressure (Pa), both rising and through (0, 0). One that
-    begins there holds for inhalation with both signs changed. `pto.file` in its place names a CSV file."""
+    """Characteristic curve: pairs of flow (m2/s) and pressure (Pa), both rising and through (0, 0). A curve
+    that begins at (0, 0) is mirrored for inhalation. Alternatively, `pto.file` names a CSV file."""
     P_a: float | None = Field(None, ge=-1e9, le=1e9)
     """Prescribed gauge pressure, Pa."""
     ramp: Duration = 0.0
-    """Time in which a prescribed pressure grows from zero, s."""
+    """Time over which a prescribed pressure grows from zero, s."""
     relief: float | None = Field(None, ge=1e-3, le=1e9)
-    """Pressure over which a relief valve beside the turbine lets no air go, Pa."""
+    """Gauge pressure at which a relief valve beside the turbine opens and lets air out, Pa."""
     suction: float | None = Field(None, ge=1e-3, le=1e9)
-    """Suction beyond which the relief valve lets air in, Pa."""
+    """Suction at which the relief valve opens and lets air in, Pa, as a positive number."""
 
     @model_validator(mode="after")
     def _one_law(self) -> PTOSection:
         given = [key for key in LAWS if getattr(self, key) is not None]
         if len(given) != 1:
             raise ValueError(
-                "give exactly one of pto.K_dm (a damping) and pto.P_a (a pressure), or of pto.resistance (a "
-                "linear turbine), pto.area (an orifice) and pto.curve (a characteristic curve)"
+                "give exactly one of pto.K_dm (a quadratic damping), pto.resistance (a linear turbine), "
+                "pto.area (an orifice), pto.curve (a characteristic), and pto.P_a (a prescribed pressure)"
             )
         if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
             raise ValueError(
@@ -91,17 +91,17 @@ class PTOSection(Section):
 
     @property
     def is_turbine(self) -> bool:
-        """Whether the power take-off is a turbine, which takes power: all but a prescribed pressure."""
+        """Whether the power take-off is a turbine: true for every law except a prescribed pressure."""
         return self.P_a is None
 
     @property
     def has_relief(self) -> bool:
-        """Whether there is a relief valve beside the turbine."""
+        """Whether the turbine has a relief valve."""
         return self.relief is not None or self.suction is not None
 
     @property
     def quadratic(self) -> float | None:
-        """Damping coefficient K_dm (kg^0.5 m^-2.5), given or of the orifice; None for other laws."""
+        """Damping coefficient K_dm (kg^0.5 m^-2.5), as given or from the orifice; None for other laws."""
         if self.area is not None:
             return orifice_damping(self.area, self.discharge, self.density)
         return self.K_dm
@@ -116,25 +116,25 @@ class PTOSection(Section):
 
 
 def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
-    """Raises ValueError for a curve that does not rise, or is not through (0, 0)."""
+    """**Raises** ValueError if the curve does not rise, or does not pass through (0, 0)."""
     for (q, p), (after, higher) in itertools.pairwise(curve):
         if not (after > q and higher > p):
             raise ValueError(
-                f"pto.curve: after the flow {q:g} m2/s at {p:g} Pa comes {after:g} m2/s at {higher:g} Pa; "
-                "flow and pressure must both rise from each point to the next: sort the points, and leave "
-                "out those of a stalled turbine"
+                f"pto.curve: the point ({q:g} m2/s, {p:g} Pa) is followed by ({after:g} m2/s, {higher:g} "
+                "Pa); flow and pressure must both rise from each point to the next: sort the points, and "
+                "leave out those at which the turbine stalls"
             )
     if (0.0, 0.0) not in curve:
         raise ValueError(
-            "pto.curve: must have the point (0, 0), without which the turbine would drive the water"
+            "pto.curve: must contain the point (0, 0); without it the turbine would drive the water"
         )
 
 
 class AirSection(Section):
-    """Compressible air of the chamber, isentropic; without this section air is incompressible."""
+    """Compressible, isentropic air of the chamber; without this section the air is incompressible."""
 
     volume: float = Field(ge=1e-6, le=1e9)
-    """Volume of the air over still water, of chamber and ducts, m2 (per metre of width)."""
+    """Volume of air above still water in the chamber and its ducts, m2 (per metre of width)."""
     pressure: float = Field(101_325.0, ge=1.0, le=1e9)
     """Ambient pressure, Pa."""
     gamma: float = Field(1.4, ge=1.01, le=2.0)
@@ -147,27 +147,27 @@ class AirSection(Section):
 
 
 class ChamberSection(Section):
-    """A chamber of air over the water between two walls, by the name that the case gives it."""
+    """A chamber of air over the water between two walls; the case chooses its name."""
 
     between: tuple[str, str]
-    """Its two walls: names of solids, "device" for the device's plate, "far" for the tank's end wall."""
+    """The two walls: names of solids, "device" for the device's plate, "far" for the tank's end wall."""
     pto: PTOSection | None = None
     air: AirSection | None = None
 
 
 class DuctSection(Section):
-    """A duct between the air of two chambers, by the name that the case gives it; give an area or pto."""
+    """A duct between the air of two chambers; the case chooses its name. Give either area or pto."""
 
     between: tuple[Name, Name]
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
-    """Narrowest area of the duct, m2 per metre of width, where the air loses what it has of speed."""
+    """Narrowest area of the duct, m2 per metre of width; behind it the kinetic energy of the air is lost."""
     discharge: Discharge = 0.6
-    """Coefficient of discharge of this area (-)."""
+    """Discharge coefficient of this area (-)."""
     density: Density = 1.2
     """Density of the ambient air, kg/m3."""
     pto: PTOSection | None = None
-    """Turbine in the duct, in the place of an area."""
+    """Turbine in the duct, instead of an area."""
 
     @model_validator(mode="after")
     def _one_law(self) -> DuctSection:

@@ -1,7 +1,7 @@
 """`assemble`: model and initial state from arrays of particles, walls and parts, on the host.
 
-Everything that fixes an array's shape is spent here: numbers of particles, sizes of the neighbour tables, and
-the steps between two searches.
+Everything that determines the shape of an array is fixed here: the number of particles, the sizes of the
+neighbour tables, and the number of steps between two searches.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ from jaxsph.solids.images import Images
 from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
-"""Skin of the neighbour tables (their reach beyond the kernel's support) over dx. What a wider one saves in
-searches it costs in every pair sum: a step of the OWC takes as long with 0.3
+"""Skin of the neighbour tables (their reach beyond the kernel's support) over dx. A wider skin saves searches
+but makes every pair sum more expensive: with 0.3 a step of the OWC takes as long
 (`python -m experiments run bench_step`)."""
 
 
 SEARCH = 1.0
-"""Cost of a search and a regularisation, in steps: half of one that projects, one and a half of another."""
+"""Cost of a search with a regularisation, in time steps: half a step of the incompressible scheme, and one
+and a half of the weakly compressible scheme."""
 
 
 def assemble(
@@ -71,19 +72,19 @@ def assemble(
 ) -> tuple[Model, State]:
     """Model and initial state of any fluid in any box, from arrays; `case.build` makes those of a case.
 
-    **Arguments**: `x` `[N, D]` (m) and `u` `[N, D]` (m/s); the numbers have the scheme's precision.
-    `p` `[N]`: gauge pressure (Pa), by default 0. `volume` (m3; m2 in 2-D): each particle's, by default dx^D.
-    `walls`: `Ghosts.build` of a `Box`, whose `period` the scheme's smoothing must have.
-    `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (the `paddle` of the box where it has one; driven
-    solids); `bodies`; `chambers`; `ducts` between them; `dampers`; `forces` beside g.
-    `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default what is stable.
-    `speed` (m/s): the largest to expect, from which follows how often neighbours are searched; by default
-    that of `u`, or at rest three tenths of the largest that the scheme allows. `skin`, over dx, of the
-    tables: a wider one costs pairs and saves searches, which pays where particles move far in a step.
+    **Arguments**: positions `x` `[N, D]` (m) and velocities `u` `[N, D]` (m/s), in the scheme's precision.
+    `p` `[N]`: gauge pressure (Pa), by default 0. `volume` of each particle (m3; m2 in 2-D), by default dx^D.
+    `walls`: ghosts from `Ghosts.build` of a `Box`; the scheme's smoothing must have the same `period`.
+    `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (the `paddle` if the box has one; driven solids);
+    `bodies`; `chambers`; `ducts` between them; `dampers`; `forces` in addition to g.
+    `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default the largest stable step.
+    `speed` (m/s): largest expected speed, which sets how often neighbours are searched; by default the
+    largest of `u`, or at rest 0.3 of the largest that the scheme allows. `skin` of the tables over dx: a
+    wider skin means more pairs but fewer searches, which pays if particles move far in a step.
     `depth` (m): for depth-averaged results, by default the box's height.
     `settings`: as for `build`. `search_by`: class of the neighbour search, `Cells` or `JaxMD`.
-    **Raises** ValueError for shapes that do not fit, another period than the walls', a
-    period that dx does not divide or that is shorter than 2.5 search radii, and fluid outside the box.
+    **Raises** ValueError for arrays whose shapes do not match, a period other than the walls', a period that
+    dx does not divide or that is shorter than 2.5 search radii, and particles outside the box.
     """
     dtype = np.dtype(scheme.smoothing.h.dtype)
     x, u = np.asarray(x, float), np.asarray(u, float)
@@ -99,7 +100,7 @@ def assemble(
     if speed is None:
         speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(stable))
     if dt_most is None:
-        # a step may not carry a particle out of reach of its neighbour table
+        # a particle must not leave the reach of its neighbour table within one step
         stable = min(stable, 0.4 * skin / speed)
     blocks, block = _cadence(sample_dt, stable, speed, skin)
     model = Model(
@@ -135,7 +136,7 @@ def assemble(
 
 
 def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> Particles:
-    """Particles at x `[N, D]` (m) with velocities u (m/s) and masses m `[N]` (kg, kg/m in 2-D), without
+    """Particles at x `[N, D]` (m) with velocities u (m/s) and masses m `[N]` (kg, kg/m in 2-D), at zero
     pressure."""
     zero = jnp.zeros(len(x), dtype)
     return Particles(
@@ -151,11 +152,12 @@ def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> 
 
 
 def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
-    """Blocks of steps in a sample of `sample_dt` (s), and steps in a block.
+    """Number of blocks in a sample of `sample_dt` (s), and number of steps in a block.
 
-    A table holds while no particle has moved half a skin (m) at the `speed` (m/s) to expect. A block is an
-    even number of steps, so that there are shorter ones for a table that goes stale: of the numbers of blocks
-    that may do, the cheapest with what this rounds up and what the searches cost.
+    A table is valid until a particle has moved half a skin (m); the expected `speed` (m/s) thus limits a
+    block. A block has an even number of steps, so that it can be divided if a table goes stale. Of the
+    possible numbers of blocks the cheapest is chosen, including the steps added by rounding and the cost of
+    the searches.
     """
     needed = sample_dt / dt_most
     most = max(2.0, 0.5 * skin / (speed * dt_most))
@@ -165,14 +167,14 @@ def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tup
 
 
 def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
-    """Rim of a tank whose upper side lets water out; none where it does not."""
+    """Rim of a tank whose upper side lets water out; empty for other tanks."""
     if walls.sides[-1] != "spill":
         return ()
     return (Rim((*(a + 0.5 * dx for a in walls.low[:-1]), walls.high[-1])),)
 
 
 def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
-    """Number of particles and dimensions; ValueError where what is given does not fit together."""
+    """Number of particles and of dimensions. **Raises** ValueError if the arguments do not match."""
     if x.ndim != 2 or x.shape[1] != len(walls.low) or u.shape != x.shape:
         raise ValueError(f"x and u must be [N, {len(walls.low)}], not {x.shape} and {u.shape}")
     if p is not None and np.shape(p) != x.shape[:1]:
@@ -204,8 +206,8 @@ def _search(
     everything = np.concatenate([np.asarray(walls.x), x])
     low, high = everything.min(axis=0), everything.max(axis=0)
     for axis, side in enumerate(walls.sides):
-        # without walls across it an axis is open to particles all along the box; the cells of a period begin
-        # at its low end
+        # along an axis without walls, particles may be anywhere in the box; the cells of a period begin at
+        # its low end
         if side in ("open", "periodic"):
             low[axis], high[axis] = walls.low[axis], walls.high[axis]
     grid = grid_over(low, high, radius, walls.period)
@@ -232,7 +234,7 @@ def _search(
 
 
 _candidate_count = jax.jit(lambda chamber, x, margin: chamber.candidates(x, margin, 1)[1])
-"""Number of particles that may feel a chamber's air, compiled whole."""
+"""Number of particles on which a chamber's air may act, compiled as a whole."""
 
 
 def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: float) -> tuple[int, int]:
@@ -247,7 +249,7 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
     kinds = np.concatenate([kind, np.asarray(behind)[there], np.asarray(walls.kind)[at_nodes]])
     around = _neighbour_count(x, sees, sources, kinds, grid) - 1  # a particle is not its own neighbour
     node, node_sees = np.asarray(walls.node, float)[at_nodes], np.asarray(walls.node_sees)[at_nodes]
-    # a moving wall's force is summed over all water around its ghosts, whatever region it is in
+    # a moving wall's force is summed over all water around its ghosts, whatever the water's region
     moving = np.asarray(images, float)[there & (np.arange(len(there)) < max(walls.paddle, default=0))]
     node, node_sees = np.concatenate([node, moving]), np.append(node_sees, np.full(len(moving), -1))
     at_nodes = _neighbour_count(node, node_sees, x, kind, grid)
@@ -255,14 +257,14 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
 
 
 def _first_images(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Images (m) of particles at x (m) with the paddle at rest, and which of the rows have one."""
+    """Images (m) of particles at x (m) with the paddle at rest, and a mask of the rows that have an image."""
     found, there = _imaged(images, x, radius, skin)
     return np.asarray(found), np.asarray(there)
 
 
 @jax.jit
 def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[jax.Array, jax.Array]:
-    """As `_first_images`, compiled whole and once for all builds of a size."""
+    """`_first_images`, compiled as a whole, and only once for all builds of a size."""
     rows, _ = images.choose(x, lambda a: a, radius, skin)
     return images.image(x[jnp.minimum(rows, len(x) - 1)], lambda a: a), rows < len(x)
 
@@ -270,8 +272,10 @@ def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[j
 def _neighbour_count(
     targets: np.ndarray, sees: np.ndarray, sources: np.ndarray, kinds: np.ndarray, grid: Grid
 ) -> np.ndarray:
-    """Number of sources within the grid's radius of every target whose kind it sees, by a tree on the host:
-    a search on the device would be compiled for every build."""
+    """Number of sources within the grid's radius of each target, among those whose kind the target sees.
+
+    A tree on the host counts them, because a search on the device would be compiled for every build.
+    """
     lengths, count = dict(grid.period), np.zeros(len(targets), int)
     box = [lengths.get(axis, 0.0) for axis in range(targets.shape[1])]
 

@@ -1,6 +1,6 @@
-"""Model and initial state of a case: geometry, scheme, walls, water and parts put together.
+"""Model and initial state of a case, from its geometry, scheme, walls, water and parts.
 
-Everything that fixes an array's shape is spent here, on the host.
+Everything that determines the shape of an array is fixed here, on the host.
 """
 
 from __future__ import annotations
@@ -43,25 +43,26 @@ from jaxsph.solids.filling import DummyParticles, MirrorImages, MirrorNodes
 from jaxsph.solids.walls import Ghosts
 
 FILLINGS = {"images": MirrorImages(), "mirror": MirrorNodes(), "dummy": DummyParticles()}
-"""Fillings of the walls by `tank.walls`."""
+"""Fillings of the walls' ghosts, by `tank.walls`."""
 
 LONG_STEP_SKIN = {2: 0.7, 3: 0.5}
-"""Skin of the neighbour tables over dx for the incompressible scheme, in whose steps a particle goes as far
-as a fifth of a spacing, by number of dimensions. In two, with a search at every fourth step, the OWC takes a
-fifth less time than with 0.5 and one at every second; in three each slot is dearer."""
+"""Skin of the neighbour tables over dx for the incompressible scheme, by number of dimensions. In a step of
+this scheme a particle moves up to a fifth of a spacing. In two dimensions, with a search every fourth step,
+the OWC takes a fifth less time than with 0.5 and a search every second step; in three dimensions each slot
+costs more."""
 
 
 def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model, State]:
     """Model and initial state of a case.
 
-    `settings`: sizes of the neighbour tables and steps between searches (see `model.state.Search`) in the
-    place of those found here; a run that is resumed, or whose tables have grown, passes its own. **Raises**
-    CaseError for a case that cannot be built.
+    `settings`: sizes of the neighbour tables and steps between searches (see `model.state.Search`), which
+    replace those found here; a run passes them when it is resumed or its tables have grown. **Raises**
+    CaseError if the case cannot be built.
     """
     if case.precision == "float64" and jnp.result_type(float) != np.float64:
         raise CaseError(
             'precision = "float64" needs jax.config.update("jax_enable_x64", True) at the start of '
-            "the program (the command line does it by itself)"
+            "the program (the command line does this automatically)"
         )
     dtype = np.dtype(case.precision)
     geometry = Geometry.of(case)
@@ -81,7 +82,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         x = at_rest(x, level, case.dx, scheme.smoothing.kernel)
     if not len(x):
         solids = ", ".join(geometry.named_shapes())
-        raise CaseError(f"{solids}: fills the whole tank, and leaves no water in it")
+        raise CaseError(f"{solids}: the solids fill the whole tank and leave no water in it")
     g = np.zeros(case.dim)
     g[-1] = -case.g
     still = (x, volume / walls.width)
@@ -111,11 +112,11 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
 
 
 _placed = eqx.filter_jit(RigidBody.place)
-"""Places of a body's ghosts and nodes (m), compiled whole."""
+"""Positions (m) of a body's ghosts and nodes, compiled as a whole."""
 
 
 def _at_start(walls: Ghosts, bodies: Iterable[RigidBody]) -> Ghosts:
-    """Ghosts where they stand at the start: those of a body that leans, not those of it upright."""
+    """Ghosts in their initial positions: those of a body are turned to its initial pitch."""
     x = walls.x
     for body in bodies:
         rows = slice(*body.rows)
@@ -125,7 +126,7 @@ def _at_start(walls: Ghosts, bodies: Iterable[RigidBody]) -> Ghosts:
 
 
 def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
-    """Ghosts of the tank's walls, of its device's plate and platform, of its body and its solids."""
+    """Ghosts of the tank's walls, the device's plate and platform, the body and the fixed solids."""
     return Ghosts.build(
         geometry.box(case),
         case.dx,
@@ -142,7 +143,7 @@ def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -
 
 
 def _search_method(case: Sections) -> type[AbstractSearch]:
-    """Class of a case's neighbour search. **Raises** CaseError where its package is not installed."""
+    """Class of a case's neighbour search. **Raises** CaseError if its package is not installed."""
     if case.search == "cells":
         return Cells
     try:

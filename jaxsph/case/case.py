@@ -39,11 +39,11 @@ SMOOTH = (
     "body.pto.coulomb",
     "body.pto.spring",
 )
-"""Keys of the numbers on which a model depends smoothly, for methods that differentiate through the time
-loop. Lengths are not among them: they move the lattice."""
+"""Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths are
+not among them, because they change the lattice."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
-"""Kinds of errors that say what a key means: of a value that is missing, or beyond its range."""
+"""Types of errors whose message includes the meaning of the key: a value is missing or out of range."""
 
 
 class Case(Sections):
@@ -51,10 +51,10 @@ class Case(Sections):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Case:
-        """Case from a mapping, as a TOML file gives it. **Raises** CaseError that names field, value and what
-        is allowed."""
+        """Case from a mapping, as read from a TOML file. **Raises** CaseError, which names the field, the
+        value and what is allowed."""
         if not isinstance(data, dict):
-            raise CaseError(f"a case is a mapping of keys and sections, not {_shown(data)}")
+            raise CaseError(f"a case must be a mapping of keys and sections, not {_shown(data)}")
         data = _plain(data)
         _check_keys(data)
         try:
@@ -67,9 +67,9 @@ class Case(Sections):
     def replace(self, changes: dict[str, Any]) -> Case:
         """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`.
 
-        None removes a field. Another `scheme.kind` or `waves.kind` starts from that kind's defaults: the
-        numbers of one scheme mean nothing in the other. A law of `pto` removes the one before.
-        **Raises** CaseError as `from_dict`.
+        None removes a field. A new `scheme.kind` or `waves.kind` starts from the defaults of that kind,
+        because values of one kind have no meaning in another. A new law of `pto` replaces the previous one.
+        **Raises** CaseError, as `from_dict`.
         """
         data = self.model_dump(exclude_none=True, mode="json")
         for name in KINDS:
@@ -78,7 +78,7 @@ class Case(Sections):
                 data.pop(name, None)
         for key, value in changes.items():
             if value is None and key not in key_names(Case):
-                _check_keys(_nested(key))  # an absent key is removed only where a section has it
+                _check_keys(_nested(key))  # raises an error for a key that no section has
             *path, last = key.split(".")
             place = data
             for part in path:
@@ -95,7 +95,7 @@ class Case(Sections):
         return Case.from_dict(data)
 
     def problem(self) -> Problem:
-        """Builds what the case describes: model, initial state, probes and results. **Raises** CaseError."""
+        """Builds the problem: model, initial state, probes and results. **Raises** CaseError."""
         model, state = build(self)
         return Problem(
             model,
@@ -113,23 +113,23 @@ class Case(Sections):
         )
 
     def value(self, name: str) -> Any:
-        """Value of a key, by dotted name; None where the case does not give it. **Raises** CaseError for a
-        key that no case has."""
+        """Value of a key, by dotted name; None if the case does not give it. **Raises** CaseError for an
+        unknown key."""
         value = functools.reduce(inner, name.split("."), self)
         if value is None:
-            self.replace({name: 1.0})  # says what else is meant, where there is no such key
+            self.replace({name: 1.0})  # raises an error, with a suggestion, if there is no such key
         return value
 
     def roughness(self, name: str) -> str:
-        """Why the model may not depend smoothly on a key; empty where it does."""
-        return "" if any_name(name) in SMOOTH else f"the loop depends smoothly on {', '.join(SMOOTH)}"
+        """Reason why the model may not depend smoothly on a key; empty if it does."""
+        return "" if any_name(name) in SMOOTH else f"the time loop depends smoothly on {', '.join(SMOOTH)}"
 
     def to_toml(self) -> str:
         """TOML text of the whole case, defaults included."""
         return toml_text(self.model_dump(exclude_none=True, mode="json"))
 
     def expanded(self) -> Case:
-        """The same case without short forms: the device's power take-off and air as those of its chamber."""
+        """The same case without short forms: `pto` and `air` of the device become keys of its chamber."""
         given = self.given()
         own = {key: given.pop(key) for key in ("pto", "air") if key in given}
         if not own:
@@ -138,19 +138,20 @@ class Case(Sections):
         return Case.from_dict(given | {"chamber": {DEVICE_CHAMBER: chamber, **given.get("chamber", {})}})
 
     def given(self) -> dict[str, Any]:
-        """Values of the case but those at their defaults, and the kinds of its sections."""
+        """Values of the case that are not at their defaults, and the kinds of its sections."""
         data = self.model_dump(exclude_defaults=True, exclude_none=True, mode="json")
         kinds = {name: getattr(self, name).kind for name in KINDS if getattr(self, name) is not None}
         return data | {name: {"kind": kind, **data.get(name, {})} for name, kind in kinds.items()}
 
     def notices(self) -> list[str]:
-        """Notices for the user: lengths that the lattice changed, limits that the case is near or beyond."""
+        """Notices for the user: lengths changed by the lattice, and limits that the case approaches or
+        exceeds."""
         geometry = Geometry.of(self)
         return [*geometry.notices, *limit_notices(self, geometry)]
 
 
 def any_name(key: str) -> str:
-    """A dotted key with `NAME` for the name that a case gives to a section: "solid.bed.disc" as
+    """Dotted key with `NAME` in place of the name that a case chooses: "solid.bed.disc" becomes
     "solid.NAME.disc"."""
     first, *rest = key.split(".")
     field = Case.model_fields.get(first)
@@ -160,12 +161,12 @@ def any_name(key: str) -> str:
 
 
 def inner(part: Any, key: str) -> Any:
-    """What a section, or sections by names, has under a key; None where it has nothing."""
+    """Value of a key in a section, or in a mapping of sections; None if there is none."""
     return part.get(key) if isinstance(part, dict) else getattr(part, key, None)
 
 
 def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
-    """A value with lists as tuples and numpy's scalars and arrays as Python's, which the sections ask for."""
+    """Value with lists and arrays as tuples and NumPy scalars as Python numbers, as the sections require."""
     if depth > 10:
         raise CaseError(f"{name}: lists or sections are nested too deep for a case")
     if isinstance(value, dict):
@@ -182,16 +183,16 @@ def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
 
 
 def _shown(value: Any) -> str:
-    """A value in an error's words, cut where it is long."""
+    """Value as text for a message, shortened if it is long."""
     try:
         text = repr(value)
-    except (RecursionError, ValueError):  # of lists in lists, and of an integer of thousands of digits
+    except (RecursionError, ValueError):  # nested lists, or an integer of thousands of digits
         text = f"an integer of {value.bit_length()} bits" if isinstance(value, int) else "..."
     return text if len(text) <= 120 else f"{text[:100]}... ({len(text)} characters)"
 
 
 def _check_keys(data: dict[str, Any]) -> None:
-    """**Raises** CaseError for the first key that no section has, with the nearest that there is."""
+    """**Raises** CaseError for the first unknown key, with the nearest key that exists."""
     if "isph" in data:
         raise CaseError(_instead_of_isph(data["isph"]))
     _check_section(data, Case, "")
@@ -204,7 +205,7 @@ def _nested(key: str) -> dict[str, Any]:
 
 
 def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) -> None:
-    """**Raises** CaseError for the first unknown key of a section whose own name is `prefix`."""
+    """**Raises** CaseError for the first unknown key of a section; `prefix`: the section's dotted name."""
     for key, value in data.items():
         fields = section.model_fields
         if key not in fields:
@@ -223,7 +224,7 @@ def _check_section(data: dict[str, Any], section: type[BaseModel], prefix: str) 
 
 
 def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
-    """Words for a key that a section does not have."""
+    """Message for a key that a section does not have."""
     here = ", ".join(sorted(section.model_fields))
     kinds = KINDS.get(prefix.removesuffix("."), {})
     if kinds:
@@ -247,7 +248,7 @@ def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
 
 
 def _kind(name: str, data: Any) -> type[Section]:
-    """Section `name` of the kind that it says. **Raises** CaseError for a kind that there is not."""
+    """Class of the section `name`, by the kind in its `data`. **Raises** CaseError for an unknown kind."""
     kinds = KINDS[name]
     if not isinstance(data, dict):
         raise CaseError(f"{name} = {_shown(data)}: must be a section, [{name}]")
@@ -259,17 +260,17 @@ def _kind(name: str, data: Any) -> type[Section]:
 
 
 def _instead_of_isph(section: Any) -> str:
-    """What to write in the place of a section `isph`, as cases had it before the scheme had a kind."""
+    """Message that shows the replacement of a section `isph`, which older cases have."""
     keys = section if isinstance(section, dict) else {}
     own = "".join(f"{key} = {toml_value(value)}\n" for key, value in keys.items())
     return (
-        "isph: a case has one section for its scheme. Write in the place of [isph] and [scheme]:\n"
+        "isph: a case has one section for its scheme. Replace [isph] and [scheme] by:\n"
         f'[scheme]\nkind = "incompressible"\n{own}'.rstrip()
     )
 
 
 def section_in(annotation: Any) -> type[BaseModel] | None:
-    """Section in the annotation of a field, the first of its kinds; None for a value."""
+    """Section class in the annotation of a field (the first of several kinds); None for a value."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     found = (section_in(option) for option in typing.get_args(annotation))
@@ -277,7 +278,7 @@ def section_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
-    """Dotted names of all keys of a section and of the sections in it."""
+    """Dotted names of all keys of a section and of its subsections."""
     keys = []
     for name, field in section.model_fields.items():
         name = f"{name}.{NAME}" if by_name(field.annotation) else name
@@ -293,13 +294,13 @@ def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
 
 
 def _readable(error: ValidationError) -> str:
-    """Words of a validation's first errors: field, value and what is allowed, one a line."""
+    """Message of a validation's first five errors, one per line: field, value and what is allowed."""
     lines = []
     found = error.errors()
     for item in found[:5]:
-        # pydantic's path has the kind of a scheme or of waves in it, which is no field
+        # pydantic's path contains the kind of a scheme or of waves, which is not a field
         path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] not in KINDS]
-        path = [part for part in path if part != "[key]"]  # of a name that a case gives
+        path = [part for part in path if part != "[key]"]  # marks a name that the case chooses
         field = ".".join(str(part) for part in path) or "case"
         value = (
             ""
@@ -316,7 +317,7 @@ def _readable(error: ValidationError) -> str:
 
 
 def _in_toml_words(message: str) -> str:
-    """The validator's words with the names that TOML has for Python's types."""
+    """Message of the validator, with TOML's names for Python's types."""
     message = message.removeprefix("Value error, ").replace(" after validation", "")
     if message.startswith("Input should be a valid dictionary"):
         return "must be a section"
@@ -325,14 +326,14 @@ def _in_toml_words(message: str) -> str:
 
 
 def _meaning(place: tuple[str | int, ...]) -> str:
-    """Meaning of the key at a place of a case, in brackets; empty where the key has none."""
+    """Meaning of a key, in brackets; empty if it has none. `place`: path of the key in the case."""
     section: Any = Case
     words, kinds, names = "", {}, False
     for part in place:
-        if part in kinds:  # pydantic's path has the kind of a scheme or of waves in it
+        if part in kinds:  # pydantic's path contains the kind of a scheme or of waves
             section, kinds = kinds[part], {}
             continue
-        if names:  # any name that the case gives
+        if names:  # any name that the case chooses
             names = False
             continue
         field = getattr(section, "model_fields", {}).get(part)

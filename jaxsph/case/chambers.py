@@ -1,4 +1,4 @@
-"""Chambers of a case: the walls that each is between, their inner faces, and whether they hold air."""
+"""Chambers of a case: the two walls of each, their inner faces, and checks that they can hold air."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
 
 MOST_CORNERS = 24
-"""Corners of a wall's outline above which its face is read at so many even levels instead."""
+"""Number of corners above which a wall's face is read at this many even levels, not at its corners."""
 
 
 class Stretch(NamedTuple):
-    """Stretch of the still surface between a chamber's two walls."""
+    """Stretch of the still water surface between a chamber's two walls."""
 
     walls: tuple[str, str]
-    """Names of the front and the back wall, as of `Geometry.named_shapes`, or `FAR`."""
+    """Names of the front and the back wall, as in `chamber.NAME.between`."""
     front: np.ndarray
     """Corners `[K, 2]` (x, z) (m) of the front wall's inner face, from below upwards."""
     back: np.ndarray
     """Corners of the back wall's inner face."""
     tip: float
-    """Level of the shorter wall's lower end, m: below it the air would escape."""
+    """Level of the lower end of the wall with the smaller draught, m; air escapes if water falls below it."""
     top: float
-    """Level up to which both walls go, m."""
+    """Level of the top of the lower wall, m."""
     first: float
-    """Inner face of the front wall at still water, m."""
+    """x of the front wall's inner face at the still water level, m."""
     last: float
-    """Inner face of the back wall at still water, m."""
+    """x of the back wall's inner face at the still water level, m."""
 
     @property
     def length(self) -> float:
-        """Length between the walls at still water, m."""
+        """Distance between the walls at the still water level, m."""
         return float(np.round(self.last - self.first, 12))
 
 
 class Tank(NamedTuple):
-    """What a chamber's walls stand in."""
+    """Tank in which a chamber's walls stand."""
 
     shapes: Mapping[str, AbstractShape]
-    """Shapes of all solids, by what a case calls them."""
+    """Shapes of all solids, by their names in the case (`Geometry.named_shapes`)."""
     length: float
     depth: float
     height: float
-    """Lengths of the tank, m."""
+    """Length, still water depth and height of the tank, m."""
     dx: float
     """Spacing of the particles, m."""
 
@@ -64,7 +64,7 @@ class Wall(NamedTuple):
     tank: Tank
 
     def ends(self, level: float) -> tuple[float, float] | None:
-        """First and last x (m) of the wall at a level (m); None where it does not go through it."""
+        """First and last x (m) of the wall at a level (m); None where the wall does not reach this level."""
         if self.shape is None:
             return self.tank.length, self.tank.length
         return ends_at(self.shape, level)
@@ -77,11 +77,10 @@ class Wall(NamedTuple):
         return float(low[-1]), float(high[-1])
 
     def face(self, side: int) -> np.ndarray:
-        """Corners `[K, 2]` (x, z) (m) of the wall's face, from below upwards.
+        """Corners `[K, 2]` (x, z) (m) of one face of the wall, from below upwards.
 
-        The face is that of the last x with the `side` 1, of the first with 0.
-
-        It is read beside every corner of the wall, on both sides of a step.
+        `side` 0 is the face at the first x, 1 the face at the last x. The face is read just above and below
+        every corner, so that a step has a point on either side.
         """
         corners = np.array(self.heights())
         if self.shape is not None:
@@ -95,45 +94,45 @@ class Wall(NamedTuple):
 
 
 def stretch_between(key: str, between: tuple[str, str], tank: Tank) -> Stretch:
-    """Stretch of the surface between two walls by the names that a case has for them.
+    """Stretch of the surface between two walls, given by their names in the case.
 
-    **Raises** CaseError, for the section `key`, where these walls hold no air over water.
+    **Raises** CaseError, which names the section `key`, if these walls cannot hold air over water.
     """
     asked = f"{key}.between = {list(between)}"
     if between[0] == between[1]:
-        raise CaseError(f"{asked}: a chamber is between two walls, and these are one")
+        raise CaseError(f"{asked}: a chamber needs two different walls")
     placed = sorted((_at_surface(name, asked, tank) for name in between), key=lambda pair: pair[0])
     ((_, first), front), ((last, _), back) = placed
     if last - first < 3.0 * tank.dx:
         raise CaseError(
-            f"{asked}: there are {max(last - first, 0.0):.4g} m of water between them, and three spacings of "
-            f"dx = {tank.dx:g} m are the least"
+            f"{asked}: the walls are {max(last - first, 0.0):.4g} m apart, and must be at least three "
+            f"spacings of dx = {tank.dx:g} m apart"
         )
     tip = max(wall.heights()[0] for wall in (front, back))
     top = min(wall.heights()[1] for wall in (front, back))
     if tip > tank.depth - 2.0 * tank.dx:
         raise CaseError(
-            f"{asked}: a wall ends at {tip:.4g} m, and must be two spacings under water, which stands at "
-            f"{tank.depth:g} m"
+            f"{asked}: the lower end of a wall is at z = {tip:.4g} m, and must be at least two spacings "
+            f"below still water at z = {tank.depth:g} m"
         )
     _check_free(asked, (first, last), between, tank)
     return Stretch((front.name, back.name), front.face(1), back.face(0), tip, top, first, last)
 
 
 def _at_surface(name: str, asked: str, tank: Tank) -> tuple[tuple[float, float], Wall]:
-    """Ends (m) at the still surface of the wall that a case calls by this name, and the wall."""
+    """First and last x (m) of the wall `name` at the still water level, and the wall."""
     wall = Wall(name, _shape_named(name, asked, tank), tank)
     ends = wall.ends(tank.depth)
     if ends is None:
         raise CaseError(
-            f"{asked}: {name} does not go through the still surface, at {tank.depth:g} m, and holds no air: "
-            "make it higher, or take another wall"
+            f"{asked}: {name} does not reach through the still water surface at z = {tank.depth:g} m and "
+            "cannot hold air: extend it, or choose another wall"
         )
     return ends, wall
 
 
 def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
-    """Shape of the wall that a case calls by this name; None for the tank's end wall."""
+    """Shape of the wall `name` of a case; None for the tank's end wall."""
     if name == FAR:
         return None
     for called in (f"solid.{name}", name):
@@ -141,28 +140,28 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
             return tank.shapes[called]
     solids = [called.removeprefix("solid.") for called in tank.shapes if called.startswith("solid.")]
     allowed = ", ".join([*solids, *(["device"] if "device" in tank.shapes else []), FAR])
-    raise CaseError(f"{asked}: there is no wall {name!r}; there are {allowed}")
+    raise CaseError(f"{asked}: there is no wall {name!r}; the walls are {allowed}")
 
 
 def _check_free(asked: str, ends: tuple[float, float], walls: tuple[str, str], tank: Tank) -> None:
-    """**Raises** CaseError where another solid is at the surface between a chamber's walls."""
+    """**Raises** CaseError if another solid pierces the surface between a chamber's walls."""
     for called, shape in tank.shapes.items():
         if called.removeprefix("solid.") in walls:
             continue
         found = ends_at(shape, tank.depth)
         if found is not None and found[0] < ends[1] - 1e-9 and found[1] > ends[0] + 1e-9:
             raise CaseError(
-                f"{asked}: {called} is at the surface between them, from {found[0]:.4g} to {found[1]:.4g} m: "
-                "a chamber is between two walls next to each other"
+                f"{asked}: {called} pierces the surface between them, from x = {found[0]:.4g} to "
+                f"{found[1]:.4g} m: choose two walls next to each other"
             )
 
 
 def check_apart_chambers(stretches: Mapping[str, Stretch]) -> None:
-    """**Raises** CaseError for two chambers over one stretch of the surface."""
+    """**Raises** CaseError if two chambers overlap."""
     placed = sorted(stretches.items(), key=lambda pair: pair[1].first)
     for (a, one), (b, other) in itertools.pairwise(placed):
         if other.first < one.last - 1e-9:
             raise CaseError(
-                f"chamber.{a} and chamber.{b}: both are over the surface from {other.first:.4g} to "
-                f"{min(one.last, other.last):.4g} m: give each a stretch of its own"
+                f"chamber.{a} and chamber.{b}: both cover the surface from x = {other.first:.4g} to "
+                f"{min(one.last, other.last):.4g} m: choose walls between which they do not overlap"
             )

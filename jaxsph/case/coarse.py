@@ -9,23 +9,23 @@ from jaxsph.case.settling import settling_time
 from jaxsph.errors import CaseError
 
 FACTORS = (2.0, 1.5, 1.25)
-"""Spacings to try, over the case's own: the largest that its checks let pass is taken."""
+"""Factors on the spacing to try; the first with which the case passes its checks is taken."""
 PERIODS = 5
-"""Settled periods of the waves to which a run is cut."""
+"""Number of settled wave periods to which a run is shortened."""
 COARSE = "COARSE, for a first look: "
 """Beginning of a coarse case's description."""
 
 
 def coarsen(case: Case) -> Case:
-    """Coarse case for a first look: up to twice the spacing, and waves of five settled periods at most.
+    """Coarse case for a first look: up to twice the spacing, and at most five settled wave periods.
 
-    Samples are as many times farther apart, which lets the time step grow with the spacing. The plate of a
-    chamber is at least as thick as the spacing. The name ends in `_quick`, and the description begins with
-    COARSE: efficiencies and forces of such a run are rough, and not for a design.
-    **Raises** CaseError where no larger spacing passes the case's checks.
+    The sampling interval grows by the same factor, so that the time step can grow with the spacing. The plate
+    of a device is made at least as thick as the spacing. The name ends in `_quick`, and the description
+    begins with COARSE: efficiencies and forces of such a run are rough and not suitable for design.
+    **Raises** CaseError if the case passes its checks with no larger spacing.
     """
     if not isinstance(case, Case):
-        raise CaseError(f"{case!r}: only a case has a coarse form; give arguments that make a coarse problem")
+        raise CaseError(f"{case!r}: only a case has a coarse form; give a program's own arguments instead")
     refusal = ""
     for factor in FACTORS:
         try:
@@ -53,8 +53,8 @@ def _coarser(case: Case, factor: float) -> Case:
 def _shortened(case: Case) -> Case:
     if case.waves is None:
         return case
-    # and a sample, as the last one of a run is short of its end; in whole snapshots, as a part of one would
-    # be compiled by itself
+    # One sample more, because a run's last sample is before its end; and a whole number of snapshots, because
+    # a part of a snapshot interval would be compiled separately.
     settled = settling_time(case) + PERIODS * case.waves.cycle + case.output.sample_dt
     whole = math.ceil(settled / case.output.snapshot_dt) * case.output.snapshot_dt
     return case.replace({"t1": min(case.t1, round(whole, 6))})

@@ -1,4 +1,4 @@
-"""Keys of a case in words: a commented case file to begin with, and tables of all keys."""
+"""Keys of a case with their meaning: commented case files, and tables of all keys."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from jaxsph.problem.toml import toml_value
 WIDTH = 100
 """Columns of a commented case file."""
 HEAD = """\
-# {name}: everything in SI units; x = 0 is the paddle at rest, or the near end wall, and z = 0 the bed.
-# A line that begins with "# key =" is a key at its default, or one that is not set.
+# {name}: all values in SI units; x = 0 is the paddle at rest, or the near end wall, and z = 0 the bed.
+# A line "# key = value" is a key at its default; a line "# key =" is a key that is not set.
 #
-#   jaxsph check {name}.toml     what the run will be, before it begins
-#   jaxsph run {name}.toml       the run, with a page for the browser at its end
+#   jaxsph check {name}.toml     describes the run, without starting it
+#   jaxsph run {name}.toml       runs the case, and writes a page for the browser at the end
 """
 
 
 class Key(NamedTuple):
-    """Key of a section: its name, what it may be, its default as TOML (empty: none), and its meaning."""
+    """Key of a section: name, allowed values, default as TOML (empty if it has none), and meaning."""
 
     name: str
     allowed: str
@@ -36,13 +36,13 @@ class Key(NamedTuple):
 
 
 def keys_of(section: type[Section]) -> list[Key]:
-    """Keys of a section that hold values, its `kind` first."""
+    """Keys of a section that hold values, not sections; its `kind` comes first."""
     held = [name for name, field in section.model_fields.items() if section_in(field.annotation) is None]
     return [_key(name, section.model_fields[name]) for name in sorted(held, key=lambda name: name != "kind")]
 
 
 def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str, type[Section]]:
-    """Sections of a case by their dotted names, each kind of a section apart: `waves (kind = "focused")`."""
+    """Sections of a case by dotted name, one entry per kind of a section: `waves (kind = "focused")`."""
     found = {}
     for name, field in section.model_fields.items():
         inner = section_in(field.annotation)
@@ -55,8 +55,8 @@ def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str
 
 
 def commented_toml(case: Case) -> str:
-    """Text of a case file: what the case sets, every further key of its sections commented out, and what each
-    means."""
+    """Text of a case file: the keys that the case sets, all other keys of its sections commented out, and the
+    meaning of each key."""
     used, text = [], HEAD.format(name=case.name) + "\n" + _section_text(case, "")
     for name in type(case).model_fields:
         part = getattr(case, name)
@@ -66,7 +66,7 @@ def commented_toml(case: Case) -> str:
         elif isinstance(part, dict) and part:
             used.append(name)
             text += "".join(_with_inner(one, f"{name}.{key}") for key, one in part.items())
-    text += "\n# Sections that this case does without:\n"
+    text += "\n# Sections that this case does not use:\n"
     for name, section in sections_of().items():
         plain = name.split(" ")[0]
         key = plain.removesuffix(f".{NAME}")
@@ -86,7 +86,7 @@ def _with_inner(part: Section, name: str) -> str:
 def _section_text(part: Section, name: str) -> str:
     text = ""
     for key in keys_of(Sections if name == "" else type(part)):
-        if key.name == "name":  # of a file it is the file's own
+        if key.name == "name":  # a case file is named by its file name
             continue
         text += _comment(key.meaning)
         value = getattr(part, key.name)
@@ -117,7 +117,7 @@ def _plain(value: Any) -> Any:
 
 
 def _members(annotation: Any) -> list[Any]:
-    """Types of a union, annotations taken off."""
+    """Types of a union, without their annotations."""
     if typing.get_origin(annotation) is typing.Annotated:
         return _members(typing.get_args(annotation)[0])
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
@@ -126,7 +126,7 @@ def _members(annotation: Any) -> list[Any]:
 
 
 def _allowed(field: FieldInfo) -> str:
-    """Values that a key may have, in words."""
+    """Allowed values of a key, in words."""
     kinds = [one for one in _members(field.annotation) if one is not type(None)]
     if typing.get_origin(kinds[0]) is typing.Literal:
         return " or ".join(toml_value(one) for one in typing.get_args(kinds[0]))
@@ -140,7 +140,7 @@ def _allowed(field: FieldInfo) -> str:
 
 
 def _limits(annotation: Any) -> dict[str, float]:
-    """Bounds that the parts of an annotation have."""
+    """Bounds in the parts of an annotation."""
     found = {}
     if typing.get_origin(annotation) is typing.Annotated:
         for one in annotation.__metadata__:

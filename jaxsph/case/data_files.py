@@ -1,7 +1,7 @@
-"""The one reader of files that a case or a command names: texts, and columns of numbers in CSV files.
+"""Reader of all files that a case or a command names: texts, and columns of numbers in CSV files.
 
-A case may come from a stranger, and may name any file of the machine. So messages say where a data file is
-wrong and what belongs there, and never what it holds.
+A case may come from a stranger, and may name any file on the machine. Messages therefore state where a data
+file is wrong and what is expected there, but never show the file's content.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from pathlib import Path
 from jaxsph.errors import CaseError
 
 MOST_BYTES = 10**6
-"""Largest case or data file, bytes: ten thousand probes are half of it, 50 000 samples of a series all."""
+"""Largest case or data file, bytes: ten thousand probes take half of it, a series of 50 000 samples all of
+it."""
 
 
 def read_series(path: str | Path) -> dict[str, list[float]]:
-    """Columns t (s) and eta or X (m) of a CSV file, see `read_columns`."""
+    """Columns t (s) and either eta or X (m) of a CSV file; see `read_columns`."""
     return read_columns(path, {"t": "s", "eta": "m", "X": "m"}, [{"t", "eta"}, {"t", "X"}])
 
 
 def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]) -> dict[str, list[float]]:
     """Columns of a CSV file by the names in its first line, such as "eta", "eta (m)", "eta [m]" or "eta_m".
 
-    **Arguments**: `units` of columns by their names; `wanted`: the sets of columns of which it must have one.
-    **Raises** CaseError for a file that cannot be read, other columns or units, and what is no number.
-    The message has the number and the length of the line, and nothing of what stands in it.
+    **Arguments**: `units` by column name; `wanted`: allowed sets of columns, one of which the file must have.
+    **Raises** CaseError if the file cannot be read, has other columns or units, or contains values that are
+    not numbers. The message gives the number and the length of the line, but not its content.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv":
@@ -60,20 +61,20 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
 def read_text(path: Path, kind: str, remedy: str) -> str:
     """Text of a file in UTF-8, of at most `MOST_BYTES`.
 
-    **Arguments**: `kind` of the file in words; `remedy`: what to do where there is none.
-    **Raises** CaseError for what is no regular file, is too large, or is no text.
+    **Arguments**: `kind` of the file, in words; `remedy`: what to do if there is no such file.
+    **Raises** CaseError if it is not a regular file, is too large, or is not text.
     """
     try:
-        # a pipe that nobody writes to would be waited for for ever
+        # without O_NONBLOCK, opening a pipe that has no writer would block for ever
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise CaseError(f"{path}: is no {kind} but a folder, a pipe or a device; {remedy}")
-            data = file.read(MOST_BYTES + 1)  # some files, such as those of /proc, do not tell their size
+                raise CaseError(f"{path}: is a folder, a pipe or a device, not a {kind}; {remedy}")
+            data = file.read(MOST_BYTES + 1)  # some files, for example those in /proc, report no size
     except FileNotFoundError:
         raise CaseError(f"no {kind} {str(path)!r}: {remedy}") from None
     except OSError as error:
         raise CaseError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # names that no file can have
+    except ValueError as error:  # an invalid file name
         raise CaseError(f"{str(path)!r}: cannot be read: {error}") from None
     if len(data) > MOST_BYTES:
         raise CaseError(f"{path}: is too large for a {kind}, which has at most {MOST_BYTES:.0e} bytes")
@@ -89,7 +90,7 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
 
 
 def _rows(path: Path, text: str) -> list[tuple[str, list[str]]]:
-    """Rows of a CSV text that are not empty, each with its place in words."""
+    """Non-empty rows of a CSV text, each with its position in words."""
     lines = io.StringIO(text, newline="").readlines()
     reader, rows, number = csv.reader(lines, strict=True), [], 0
     try:
@@ -108,7 +109,7 @@ def _rows(path: Path, text: str) -> list[tuple[str, list[str]]]:
 
 
 def _number(cell: str) -> float:
-    """Number of a cell, NaN where it is none."""
+    """Number in a cell; NaN if the cell is not a number."""
     try:
         return float(cell)
     except ValueError:
@@ -116,7 +117,7 @@ def _number(cell: str) -> float:
 
 
 def _column(place: str, title: str, units: dict[str, str]) -> str:
-    """Name of a column from its title. **Raises** CaseError where that has another unit."""
+    """Name of a column from its title. **Raises** CaseError if the title has another unit."""
     known = [name for name in units if re.match(rf"{re.escape(name)}(?![A-Za-z0-9])", title)]
     name = max(known, key=len, default=title)
     unit = title.removeprefix(name).strip(" _()[]")

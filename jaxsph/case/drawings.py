@@ -1,4 +1,4 @@
-"""Outlines of solids from drawings, DXF and SVG, by libraries of the extra `drawings`."""
+"""Outlines of solids from DXF and SVG drawings, read by the libraries of the extra `drawings`."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from jaxsph.errors import CaseError
 Corners = NDArray[np.float64]
 
 FINE = 1.0e-4
-"""Largest distance between a curve and its chords over the extent of the drawing."""
+"""Largest distance between a curve and its chords, over the extent of the outline."""
 PIXEL = 0.0254 / 96.0
-"""Length of a pixel in a drawing that says its size in millimetres or the like, m."""
+"""Length of a pixel, m, in an SVG drawing whose size has a unit, for example millimetres."""
 
 
 def read_outline(path: Path, scale: float | None) -> Corners:
-    """Corners `[K, 2]` of the one closed outline in a drawing, x to the right and z upwards, m.
+    """Corners `[K, 2]` (m) of the only closed outline in a drawing, with x to the right and z upwards.
 
-    **Arguments**: `scale`: what the drawing's lengths are multiplied by, or m per unit where it has no unit.
-    **Raises** CaseError for a drawing that cannot be read, has no unit and no scale, or another number of
-    closed outlines; what it holds is in no message.
+    **Arguments**: `scale`: factor on the drawing's lengths, or metres per drawing unit if it has no unit.
+    **Raises** CaseError if the drawing cannot be read, has no unit while `scale` is None, or does not have
+    exactly one closed outline. Messages never show its content.
     """
     text = read_text(path, "drawing", "give the name of a DXF or SVG file, from the case's own folder")
     read = _DRAWINGS[path.suffix.lower()]
@@ -35,22 +35,22 @@ def read_outline(path: Path, scale: float | None) -> Corners:
         outlines, unit = read(text)
     except CaseError as error:
         raise CaseError(f"{path}: {error}") from None
-    except Exception:  # whatever the library makes of a file of a stranger
+    except Exception:  # the libraries raise errors of any type for a damaged file
         raise CaseError(
             f"{path}: cannot be read as a drawing; save it again as {path.suffix[1:].upper()}"
         ) from None
     if unit is None and scale is None:
-        raise CaseError(f"{path}: says no unit of its lengths: give scale, in m for each of them")
+        raise CaseError(f"{path}: has no unit of length: give scale, in m per drawing unit")
     if len(outlines) != 1:
         raise CaseError(
             f"{path}: has {len(outlines)} closed outlines: must have one, a single closed polyline, path or "
-            "circle; give each solid a drawing of its own"
+            "circle; use a separate drawing for each solid"
         )
     return outlines[0] * (1.0 if unit is None else unit) * (1.0 if scale is None else scale)
 
 
 def _dxf(text: str) -> tuple[list[Corners], float | None]:
-    """Closed outlines of a DXF drawing, and the length of its unit, m; None where it says none."""
+    """Closed outlines of a DXF drawing, and the length of its unit, m; None if it has no unit."""
     ezdxf, units, path = (_library(f"ezdxf{part}") for part in ("", ".units", ".path"))
     drawing = ezdxf.read(io.StringIO(text))
     paths = [path.make_path(one) for one in drawing.modelspace() if one.dxftype() in CLOSED]
@@ -68,9 +68,9 @@ CLOSED = ("LWPOLYLINE", "POLYLINE", "CIRCLE", "ELLIPSE", "SPLINE")
 
 
 def _svg(text: str) -> tuple[list[Corners], float | None]:
-    """Closed outlines of an SVG drawing, from its lower left corner, and the length of its unit, m.
+    """Closed outlines of an SVG drawing, relative to its lower left corner, and the length of its unit, m.
 
-    None for that where the drawing's size is in no unit.
+    The length is None if the drawing's size has no unit.
     """
     library = _library("svgelements")
     drawing = library.SVG.parse(io.StringIO(text))
@@ -82,14 +82,16 @@ def _svg(text: str) -> tuple[list[Corners], float | None]:
             for part in path.as_subpaths():
                 outlines += _closed(library, library.Path(part))
     if drawing.viewbox is None and "height" not in drawing.values:
-        raise CaseError("a drawing in SVG needs a height or a viewBox: its lower left corner is the origin")
+        raise CaseError(
+            "an SVG drawing needs a height or a viewBox, because its lower left corner is the origin"
+        )
     size = str(drawing.values.get("height", ""))
     unit = PIXEL if size.endswith(("mm", "cm", "in", "pt", "pc")) else None
     return [np.array([0.0, float(drawing.height)]) + one * [1.0, -1.0] for one in outlines], unit
 
 
 def _closed(library: ModuleType, path) -> Iterator[Corners]:
-    """Corners of a path of SVG if it is closed, with chords for its curves."""
+    """Corners of an SVG path if it is closed; chords replace its curves."""
     box = path.bbox()
     if box is None or not (isinstance(path[-1], library.Close) or path.first_point == path.current_point):
         return
@@ -102,7 +104,8 @@ def _closed(library: ModuleType, path) -> Iterator[Corners]:
 
 
 def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
-    """Points on a curve over 0 to 1, so many that no chord between two is farther from it than `close`."""
+    """Points on a curve with the parameter 0 to 1, whose chords deviate from the curve by less than
+    `close`."""
     number = 4
     while True:
         points = curve(np.linspace(0.0, 1.0, 2 * number + 1))
@@ -113,17 +116,17 @@ def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
 
 
 MOST = 500
-"""Most chords of one curve: a polygon has at most a thousand corners."""
+"""Number of chords beyond which a curve is not refined: a polygon has at most a thousand corners."""
 
 
 def _without_repeats(corners: Corners) -> Corners:
-    """Corners without those that are where the one before is, the last beside the first among them."""
+    """Corners without those that repeat the previous corner; the last corner precedes the first."""
     apart = np.max(np.abs(corners - np.roll(corners, 1, axis=0)), axis=1)
     return corners[apart > 1e-9 * np.max(np.ptp(corners, axis=0))]
 
 
 def _library(name: str) -> ModuleType:
-    """A library of the extra `drawings`. **Raises** CaseError where it is not installed."""
+    """Library of the extra `drawings`. **Raises** CaseError if it is not installed."""
     try:
         return importlib.import_module(name)
     except ImportError:
@@ -134,4 +137,4 @@ def _library(name: str) -> ModuleType:
 
 _DRAWINGS = {".dxf": _dxf, ".svg": _svg}
 DRAWINGS = tuple(_DRAWINGS)
-"""Endings of the names of drawings."""
+"""File name endings of drawings."""

@@ -1,4 +1,4 @@
-"""Keys that users of other programs expect in a case, and what there is in their place."""
+"""Keys that users of other programs may expect in a case, and what to use instead."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ _BED = (
 )
 _MESH = (
     "a shape is a block, a disc, a polygon or the outline of a drawing (`file` of an SVG, a DXF or a CSV "
-    "with x and z); meshes of surfaces are not available"
+    "with x and z); surface meshes are not available"
 )
 _MOORING = (
     "moorings are not available; a body turns about a hinge with `body.pivot`, `body.free` and "
     "`body.pto.spring`, or is free in surge, heave and pitch"
 )
-_LINK = "joints and several bodies are not available; one body is free in some of surge, heave and pitch"
+_LINK = "joints and several bodies are not available; one body may be free in surge, heave and pitch"
 _DIRECTION = (
     "waves travel along the tank, from its paddle; oblique and short-crested seas are not available. In "
-    "three dimensions the tank has a `tank.width`"
+    "three dimensions give `tank.width`"
 )
-_STEP = "the time step follows from `dx` and the speeds to expect; `scheme.cfl` makes it shorter or longer"
+_STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` makes it shorter or longer"
 _END = "the end of a run is `t1`, s"
 _SPACING = "the spacing of the particles is `dx`, m"
-_LOADED = "the forces on a body or a solid are read without being asked for: `force_NAME` in the run's file"
+_LOADED = "the forces on the body and on every solid are always recorded, as `force_NAME` in the run file"
 _HEIGHT = "regular waves have `waves.H`, twice their amplitude, m; a sea has `waves.Hs`"
 _PERIOD = "regular waves have the period `waves.T`, s, and a sea its peak period `waves.Tp`"
 
@@ -42,19 +42,19 @@ EXPECTED = {
     **dict.fromkeys(("period", "frequency", "omega", "wavelength"), _PERIOD),
     "surface_tension": "surface tension is not available",
     "turbulence": "turbulence models are not available; water has the kinematic viscosity `fluid.nu`",
-    "scale": "a case is computed at the size of its lengths; there is no scale factor",
-    "gauges": "gauges are `probes.gauges`, a list of x, m",
-    "draft": "the depth of a front wall's tip is `device.draught`, m; a body floats by its mass",
+    "scale": "a case is computed at the scale of its lengths; there is no scale factor",
+    "gauges": "give the gauges as `probes.gauges`, a list of x, m",
+    "draft": "the draught of a front wall is `device.draught`, m; that of a body follows from its mass",
     "orifice": "an orifice is `pto.area`, m2 per metre of width, with `pto.discharge`",
 }
-"""What there is in the place of a key, by the last name of it in small letters."""
+"""What to use instead of a key, by the last part of its name in small letters."""
 
 ONLY_IN = {"amplitude": "waves", "height": "waves", "h": "", "duration": "", "angle_of_incidence": "waves"}
-"""Sections in which alone these names are meant so; the empty one is the top level."""
+"""Sections outside which there is no hint for these names; the empty name is the top level."""
 
 
 def instead(key: str) -> str:
-    """What there is in the place of a dotted key that no case has; empty where it is not one to expect."""
+    """What to use instead of an unknown dotted key; empty if there is no hint for it."""
     section, _, last = key.lower().rpartition(".")
     if last not in EXPECTED or ONLY_IN.get(last, section) != section:
         return ""

@@ -1,4 +1,4 @@
-"""Files of cases: the built-in ones by their names, and a user's TOML files."""
+"""Files of cases: built-in cases by name, and the TOML files of users."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from jaxsph.errors import CaseError
 
 
 class Reader(NamedTuple):
-    """How a section's keys are read from the file that it names."""
+    """Reader of a section's keys from the file that the section names."""
 
     read: Callable[..., dict[str, Any]]
-    """Keys by the file's path, and by the section's `options` that are given; these are no keys of a case."""
+    """Function that returns the keys, from the file's path and those of the `options` that the section
+    gives."""
     options: tuple[str, ...] = ()
-    """Keys beside `file` that say how it is read."""
+    """Keys beside `file` that determine how it is read; a case itself does not have them."""
 
 
 def built_in_cases() -> dict[str, str]:
@@ -39,13 +40,13 @@ def built_in_cases() -> dict[str, str]:
 
 
 def load_case(name: str | Path) -> Case:
-    """Case of a TOML file, or a built-in one by its name.
+    """Case from a TOML file, or a built-in case by name.
 
-    **Raises** CaseError where there is no such case, the file cannot be read, or the case is not valid.
+    **Raises** CaseError if there is no such case, the file cannot be read, or the case is not valid.
     """
     path = Path(name)
     if path.suffix == ".toml":
-        remedy = f"jaxsph new {path.stem} writes one, jaxsph cases lists those that are built in"
+        remedy = f"jaxsph new {path.stem} writes one, and jaxsph cases lists the built-in cases"
         data = _parsed(path, read_text(path, "case file", remedy))
         return Case.from_dict({"name": path.stem} | _with_files(data, path.parent))
     names = built_in_cases()
@@ -53,17 +54,17 @@ def load_case(name: str | Path) -> Case:
         near = difflib.get_close_matches(str(name), names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise CaseError(
-            f"no built-in case {str(name)!r}{hint} (there are {', '.join(names)}; "
-            "a file's name ends in .toml)"
+            f"no built-in case {str(name)!r}{hint} (the built-in cases are {', '.join(names)}; "
+            "the name of a case file ends in .toml)"
         )
     resource = importlib.resources.files("jaxsph").joinpath("cases", f"{name}.toml")
     return Case.from_dict({"name": str(name)} | _parsed(path, resource.read_text(encoding="utf-8")))
 
 
 def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Keys of a case with the contents of the data files that its sections name (`file`) in their place.
+    """Keys of a case, with the content of the data files in place of the `file` keys of its sections.
 
-    Their names start from the case's own folder. A run's file then has all that the run needs.
+    File names are relative to the folder of the case. The run file then contains everything the run needs.
     """
     data = dict(data)
     waves = data.get("waves")
@@ -75,11 +76,13 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _put(data: dict[str, Any], place: list[str], key: str, reader: Reader, folder: Path) -> None:
-    """Puts what a file holds into the section at a place below `key`; NAME stands for every name."""
+    """Puts the content of a file into the section at `place` below `key`; NAME stands for every name."""
     if not place:
         file = data.pop("file", None)
         if file is not None and not isinstance(file, str):
-            raise CaseError(f"{key}.file: must be the name of a data file, such as a CSV, as text in quotes")
+            raise CaseError(
+                f"{key}.file: must be the name of a data file, for example a CSV file, as text in quotes"
+            )
         if file is not None:
             try:
                 options = {name: data.pop(name) for name in reader.options if name in data}
@@ -101,16 +104,16 @@ def _read_curve(path: Path) -> dict[str, Any]:
 
 
 def _read_polygon(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
-    """Corners of a shape in their order around it: columns x and z (m), or the outline in a drawing.
+    """Corners of a shape in order along its outline: columns x and z (m), or the outline in a drawing.
 
-    `scale` multiplies them, and `at` is where their origin is in the tank, m. **Raises** ValueError for a
-    value of these that cannot be used.
+    `scale` multiplies the corners, and `at` is the position of their origin in the tank, m. **Raises**
+    ValueError if `scale` or `at` is not valid.
     """
     at = [0.0, 0.0] if at is None else at
     if scale is not None and not (_is_number(scale) and scale > 0.0):
         raise ValueError(f"scale = {scale!r}: must be a positive number")
     if not (isinstance(at, list) and len(at) == 2 and all(map(_is_number, at))):
-        raise ValueError(f"at = {at!r}: must be a place [x, z], m")
+        raise ValueError(f"at = {at!r}: must be a position [x, z], m")
     if path.suffix.lower() in DRAWINGS:
         corners = read_outline(path, scale)
     elif path.suffix.lower() != ".csv":
@@ -136,11 +139,11 @@ READ: dict[str, Reader] = {
     "body": Reader(_read_polygon, ("scale", "at")),
     "solid.NAME": Reader(_read_polygon, ("scale", "at")),
 }
-"""Sections that may name a file, `NAME` for every name, and what makes their keys of it."""
+"""Sections that may name a file, with the reader of their keys; `NAME` stands for every name."""
 
 
 def _parsed(path: Path, text: str) -> dict[str, Any]:
-    """Keys and sections of a TOML text. **Raises** CaseError for one that is none."""
+    """Keys and sections of a TOML text. **Raises** CaseError if the text is not TOML."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -1,7 +1,7 @@
 """Geometry of a case on the lattice of spacing dx: lengths, plate, platform, body and probes, in metres.
 
-Every length but those beside the plate becomes a whole number of spacings; `Geometry.notices` says what
-became of each, and CaseError refuses what does not fit.
+All lengths except those beside the plate are rounded to a whole number of spacings, and `Geometry.notices`
+lists the changes. A length that does not fit raises CaseError.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from jaxsph.solids.shapes import AbstractShape, Block
 from jaxsph.waves import theory
 
 ON_WALL = 1e-6
-"""Distance within which a probe stands on a wall, m."""
+"""Distance from a wall within which a probe counts as on the wall, m."""
 
 PADDLE_GAUGE = 4.8
 """Distance in spacings from the paddle's face at which active absorption measures the elevation."""
 
 
 class Geometry:
-    """Lengths of a case on its lattice (m), and in `notices` those that are not what was asked for."""
+    """Lengths of a case on its lattice (m); `notices` lists those that differ from the given ones."""
 
     dx: float
     length: float
@@ -53,31 +53,31 @@ class Geometry:
     width: float | None
     """Width of the tank, m; None in two dimensions."""
     column: float
-    """Length that the water fills at the start, m."""
+    """Length of the tank filled with water at the start, m."""
     layer: float
-    """Depth of the water on the rest of the bed, m; 0 where that is dry."""
+    """Depth of the water on the rest of the bed, m; 0 if it is dry."""
     stroke: float
     """Stroke of the paddle from end to end, m; 0 without waves."""
     withdrawal: float
-    """Length of the bed behind the paddle at rest, m; 0 without waves. In most waves the depth alone sets it,
-    so that another wave height changes no array's shape."""
+    """Length of the bed behind the paddle at rest, m; 0 without waves. In most waves it depends on the depth
+    alone, so that the shapes of arrays do not change with the wave height."""
     plate: WallPlate | None
     platform: Platform | None
     stretches: dict[str, Stretch]
-    """Stretches of the surface that chambers are over, by the chambers' names."""
+    """Stretches of the water surface below chambers, by the chambers' names."""
     solid: AbstractShape | None
     """Shape of the body."""
     solids: dict[str, AbstractShape]
-    """Shapes of the solids that do not move, by their names."""
+    """Shapes of the fixed solids, by name."""
     gauges: tuple[float, ...]
     surface: Points
     pressure: Points
     velocity: Points
-    """Places of the probes: those on a wall that the lattice moved went with it."""
+    """Positions of the probes; those on a wall that the lattice moved are moved with it."""
     notices: list[str]
 
     def __init__(self, dx: float) -> None:
-        """An empty record for spacing dx (m)."""
+        """Empty geometry for the spacing dx (m)."""
         self.dx = dx
         self.notices, self.solids, self.stretches = [], {}, {}
         self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
@@ -87,7 +87,7 @@ class Geometry:
 
     @classmethod
     def of(cls, case: Sections) -> Geometry:
-        """Geometry of a case. **Raises** CaseError for what does not fit."""
+        """Geometry of a case. **Raises** CaseError if a part does not fit."""
         geometry = cls(case.dx)
         geometry._tank(case)
         geometry._column(case)
@@ -98,7 +98,7 @@ class Geometry:
         geometry._probes(case)
         if case.waves is not None:
             geometry.stroke = case.waves.stroke(geometry.depth, case.g)
-            # the drift and the absorption ask for more than half a stroke
+            # drift and absorption need more than half a stroke
             stroke = max(geometry.stroke, theory.largest_stroke(geometry.depth))
             geometry.withdrawal = 1.5 * stroke + 2 * case.dx
         if case.sponge is not None and case.sponge.length >= geometry.length:
@@ -125,15 +125,15 @@ class Geometry:
         return self.length if self.plate is None else self.plate.x0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
-        """Length (m) nearest to `value` (m) that is a whole number of spacings, `least` or more.
+        """Whole number of spacings nearest to the length `value` (m), but at least `least`, as a length (m).
 
-        **Raises** CaseError where that changes it by more than the share `slack`.
+        **Raises** CaseError if this changes the length by more than the share `slack`.
         """
         count = max(int(np.floor(value / self.dx + 0.5 + 1e-9)), least)
         snapped = count * self.dx
         if abs(snapped - value) > slack * value:
             raise CaseError(
-                f"{name} = {value:g} m does not fit dx = {self.dx:g} m: the lattice would make it "
+                f"{name} = {value:g} m does not fit dx = {self.dx:g} m: it would be rounded to "
                 f"{snapped:g} m; use dx of at most {value / least:.4g} m that divides it"
             )
         if abs(snapped - value) > 1e-6 * value:
@@ -144,7 +144,7 @@ class Geometry:
         return float(np.round(snapped, 12))
 
     def _rounded_up(self, height: float) -> float:
-        """Height (m) as the next whole number of spacings."""
+        """Height (m) rounded up to a whole number of spacings."""
         return float(np.ceil(height / self.dx - 1e-9) * self.dx)
 
     def _tank(self, case: Sections) -> None:
@@ -156,10 +156,10 @@ class Geometry:
             self.width = self.snap("tank.width", tank.width, least=4, slack=0.1)
         over = 0.1 + 0.1 * tank.depth
         if case.waves is not None:
-            # in most waves the depth: another wave height then changes no array's shape
+            # in most waves the depth, so that the shapes of arrays do not change with the wave height
             over = max(tank.depth, 0.1 + 3.0 * case.waves.highest(tank.depth, case.g))
         if tank.column is not None:
-            over = 3.0 * tank.depth  # the jet at the far wall: twice the depth where all energy is kept
+            over = 3.0 * tank.depth  # the jet at the far wall reaches twice the depth if all energy is kept
         height = tank.height if tank.height is not None else tank.depth + max(over, 8 * case.dx)
         if height <= tank.depth:
             raise CaseError(
@@ -168,7 +168,7 @@ class Geometry:
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Length of the released column, the whole tank's where there is none, and the layer beside it."""
+        """Length of the released column (of the tank if there is no column), and the layer beside it."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
@@ -179,7 +179,9 @@ class Geometry:
             raise CaseError(f"{asked}: must be at most tank.length = {self.length:g} m")
         for name in ("waves", "device", "start"):
             if getattr(case, name) is not None:
-                raise CaseError(f"{asked} leaves the tank's end dry, and {name} needs it full: remove one")
+                raise CaseError(
+                    f"{asked} leaves the tank's end dry, but [{name}] needs a full tank: remove one"
+                )
         self.column = min(self.snap("tank.column", case.tank.column, least=4, slack=0.1), self.length)
         if case.tank.layer is not None:
             self.layer = self.snap("tank.layer", case.tank.layer, slack=1.0)
@@ -204,9 +206,9 @@ class Geometry:
             raise CaseError("tank.width: a device needs a two-dimensional tank (no width)")
         if device.chamber_length < 3.0 * self.dx:
             raise CaseError(
-                f"device.chamber_length = {device.chamber_length:g} m holds "
-                f"{device.chamber_length / self.dx:.1f} spacings of dx = {self.dx:g} m; three are the least: "
-                f"use dx of at most {device.chamber_length / 3:.4g} m"
+                f"device.chamber_length = {device.chamber_length:g} m is "
+                f"{device.chamber_length / self.dx:.1f} spacings of dx = {self.dx:g} m long, and must be at "
+                f"least three: use dx of at most {device.chamber_length / 3:.4g} m"
             )
         draught = self.snap("device.draught", device.draught, 2)
         if draught > self.depth - 2 * self.dx:
@@ -249,20 +251,20 @@ class Geometry:
         if section is None:
             return
         if case.device is not None:
-            raise CaseError("body: a tank holds a body or a device with a chamber: remove one")
+            raise CaseError("body: a tank has either a body or a device: remove one of the two")
         for index, point in enumerate(section.sensors):
             if len(point) != case.dim:
                 raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {case.dim} coordinates")
         self.solid = shape_of(section, "body", case.dim, self.dx)
         corners = turned(corners_of(section), section)
         self._heightened(case, corners)
-        # the body's dummies stand half a spacing inside its surface, and they must be in the tank
+        # the body's dummy particles are half a spacing inside its surface, and must be in the tank
         check_inside(corners, "body", self.upper, 0.5 * self.dx)
         if section.block is not None and not section.angle:
             self.notices += off_lattice(section.block, "body", self.dx)
 
     def _solids(self, case: Sections) -> None:
-        """Shapes of the solids that do not move, inside the tank and apart from all others."""
+        """Shapes of the fixed solids, which must be inside the tank and apart from all others."""
         if (case.solid or case.body is not None) and case.tank.walls not in (None, "dummy"):
             raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
         walls = list(self._moved_walls(case))
@@ -278,15 +280,17 @@ class Geometry:
         self._check_regions(case)
 
     def _check_regions(self, case: Sections) -> None:
-        """**Raises** CaseError for more thin plates than regions of water can be told apart."""
+        """**Raises** CaseError if there are too many thin plates to distinguish the regions of water."""
         upright, division = () if self.plate is None else (self.plate,), thin_wall(case.device).division
         try:
             Regions.of(upright, division, self.platform, self.solids.values())
         except ValueError as error:
-            raise CaseError(f"solid: {error}; a wall three spacings thick is a block or a polygon") from None
+            raise CaseError(
+                f"solid: {error}, or give a wall of three spacings or more as a block or a polygon"
+            ) from None
 
     def _chambers(self, case: Sections) -> None:
-        """Stretches of the surface under the air of chambers."""
+        """Stretches of the water surface below chambers."""
         if case.pto is not None and DEVICE_CHAMBER in case.chamber:
             raise CaseError(
                 f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give it another name"
@@ -294,14 +298,14 @@ class Geometry:
         if case.chambers and self.width is not None:
             raise CaseError("tank.width: a chamber needs a two-dimensional tank (no width)")
         if case.air is not None and case.pto is None:
-            raise CaseError("air: is between water and a turbine; give [pto] with one, or leave out [air]")
+            raise CaseError("air: compressible air needs a turbine; give [pto] with one, or remove [air]")
         tank = Tank(self.named_shapes(), self.length, self.depth, self.height, self.dx)
         for name, section in case.chambers.items():
             self.stretches[name] = stretch_between(f"chamber.{name}", section.between, tank)
         check_apart_chambers(self.stretches)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
-        """A solid whose corners are moved with the walls that they stand on."""
+        """Solid with its corners on walls moved with these walls."""
         if section.polygon is not None:
             corners = (
                 self._with_walls(f"solid.{name}.polygon[{index}]", corner, walls)
@@ -317,11 +321,11 @@ class Geometry:
 
     @property
     def shapes(self) -> dict[str, AbstractShape]:
-        """Shapes of the body, named so, and of the solids that do not move, by their names."""
+        """Shapes of the body, as `body`, and of the fixed solids, by name."""
         return ({} if self.solid is None else {"body": self.solid}) | self.solids
 
     def named_shapes(self) -> dict[str, AbstractShape]:
-        """Shapes of all solids in the tank, by what a case calls them."""
+        """Shapes of all solids in the tank, by their names in a case."""
         found = {name if name == "body" else f"solid.{name}": shape for name, shape in self.shapes.items()}
         if self.plate is not None:
             found["device"] = Block((self.plate.x0, self.plate.tip), (self.plate.x1, self.height))
@@ -330,12 +334,13 @@ class Geometry:
         return found
 
     def _heightened(self, case: Sections, corners: np.ndarray) -> None:
-        """Makes walls whose height the case leaves open go up to four spacings over corners `[K, D]` (m)."""
+        """Raises the walls to four spacings above corners `[K, D]` (m), unless the case gives their
+        height."""
         if case.tank.height is None:
             self.height = max(self.height, self._rounded_up(float(corners[:, -1].max()) + 4 * self.dx))
 
     def _probes(self, case: Sections) -> None:
-        """Places of gauges and sensors, those on a wall moved with it."""
+        """Positions of gauges and sensors; those on a wall are moved with it."""
         walls = list(self._moved_walls(case))
         upper = self.upper
         self.gauges = tuple(
@@ -362,7 +367,7 @@ class Geometry:
             setattr(self, name, tuple(points))
 
     def _moved_walls(self, case: Sections) -> Iterator[tuple[str, int, float, float]]:
-        """(name, axis, asked place, place on the lattice) of every wall that the lattice moved."""
+        """(name, axis, given position, position on the lattice) of every wall that the lattice moved."""
         tank, plate, device = case.tank, self.plate, case.device
         walls = [("the end wall", 0, tank.length, self.length)]
         if tank.width is not None:
@@ -377,7 +382,8 @@ class Geometry:
         yield from (wall for wall in walls if abs(wall[2] - wall[3]) > ON_WALL)
 
     def _with_walls(self, name: str, point: tuple[float, ...], walls: list) -> tuple[float, ...]:
-        """A place moved with the wall that it stands on, or back into a tank that grew shorter."""
+        """Point moved with the wall that it is on, or back into the tank if the lattice shortened the
+        tank."""
         place = list(point)
         for wall, axis, asked, there in walls:
             if axis >= len(point):
@@ -396,7 +402,7 @@ class Geometry:
 
 
 def walls_of(case: Sections) -> str:
-    """Kind of the walls' ghosts, one of those of `tank.walls`."""
+    """Kind of the walls' ghosts, as a value of `tank.walls`."""
     return case.tank.walls or ("dummy" if case.body is not None or case.solid else "images")
 
 

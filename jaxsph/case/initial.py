@@ -1,4 +1,4 @@
-"""Water at the start of a case: places and volumes of the particles, their velocities and pressures."""
+"""Initial water of a case: positions, volumes, velocities and pressures of the particles."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ SURFACE_ROWS: dict[tuple[type[AbstractKernel], int], tuple[float, ...]] = {
     (Gaussian, 2): (0.0003, 0.0186, -0.0058, 0.0018, -0.0008),
     (WendlandC2, 3): (0.0117, 0.0116, -0.0026, 0.0014),
 }
-"""Rise over dx of a lattice's rows, from the surface down, until incompressible water is at rest, by kernel
-and number of dimensions: measured in tanks 0.48 m deep at dx = 0.04 m, with the kernels' usual lengths
-(`python -m experiments run still_tank`)."""
+"""Upward displacement over dx with which the rows of a lattice, from the surface down, are at rest in
+incompressible water, by kernel and number of dimensions. Measured in tanks 0.48 m deep at dx = 0.04 m, with
+the kernels' default smoothing lengths (`python -m experiments run still_tank`)."""
 
 
 def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> np.ndarray:
-    """Positions `[N, D]` (m) of a lattice under a surface at the level (m) as incompressible water rests.
+    """Positions `[N, D]` (m) of a lattice below `level` (m), moved to where incompressible water is at rest.
 
-    The kernel is cut at the surface, and the rows there are at rest a few hundredths of a spacing off the
-    lattice. Started on the lattice, as with kernels that are not among `SURFACE_ROWS`, they would rise or
-    sink, and the projection would do the work.
+    The surface truncates the kernel, so that the rows below it are at rest a few hundredths of a spacing off
+    the lattice. If they start on the lattice, as with kernels that are not in `SURFACE_ROWS`, they rise or
+    sink, and the projection does work.
     """
     rise = (*SURFACE_ROWS.get((type(kernel), x.shape[1]), ()), 0.0)
     moved = np.array(x)
@@ -42,14 +42,14 @@ def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> n
 
 
 def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
-    """Velocities `[N, D]` (m/s) at the start of particles at x (m): zero, or those of a linear standing wave
-    as it passes through the flat surface."""
+    """Initial velocities `[N, D]` (m/s) of particles at x (m): zero, or those of a linear standing wave while
+    its surface is flat."""
     u = np.zeros_like(x)
     if case.start is None:
         return u
     k, d = case.start.mode * np.pi / geometry.length, geometry.depth
     scale = case.start.amplitude * np.sqrt(case.g * k * np.tanh(k * d))
-    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) by exponentials that decay: in deep water the others overflow
+    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) from decaying exponentials: growing ones overflow in deep water
     up, down = np.exp(k * (x[:, -1] - d)), np.exp(-k * (x[:, -1] + d))
     u[:, 0] = -scale * np.sin(k * x[:, 0]) * (up + down) / -np.expm1(-2 * k * d)
     u[:, -1] = scale * np.cos(k * x[:, 0]) * (up - down) / -np.expm1(-2 * k * d)
@@ -57,7 +57,7 @@ def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.nd
 
 
 def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles that fill column and layer."""
+    """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles in column and layer."""
     across = () if geometry.width is None else (geometry.width,)
     low = (0.0,) * (2 + len(across))
     x, volume = lattice(
@@ -76,10 +76,10 @@ def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
 def outside_body(away: np.ndarray) -> np.ndarray:
     """Mask `[N]` of the particles outside a body, from their distances `[N]` from its surface over dx.
 
-    The particles inside are as many as fill the body's submerged volume, which is counted by the share of
-    every cell that the body covers. With a threshold on the distance alone the surface would fall, or rise,
-    where the body cuts the lattice raggedly. Particles at one distance, as those of two symmetric faces, are
-    on the same side.
+    As many particles are inside as fill the body's submerged volume, the sum of the shares of all cells that
+    the body covers. A threshold on the distance alone would lower or raise the surface where the
+    body cuts the lattice irregularly. Particles at equal distances, for example at two symmetric faces, are
+    treated alike.
     """
     away = np.round(away, 4)
     levels, count = np.unique(away, return_counts=True)
@@ -90,20 +90,21 @@ def outside_body(away: np.ndarray) -> np.ndarray:
 
 
 def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
-    """Pressure head p/(rho0 g) of particles at x at the start, m: hydrostatic, or a column's at its release.
+    """Initial pressure head p/(rho0 g) of particles at x, m: hydrostatic, or that of a column at its release.
 
-    Taking the gate away makes p = 0 on the released face at once: in incompressible water the pressure is
-    from then on the solution of lap p = 0 with p = 0 there and at the surface, dp/dx = 0 at the back wall
-    and dp/dz = -rho0 g on the bed. Weakly compressible water that started from the hydrostatic pressure
-    would get there by sound waves from the face, and ring: in a column of 15 x 30 the pressure then swung by
-    rho0 g H until it had run out.
+    Removing the gate sets p = 0 on the released face at once. In incompressible water the pressure then
+    solves lap p = 0 with p = 0 on this face and at the surface, dp/dx = 0 at the back wall, and
+    dp/dz = -rho0 g on the bed. Weakly compressible water started from the hydrostatic pressure would reach
+    this state by sound waves from the face, and would oscillate: in a column of 15 x 30 particles the
+    pressure oscillated by rho0 g H until the column had run out.
+
     With k_n = (n + 1/2) pi/H and L the column's length,
         p/(rho0 g) = H - z - sum_n 2/(H k_n^2) cos(k_n z) cosh(k_n x)/cosh(k_n L).
     """
     H, L, z = geometry.depth, geometry.column, x[:, -1]
     if L >= geometry.length:
         return H - z
-    # the nearest column of particles is half a spacing from the face: what is left out is below exp(-10 pi)
+    # the nearest column of particles is half a spacing from the face: the omitted terms are below exp(-10 pi)
     k = (np.arange(int(20 * H / geometry.dx)) + 0.5) * np.pi / H
     xs, column = np.unique(x[:, 0], return_inverse=True)
     zs, row = np.unique(z, return_inverse=True)
@@ -120,8 +121,8 @@ def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
 def still_water(
     walls: Ghosts, level: float, dx: float, shapes: Sequence[AbstractShape] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles of water that fills a tank to a
-    level (m), around its plates, over its platform and around solids of these shapes."""
+    """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles of water that fills a tank to
+    `level` (m), around its plates, above its platform and around solids of the given shapes."""
     regions = walls.regions
     x, volume = lattice(walls.low, (*walls.high[:-1], level), dx, regions.plates, regions.platforms)
     away = [at_points(shape.distance, x) for shape in shapes]
@@ -136,13 +137,14 @@ def around_solids(
     level: float | None,
     dx: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of still water around solids.
+    """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of still water around solids.
 
-    Particles are removed until their volume is that of the water outside the solids, and the others packed.
+    Particles inside the solids are removed, until the others have the volume of the water outside. These are
+    packed.
 
-    **Arguments**: places and volumes of water; `away`: distances `[N]` (m) from the surface of every solid;
-    `walls`: ghosts of the tank and of the solids; `level` (m): of water that fills the tank, or None where it
-    has other free sides, and is not packed.
+    **Arguments**: positions `x` and volumes of water; `away`: distances `[N]` (m) from the surface of every
+    solid; `walls`: ghosts of the tank and of the solids; `level` (m) of water that fills the tank, or None if
+    the water has other free sides and is not packed.
     """
     if not len(away):
         return x, volume

@@ -1,6 +1,6 @@
-"""Limits of a case beyond the ranges of its keys: waves that break, too many steps, too many particles.
+"""Limits of a case beyond the ranges of its keys: breaking waves, too many steps, too many particles.
 
-Everything here is arithmetic on the case: nothing is made before it has passed.
+The checks use only the numbers of the case; no array is made before a case has passed them.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from jaxsph.solids.images import Images
 from jaxsph.solids.shapes import AbstractShape
 
 MOST_STEPS = 1e8
-"""Most time steps of a run: weeks for the smallest tank."""
+"""Largest number of time steps of a run: weeks for the smallest tank."""
 MOST_PARTICLES = 2**31 - 1
-"""Most places on a case's lattice: particles are numbered by int32."""
+"""Largest number of lattice points of a case: int32 numbers the particles."""
 BYTES_PER_PLACE = 150
-"""Memory of a place on the tank's lattice up to the walls' top, while ghosts are placed on
-the host: three copies of its coordinates in float64, and a tree."""
+"""Memory per lattice point of the tank, up to the top of the walls, while ghosts are placed on the host,
+bytes: three copies of the coordinates in float64, and a tree."""
 BYTES_AT_LEAST = 1e9
-"""Memory of the program and of its compilation: 0.65 to 1.1 GB measured."""
+"""Memory of the program and of its compilation, bytes: 0.65 to 1.1 GB measured."""
 DEPTH_BREAKING = 0.78
 """Largest wave height over the depth (McCowan 1894)."""
 STEEPNESS_BREAKING = 0.142
-"""Largest wave height over the wavelength and tanh(kd) (Miche 1944)."""
+"""Largest wave height over the wavelength times tanh(kd) (Miche 1944)."""
 STANDING_BREAKING = 0.218
 """Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
 
 
 TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone")
-"""Names of the parts that a case has beside those that it names."""
+"""Reserved names: those of the parts that a case does not name itself."""
 
 
 def check_limits(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for a case that no run can follow, as of breaking waves or too many steps."""
+    """**Raises** CaseError if a case cannot be run, for example with breaking waves or too many steps."""
     _check_waves(case, geometry)
     _check_standing_wave(case, geometry)
     _check_places(case, geometry)
@@ -62,7 +62,8 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
 
 
 def breaking_height(T: float, d: float, g: float) -> tuple[float, str]:
-    """Height (m) above which waves of period `T` (s) on the depth `d` (m) break, and the law that says so."""
+    """Height (m) above which waves of period `T` (s) on the depth `d` (m) break, and the criterion in
+    words."""
     k = wavenumber(T, d, g)
     by_depth = DEPTH_BREAKING * d
     by_steepness = STEEPNESS_BREAKING * 2.0 * np.pi / k * np.tanh(k * d)
@@ -73,7 +74,7 @@ def breaking_height(T: float, d: float, g: float) -> tuple[float, str]:
 
 
 def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
-    """Particles of water and of walls that `build` makes, to a few per cent."""
+    """Numbers of particles of water and of walls that `build` makes, to within a few per cent."""
     dx, layers = case.dx, case.layers
     across = 1 if geometry.width is None else _count(geometry.width, dx)
     wet = _count(geometry.column, dx) * _count(geometry.depth, dx)
@@ -97,7 +98,7 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
 
 
 def check_memory(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for a case that needs more memory than the machine, or the accelerator, has."""
+    """**Raises** CaseError if a case needs more memory than the machine, or the accelerator, has."""
     available = machine_memory()
     water, walls = particle_counts(case, geometry)
     each = case.scheme.bytes_per_particle[case.dim]
@@ -111,18 +112,18 @@ def check_memory(case: Sections, geometry: Geometry) -> None:
     if needed > available:
         raise CaseError(
             f"dx = {case.dx:g} m makes about {water:.3g} particles of water and {walls:.3g} of walls, which "
-            f"need some {needed / 1e9:.3g} GB ({each} bytes a particle, {BYTES_PER_PLACE} a place of the "
-            f"tank's lattice): there are {available / 1e9:.3g} GB. Use a larger dx, or a smaller tank"
+            f"need about {needed / 1e9:.3g} GB ({each} bytes per particle, {BYTES_PER_PLACE} per point of "
+            f"the lattice); {available / 1e9:.3g} GB are available. Use a larger dx, or a smaller tank"
         )
 
 
 def machine_memory() -> float:
-    """Memory of the machine, of its control group and of the accelerator in use, bytes: the least of them."""
+    """Smallest of the memories of the machine, of its control group and of the accelerator in use, bytes."""
     found = [math.inf]
     try:
         found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):
-        pass  # the system does not say
+        pass  # the system does not report it
     try:
         found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
     except (OSError, ValueError):
@@ -140,7 +141,7 @@ def _count(length: float, dx: float) -> int:
 
 
 def _places(geometry: Geometry) -> float:
-    """Places on the lattice of a tank up to its walls' top."""
+    """Number of lattice points of a tank up to the top of its walls."""
     return math.prod(length / geometry.dx for length in geometry.upper)
 
 
@@ -153,7 +154,7 @@ def _under(shape: AbstractShape, level: float) -> float:
 
 
 def _dummies(shape: AbstractShape, dx: float, layers: int) -> int:
-    """Dummy particles of a solid: those of its layers, or those that fill it."""
+    """Number of dummy particles of a solid: those of its layers, or fewer if they fill it."""
     low, high = shape.bounds()
     if len(low) == 2:
         whole = shape.region()
@@ -166,7 +167,7 @@ def _check_places(case: Sections, geometry: Geometry) -> None:
     places = _places(geometry) + particle_counts(case, geometry)[1]
     if places > MOST_PARTICLES:
         raise CaseError(
-            f"dx = {case.dx:g} m makes a lattice of {places:.3g} places in a tank of "
+            f"dx = {case.dx:g} m makes a lattice of {places:.3g} points in a tank of "
             f"{' x '.join(f'{a:g}' for a in geometry.upper)} m: at most {MOST_PARTICLES:.3g} can be "
             "numbered. Use a larger dx, or a smaller tank"
         )
@@ -174,7 +175,7 @@ def _check_places(case: Sections, geometry: Geometry) -> None:
     resolved = longest * 2.0**-23
     if case.precision == "float32" and case.dx < 30.0 * resolved:
         raise CaseError(
-            f"dx = {case.dx:g} m: float32 tells places in a tank of {longest:g} m apart by {resolved:.2g} m; "
+            f"dx = {case.dx:g} m: float32 resolves positions in a tank of {longest:g} m to {resolved:.2g} m; "
             f'use dx of at least {30 * resolved:.2g} m, or precision = "float64"'
         )
 
@@ -190,8 +191,8 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
     half = geometry.length / start.mode
     if half < 2 * case.dx:
         raise CaseError(
-            f"start.mode = {start.mode}: half a wave of {half:.3g} m is less than two spacings of "
-            f"{case.dx:g} m; at most {int(geometry.length / (2 * case.dx))} here"
+            f"start.mode = {start.mode}: half a wavelength, {half:.3g} m, is less than two spacings of "
+            f"{case.dx:g} m; use a mode of at most {int(geometry.length / (2 * case.dx))}"
         )
     highest = STANDING_BREAKING * half
     if start.amplitude > min(highest, geometry.depth):
@@ -207,7 +208,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         for pto in case.turbines:
             if pto.phase is not None:
                 raise CaseError(
-                    f"pto.phase = {list(pto.phase)}: is over the phase of waves, and there are none"
+                    f"pto.phase = {list(pto.phase)}: follows the phase of waves, and the case has no waves"
                 )
         return
     if case.g == 0.0:
@@ -238,17 +239,17 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
     gauge = (PADDLE_GAUGE + 2) * case.dx
     if gauge > geometry.front:
         raise CaseError(
-            f"tank.length = {case.tank.length:g} m: the paddle's own gauge needs {gauge:.3g} m of water in "
-            f"front of it, and there are {geometry.front:g} m: use a longer tank, or a smaller dx"
+            f"tank.length = {case.tank.length:g} m: the paddle's gauge needs {gauge:.3g} m of water in "
+            f"front of it, but there are only {geometry.front:g} m: use a longer tank, or a smaller dx"
         )
 
 
 def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
-    """**Raises** CaseError for a relaxation zone that is too short for its waves, or leaves no water."""
+    """**Raises** CaseError if a relaxation zone is too short for its waves, or fills the whole tank."""
     if zone < 0.5 * length:
         raise CaseError(
-            f"waves.zone = {zone:g} m: must be half a wavelength at least, {0.5 * length:.3g} m; with less "
-            "room take active absorption (remove the key)"
+            f"waves.zone = {zone:g} m: must be at least half a wavelength, {0.5 * length:.3g} m; in a "
+            "shorter tank use active absorption (remove the key)"
         )
     if zone > 0.9 * geometry.front:
         raise CaseError(
@@ -258,16 +259,16 @@ def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
 
 
 def asked(waves: AbstractWavesSection) -> str:
-    """Height that a case asks for, as it is written there, or that of a recorded sea."""
+    """Key and value of the wave height; the significant height if the key has no single value."""
     value = getattr(waves, waves.height_key)
     if isinstance(value, float):
         return f"waves.{waves.height_key} = {value:g} m"
-    return f"waves.{waves.height_key}, {waves.height:.3g} m high"
+    return f"waves.{waves.height_key} (significant height {waves.height:.3g} m)"
 
 
 def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSection) -> None:
-    """Refuses an air pressure that blows out under a wall, or lifts the column over its chamber, a volume of
-    air that the water may fill, and walls that the water may go over."""
+    """**Raises** CaseError if the air pressure would blow out under a wall or lift the water above the
+    chamber, if the water could fill the volume of air, or if waves could go over the walls."""
     of_device = case.is_device_chamber(name)
     key, stretch = "" if of_device else f"chamber.{name}.", geometry.stretches[name]
     rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
@@ -276,28 +277,28 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
         asked = f"{key}between = {list(stretch.walls)}" if key else f"tank.height = {geometry.height:g} m"
         raise CaseError(
             f"{asked}: a wall ends {room:.4g} m above the water, and waves are "
-            f"{rise:.4g} m high: air would escape over it; make it higher"
+            f"{rise:.4g} m high: air would escape over it; make the wall higher"
         )
     if section.air is not None:
         if section.pto is not None and not section.pto.is_turbine:
             raise CaseError(
-                f"{key}air: is between water and a turbine; give [{key}pto] with one, or leave out [{key}air]"
+                f"{key}air: compressible air needs a turbine; give [{key}pto] with one, or remove [{key}air]"
             )
         if section.air.volume < stretch.length * rise:
             raise CaseError(
                 f"{key}air.volume = {section.air.volume:g} m2: waves of {rise:.3g} m may fill it; at least "
-                f"{stretch.length * rise:.3g} m2 over a chamber of {stretch.length:g} m"
+                f"{stretch.length * rise:.3g} m2 are needed in a chamber of {stretch.length:g} m"
             )
     elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
         raise CaseError(
             f"chamber.{name}: nothing lets its air out: give [chamber.{name}.pto], a duct, or "
-            f"[chamber.{name}.air] for air that is compressed"
+            f"[chamber.{name}.air] for compressible air"
         )
     if section.pto is None or not section.pto.P_a:
         return
     asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
-        raise CaseError(f"{asked}: without gravity nothing holds the air's pressure (g = 0)")
+        raise CaseError(f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure")
     # the water that leaves one side rises on the other, in inverse proportion to their lengths
     front = geometry.front if of_device else geometry.length - stretch.length
     share = front / (front + stretch.length)
@@ -305,18 +306,18 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     draught = geometry.depth - stretch.tip
     if fall > draught:
         raise CaseError(
-            f"{asked} would push the chamber's level {fall:.3g} m down, and its wall ends {draught:g} m "
-            f"under water: at most {section.pto.P_a * draught / fall:.4g} Pa"
+            f"{asked} would push the chamber's level {fall:.3g} m down, but its wall ends {draught:g} m "
+            f"below still water: use at most {section.pto.P_a * draught / fall:.4g} Pa"
         )
     if -fall > room:
         raise CaseError(
-            f"{asked} would pull the chamber's level {-fall:.3g} m up, and the walls end {room:.3g} m above "
-            f"the water: at least {section.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
+            f"{asked} would pull the chamber's level {-fall:.3g} m up, but the walls end {room:.3g} m above "
+            f"the water: use at least {section.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
         )
 
 
 def _check_ducts(case: Sections) -> None:
-    """Refuses ducts between what are no two chambers, or without a turbine."""
+    """**Raises** CaseError for ducts that do not join two chambers, or have a prescribed pressure."""
     for name, duct in case.duct.items():
         asked = f"duct.{name}.between = {list(duct.between)}"
         for end in duct.between:
@@ -324,29 +325,29 @@ def _check_ducts(case: Sections) -> None:
                 there = ", ".join(case.chambers) or "none"
                 raise CaseError(f"{asked}: there is no chamber {end!r}; there are {there}")
         if duct.between[0] == duct.between[1]:
-            raise CaseError(f"{asked}: a duct is between two chambers, and these are one")
+            raise CaseError(f"{asked}: a duct needs two different chambers")
         if duct.pto is not None and not duct.pto.is_turbine:
             raise CaseError(
-                f"duct.{name}.pto.P_a: a duct's pressure follows from its flow: give K_dm, resistance, area "
-                "or curve"
+                f"duct.{name}.pto.P_a: the pressure of a duct follows from its flow: give K_dm, resistance, "
+                "area or curve instead"
             )
 
 
 def _check_names(case: Sections) -> None:
-    """Refuses parts that share a name, or have that of one without."""
+    """**Raises** CaseError for parts that share a name, or have a reserved name."""
     named = [
         (f"{kind}.{name}", name) for kind in ("solid", "chamber", "duct") for name in getattr(case, kind)
     ]
     for key, name in named:
         if name in TAKEN and key != f"chamber.{DEVICE_CHAMBER}":
-            raise CaseError(f"{key}: {', '.join(TAKEN)} are parts of their own: give it another name")
+            raise CaseError(f"{key}: the names {', '.join(TAKEN)} are reserved: give it another name")
         twice = [other for other, one in named if one == name and other != key]
         if twice:
-            raise CaseError(f"{key} and {twice[0]}: have one name: give one of them another")
+            raise CaseError(f"{key} and {twice[0]}: have the same name: rename one of them")
 
 
 def _check_probes(case: Sections, geometry: Geometry) -> None:
-    """Refuses probes inside a plate, a platform or a body at rest: there is no water to read."""
+    """**Raises** CaseError for probes inside a plate, a platform, a solid or a body at rest."""
     plate, slack = geometry.plate, 0.01 * case.dx
     if plate is not None:
         for index, x in enumerate(geometry.gauges):
@@ -366,7 +367,7 @@ def _check_probes(case: Sections, geometry: Geometry) -> None:
 
 
 def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str | None:
-    """Solid that holds a point (m) by more than `slack` (m); None in the water or the air."""
+    """Name of the solid that contains a point (m), deeper than `slack` (m); None in water or air."""
     x, z = point[0], point[-1]
     plate, platform = geometry.plate, geometry.platform
     if plate is not None and plate.x0 + slack < x < plate.x1 - slack and z > plate.tip + slack:
@@ -380,7 +381,7 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
 
 
 def _check_zones(case: Sections, geometry: Geometry) -> None:
-    """Refuses a sponge or a relaxation zone over the device or the body, whose energy it would take."""
+    """**Raises** CaseError if a sponge or a relaxation zone covers a device, a chamber or a body."""
     end, zones = geometry.length, []
     if case.sponge is not None:
         zones.append(("sponge.length", case.sponge.length, end - case.sponge.length, end))
@@ -398,24 +399,25 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
         for what, low, high in solids:
             if first < high - 1e-9 and last > low + 1e-9:
                 raise CaseError(
-                    f"{key} = {length:g} m: the zone from {first:.4g} to {last:.4g} m lies over {what}, from "
-                    f"{low:.4g} to {high:.4g} m, and would take its energy: shorten it, or remove it"
+                    f"{key} = {length:g} m: the zone from {first:.4g} to {last:.4g} m covers {what}, from "
+                    f"{low:.4g} to {high:.4g} m, and would absorb its energy: shorten it, or remove it"
                 )
 
 
 def _check_solids(case: Sections, geometry: Geometry) -> None:
-    """Refuses solids that stand where the wavemaker needs the water."""
+    """**Raises** CaseError for solids in the relaxation zone, or too close to the paddle."""
     clear = 0.5 * geometry.stroke + 4.0 * case.dx
     zone = 0.0 if case.waves is None else case.waves.zone or 0.0
     for name, shape in geometry.solids.items():
         first = float(shape.bounds()[0][0])
         if case.waves is not None and first < max(clear, zone):
-            what = f"zone of the waves reaches to {zone:g} m" if zone > clear else f"paddle to {clear:.3g} m"
-            raise CaseError(f"solid.{name}: begins at {first:.4g} m, and the {what}: move it away")
+            what = f"relaxation zone ends at {zone:g} m" if zone > clear else f"paddle needs {clear:.3g} m"
+            raise CaseError(f"solid.{name}: begins at {first:.4g} m, but the {what}: move it away")
 
 
 def _check_coast(case: Sections, geometry: Geometry) -> None:
-    """Refuses probes of overtopping and run-up at what is no solid with a crest over the water."""
+    """**Raises** CaseError for probes of overtopping and run-up without a solid whose crest is above
+    water."""
     for key in ("overtopping", "run_up"):
         for name in getattr(case.probes, key):
             if name not in geometry.solids:
@@ -424,7 +426,7 @@ def _check_coast(case: Sections, geometry: Geometry) -> None:
             top = float(geometry.solids[name].bounds()[1][-1])
             if top <= geometry.depth:
                 raise CaseError(
-                    f"probes.{key}: the crest of {name}, at {top:g} m, is under the water, which stands at "
+                    f"probes.{key}: the crest of {name}, at {top:g} m, is below still water, at "
                     f"{geometry.depth:g} m: it is always overtopped; make it higher, or remove the probe"
                 )
 
@@ -432,14 +434,14 @@ def _check_coast(case: Sections, geometry: Geometry) -> None:
 def _check_steps(case: Sections) -> None:
     if case.output.sample_dt > case.t1:
         raise CaseError(
-            f"output.sample_dt = {case.output.sample_dt:g} s: must be at most t1 = {case.t1:g} s, or there "
-            "is nothing to read"
+            f"output.sample_dt = {case.output.sample_dt:g} s: must be at most t1 = {case.t1:g} s; otherwise "
+            "nothing is recorded"
         )
     stable, sample = stable_time_step(case), case.output.sample_dt
-    dt = min(stable, 0.5 * sample)  # a sample is two steps or more
+    dt = min(stable, 0.5 * sample)  # a sample takes two steps or more
     if not case.t1 / dt <= MOST_STEPS:
         why = shortest_limit(case) if stable <= dt else f"output.sample_dt = {sample:g} s: change it"
         raise CaseError(
             f"t1 = {case.t1:g} s takes {case.t1 / dt:.3g} time steps of {dt:.3g} s, at most {MOST_STEPS:.0e} "
-            f"are allowed. The step follows from {why}"
+            f"are allowed. The step is limited by {why}"
         )

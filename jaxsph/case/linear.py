@@ -15,9 +15,9 @@ from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 
 def incident_power(case: Sections) -> float:
-    """Mean power of a case's waves in its tank, W per metre of crest: what every efficiency is relative to.
+    """Mean power of a case's waves, W per metre of crest: the reference of every efficiency.
 
-    The depth is the one on the lattice, as of the paddle and of all results.
+    The depth is that on the lattice, as for the paddle and all results.
     """
     depth = Geometry.of(case).depth
     a, omega = case.waves.sum_of_waves(depth, case.g)
@@ -27,31 +27,32 @@ def incident_power(case: Sections) -> float:
 
 def incident_energy(case: Sections, x: float, start: float, end: float) -> float:
     """Energy (J per metre of crest) that a case's waves carry past x (m) from `start` to `end` (s), by linear
-    theory without the ramp; over a sea's whole repetition that of `incident_power`."""
+    theory and without the ramp. Over a whole repetition of a sea its mean rate is `incident_power`."""
     depth = Geometry.of(case).depth
     a, omega = case.waves.sum_of_waves(depth, case.g)
     height, T = 2.0 * np.abs(a), 2.0 * np.pi / omega
     power = np.asarray(theory.incident_power(height, T, depth, case.fluid.rho0, case.g), np.float64)
     k = second_order.wavenumbers(omega, depth, case.g)
-    # waves of these amplitudes have the power of each as their mean square
+    # the mean square of a wave with such an amplitude is that wave's power
     root = np.sqrt(2.0 * power) * np.exp(1j * (np.angle(a) - k * x))
     t = np.linspace(start, end, int(np.ceil((end - start) / (0.02 * case.waves.period))) + 2)
     return float(np.trapezoid(second_order.Harmonics(root, omega, k).at(t) ** 2, t))
 
 
 def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
-    """Linear theory of a case's device in its waves, with the lengths that the lattice gives the case.
+    """Linear theory of a case's device in its waves, with its lengths on the lattice.
 
     `lip_loss` is the coefficient zeta (-) of the head lost at the front wall's lip, see `linear_response`.
-    Compressible air and a linear turbine are in it. The incident wave is the linear one, of amplitude
-    waves.H / 2. The water's part is remembered: to sweep
-    the damping or the height, call this for each changed case, or `linear_response` with arrays.
+    The theory includes compressible air and linear turbines. The incident wave is linear, with the amplitude
+    waves.H / 2. The response of the water is cached: to sweep the damping or the height, call this for each
+    changed case, or `linear_response` with arrays.
     **Raises** CaseError for a case without a device, waves or turbine, or with a platform.
     """
     missing = _missing(case)
     if missing is not None:
         raise CaseError(
-            f"{missing}: linear theory of an OWC needs a device in waves with a damping, over a flat bed"
+            f"{missing}: linear theory of an OWC needs a device with a damping, in regular waves over a "
+            "flat bed"
         )
     water = radiation_and_scattering(_chamber(case), 2.0 * np.pi / case.waves.T, case.g)
     return linear_response(
@@ -60,18 +61,19 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
 
 
 def sea_is_linear(case: Sections) -> bool:
-    """Whether linear theory of a sea covers a case: an OWC, linear or quadratic turbine, over a flat bed."""
+    """Whether linear theory of a sea covers a case: an OWC with linear or quadratic turbine over a flat
+    bed."""
     return case.waves is not None and case.waves.kind != "regular" and _missing(case, seas=True) is None
 
 
 def linear_sea(case: Sections) -> LinearSea:
     """Linear theory of a case's device in its sea, by stochastic linearisation of its turbine.
 
-    **Raises** CaseError for a case without a device, a sea or pto.K_dm, or with a platform.
+    **Raises** CaseError for a case without a device, sea or turbine, or with a platform.
     """
     if not sea_is_linear(case):
         regular = case.waves is not None and case.waves.kind == "regular"
-        why = 'waves.kind = "regular": take linear_owc' if regular else _missing(case, seas=True)
+        why = 'waves.kind = "regular": use linear_owc' if regular else _missing(case, seas=True)
         raise CaseError(f"{why}: linear theory of a sea needs a device with a damping, over a flat bed")
     a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
     K_dm, air = _turbine(case).quadratic or 0.0, _linear_air(case)
@@ -79,20 +81,20 @@ def linear_sea(case: Sections) -> LinearSea:
 
 
 def _linear_air(case: Sections) -> LinearAir:
-    """Linear part of a case's turbine, and its air's compliance."""
+    """Resistance of a case's turbine (0 unless it is linear), and compliance of the air."""
     (chamber,) = case.chambers.values()
     give = 0.0 if chamber.air is None else chamber.air.give
     return LinearAir(_turbine(case).resistance or 0.0, give)
 
 
 def _turbine(case: Sections) -> PTOSection:
-    """Turbine of a case that linear theory covers: its only one."""
+    """The only turbine of a case that linear theory covers."""
     (pto,) = case.turbines
     return pto
 
 
 def _chamber(case: Sections) -> ChamberGeometry:
-    """Section of a case's chamber with the lengths that the lattice gives it."""
+    """Geometry of a case's chamber, with its lengths on the lattice."""
     tank = Geometry.of(case)
     (stretch,) = tank.stretches.values()
     lengths = (tank.depth, stretch.length, tank.depth - tank.plate.tip, tank.plate.thickness)
@@ -102,7 +104,8 @@ def _chamber(case: Sections) -> ChamberGeometry:
 def linear_check(case: Sections) -> list[tuple[str, str]]:
     """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values.
 
-    Of chambers that it does not cover they say why; empty for a case without a chamber in waves.
+    If the theory does not cover the chambers, the only row gives the reason. Otherwise empty for a sea, and
+    for a case without a chamber in waves.
     """
     if why := why_no_theory(case):
         return [("linear theory", f"none: {why}")]
@@ -120,14 +123,15 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
 
 
 def why_no_theory(case: Sections) -> str:
-    """Why linear theory does not cover the chambers of a case in waves; empty where it does, or has none."""
+    """Reason why linear theory does not cover the chambers of a case in waves; empty if it does, or if there
+    are none."""
     if not case.turbines or case.waves is None:
         return ""
     return _missing(case, seas=case.waves.kind != "regular") or ""
 
 
 def _missing(case: Sections, seas: bool = False) -> str | None:
-    """Key for which linear theory has no answer, of regular waves or of seas; None where it has one."""
+    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None if it does."""
     if len(case.chambers) > 1:
         return "there are several chambers"
     for name, chamber in case.chambers.items():

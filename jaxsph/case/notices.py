@@ -1,4 +1,4 @@
-"""Notices of a case that may run though it is near a limit, or beyond one of theory or of the lattice."""
+"""Notices of a case that can run, but is near a limit, or beyond a limit of theory or of the lattice."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from jaxsph.case.speeds import reference_speed, sound_speed
 from jaxsph.waves import theory
 
 CHAMBER = 6
-"""Spacings in a chamber's length below which a case gets a notice: at 3.2 the built-in OWC's efficiency is
-0.53 to 0.57, at 6.5 it is 0.64."""
+"""Length of a chamber in spacings below which a case gets a notice: with 3.2 spacings the built-in OWC has an
+efficiency of 0.53 to 0.57, with 6.5 spacings one of 0.64."""
 SAMPLE = 0.1
 """Longest sampling interval over the waves' period, above which a case gets a notice."""
 GAUGE = 3.0
@@ -21,12 +21,12 @@ NEAR = 0.8
 
 
 def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of a case that may run though it is near a limit, or beyond one of theory or of the lattice."""
+    """Notices of a case that can run, but is near a limit, or beyond a limit of theory or of the lattice."""
     notes = []
     if case.scheme.kind == "weakly_compressible" and sound_speed(case) < 3.0 * reference_speed(case):
         notes.append(
-            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed to expect, "
-            f"{reference_speed(case):.3g} m/s: the run stops where water is faster than a third of it"
+            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed expected, "
+            f"{reference_speed(case):.3g} m/s: the run stops if water is faster than a third of fluid.c0"
         )
     for name, stretch in geometry.stretches.items():
         if stretch.length < CHAMBER * case.dx:
@@ -39,7 +39,7 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
         notes.append(
             f"device.wall_thickness = {geometry.plate.thickness:.3g} m is less than a spacing (dx = "
             f"{case.dx:g} m): water is noisy at the wall's tip, and the efficiency may be a tenth too low; "
-            "take a smaller dx, or a thicker wall"
+            "use a smaller dx, or a thicker wall"
         )
     notes += _gauge_notices(case, geometry)
     if case.waves is None:
@@ -48,7 +48,7 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     if case.output.sample_dt > SAMPLE * waves.period:
         notes.append(
             f"output.sample_dt = {case.output.sample_dt:g} s is more than a tenth of the waves' period of "
-            f"{waves.period:g} s: peaks are missed, and reflection needs eight samples in a period; take "
+            f"{waves.period:g} s: peaks are missed, and the reflection needs eight samples per period; use "
             f"{SAMPLE * waves.period:.3g} s or less"
         )
     H, T = waves.highest(geometry.depth, case.g), waves.period
@@ -65,8 +65,8 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
         )
     if waves.kind == "recorded" and waves.left_out > 0.02:
         notes.append(
-            f"{waves.left_out:.0%} of the series' variance is in waves too long or too short for a paddle "
-            "and left out"
+            f"{waves.left_out:.0%} of the series' variance is in waves too long or too short for the "
+            "paddle, which are left out"
         )
     if waves.repeats is not None and case.t1 > waves.repeats:
         notes.append(f"t1 = {case.t1:g} s: the sea repeats after {waves.repeats:g} s")
@@ -74,18 +74,18 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
 
 
 def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of gauges where a plate, a body or a solid goes through the surface."""
+    """Notices of gauges where a plate, a body or a solid pierces the surface."""
     spans = []
     if geometry.plate is not None:
         spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
     for name, shape in geometry.shapes.items():
-        # over a solid under water there is a surface to read
+        # a submerged solid has a free surface above it
         ends = ends_at(shape, geometry.depth)
         spans += [] if ends is None else [(f"the {name}", *ends)]
     reach = GAUGE * case.dx - 1e-9
     return [
-        f"probes.gauges[{index}] = {x:g} m: a gauge reads the water {reach:.3g} m to either side, and "
-        f"{what} is there, from {low:.4g} to {high:.4g} m: its elevations are mixed or too low"
+        f"probes.gauges[{index}] = {x:g} m: a gauge reads the water up to {reach:.3g} m to either side, but "
+        f"{what} is there, from {low:.4g} to {high:.4g} m: the elevations are mixed or too low"
         for index, x in enumerate(geometry.gauges)
         for what, low, high in spans
         if low - reach < x < high + reach

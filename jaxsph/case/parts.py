@@ -1,6 +1,6 @@
-"""Parts of a case's model: rigid body, wavemaker, chamber, background pressure and sponge from its sections.
+"""Parts of a case's model, from its sections: rigid body, wavemaker, chamber, background pressure and sponge.
 
-`leaf` turns a number into an array of the case's precision.
+`leaf` converts a number to an array of the case's precision.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from jaxsph.waves.seas import Sea
 
 
 def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
-    """Rigid body of a case, and its solids that do not move, as bodies that nothing moves.
+    """Rigid body of a case, and its fixed solids, as bodies without free motions.
 
-    **Raises** CaseError for a body whose motions the model does not have.
+    **Raises** CaseError if the model does not support the motions of the body.
     """
     moving = () if case.body is None else (_body(case, case.body, geometry, walls.dummies[0], leaf),)
     solids = zip(geometry.solids.items(), walls.dummies[len(moving) :], strict=True)
@@ -60,7 +60,7 @@ def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) ->
 def _body(
     case: Sections, section: BodySection, geometry: Geometry, rows: tuple[int, int], leaf: Any
 ) -> RigidBody:
-    """Rigid body of a case. **Raises** CaseError for one whose motions the model does not have."""
+    """Rigid body of a case. **Raises** CaseError if the model does not support its motions."""
     solid = geometry.solid
     area, centroid, second = solid.moments()
     mass = section.mass if section.density is None else section.density * area
@@ -76,7 +76,7 @@ def _body(
         body = RigidBody(
             free=tuple(name in section.free for name in ("surge", "heave", "pitch")),
             shape=jax.tree.map(leaf, solid),
-            mass=leaf(mass or 1.0),  # a body without free motions needs none
+            mass=leaf(mass or 1.0),  # a body without free motions needs no mass
             inertia=leaf(inertia or 1.0),
             pivot=leaf(pivot),
             centre=leaf(centre),
@@ -92,7 +92,7 @@ def _body(
 
 
 def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:
-    """Waves that the case asks for, on the depth of its lattice."""
+    """Waves of a case, on the depth of its lattice."""
     section, depth = case.waves, geometry.depth
     ramp = section.ramp_periods * section.period
     if section.kind == "regular":
@@ -106,16 +106,16 @@ def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:
 def make_paddle(
     case: Sections, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
 ) -> Paddle:
-    """Piston wavemaker of the case's waves; `water`: places (m) of the particles and their volumes per metre
-    of the tank's width (m2), which its gauge reads at rest."""
+    """Piston wavemaker of a case's waves; `water`: positions (m) of the particles at rest and their volumes
+    per metre of the tank's width (m2), from which the gauge gets its zero."""
     section, waves = case.waves, make_waves(case, geometry, leaf)
     if section.zone is not None:
         return Paddle(motion=FlowMotion(waves), rows=walls.paddle)
     if not section.absorption:
         return Paddle(motion=WaveMotion(waves), rows=walls.paddle)
     distance, width = PADDLE_GAUGE * case.dx, 3.0 * case.dx
-    # Slow against the waves, quick against the drift: with 0.01 omega the paddle crept 0.04 m back
-    # in ten periods, on the half millimetre by which the gauge's mean is off.
+    # The rate is slow compared with the waves and fast compared with the drift: with 0.01 omega the paddle
+    # crept 0.04 m back in ten periods, because the gauge's mean is off by half a millimetre.
     rate = 0.04 * float(waves.omega)
     absorption = ActiveAbsorption.at_gauge(waves, distance, drift_rate=rate)
     absorption = jax.tree.map(leaf, absorption)
@@ -133,7 +133,7 @@ def make_chambers(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Chambe
             between=(geometry.stretches[name].front, geometry.stretches[name].back),
             tip=geometry.stretches[name].tip,
             level=geometry.depth,
-            dx=case.dx,  # a particle deeper in a wall than half of it ends the run
+            dx=case.dx,  # a particle deeper than half of dx in a wall ends the run
             air=make_air(section.air, leaf),
             name=name,
             dtype=np.dtype(case.precision),
@@ -190,13 +190,13 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
     if plate is None or not plate.is_thin(case.dx, case.layers):
         return ()
     draught = geometry.depth - plate.tip
-    # How far the surface may fall at the plate: standing waves, or an air pressure put on at once.
+    # Largest fall of the surface at the plate: by standing waves, or by an air pressure applied at once.
     fall = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     fall = max([fall, *(abs(P_a) / (case.fluid.rho0 * case.g) for P_a in case.prescribed)])
-    # Measured at rest and in waves. The background must end below the surface, where it would be a false
-    # pressure. With much more head left in the pair sums the tip grows unquiet, with none nothing keeps the
-    # particles in order; the gradients of a narrower zone disturb them, and with a background over the whole
-    # tank the waves lost 40 % of their height.
+    # These shares were found by runs at rest and in waves. The background must end below the surface, where
+    # it would act as a false pressure. With much more head left in the pair sums, the water at the tip
+    # becomes noisy; with none, nothing keeps the particles in order. The gradients of a narrower zone disturb
+    # the particles, and with a background over the whole tank the waves lost 40 % of their height.
     background = Background(
         x=leaf(plate.middle),
         inner=leaf(0.2 * draught),
@@ -212,18 +212,19 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
 ZONE_STRENGTH = 1.0
 """Largest rate of a relaxation zone over the waves' angular frequency.
 
-With a zone of a wavelength in front of a wall that sends all back, waves of 1.5 spacings are 0.99 of the
-asked ones; with half of the rate 1.03, and in a zone of three quarters of a wavelength 0.95 (0.89 with four
-times the rate).
+With a zone of one wavelength and a wall that reflects everything, waves 1.5 spacings high have 0.99 of the
+target height; with half of this rate they have 1.03, and in a zone of three quarters of a wavelength 0.95
+(0.89 with four times the rate).
 """
 
 
 def make_zones(case: Sections, geometry: Geometry, leaf: Any) -> tuple[RelaxationZone, ...]:
-    """Relaxation zone at the near end of a case's tank; none where it is not asked for."""
+    """Relaxation zone at the near end of a case's tank; empty if the case has none."""
     if case.waves is None or case.waves.zone is None:
         return ()
     waves, length = make_waves(case, geometry, leaf), case.waves.zone
-    # velocities are linear between the lattice's points: two spacings, beyond the wall's stroke and its front
+    # velocities are interpolated linearly on a grid of two spacings, which begins behind the paddle's stroke
+    # and ends beyond the zone
     x, z = (
         np.arange(low, high + 2.0 * case.dx, 2.0 * case.dx)
         for low, high in ((-geometry.withdrawal, length), (0.0, geometry.height))
@@ -233,7 +234,7 @@ def make_zones(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Relaxatio
 
 
 def make_sponges(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Sponge, ...]:
-    """Sponge at the far end of a case's tank; none where it is not asked for."""
+    """Sponge at the far end of a case's tank; empty if the case has none."""
     if case.sponge is None:
         return ()
     end = geometry.length

@@ -1,7 +1,9 @@
-"""Probes of a case's run, at their places on the lattice."""
+"""Probes of a case's run, at their positions on the lattice."""
 
 from __future__ import annotations
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -18,9 +20,9 @@ from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProb
 
 
 def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractProbe, ...]:
-    """Probes that a case asks for, at their places on the lattice.
+    """Probes of a case, at their positions on the lattice.
 
-    Elevations of all gauges have one zero: the still water level, or the bed where a column is released.
+    All gauges measure elevations from the still water level, or from the bed if a column is released.
     """
     geometry = Geometry.of(case)
     dtype = model.dt.dtype
@@ -30,8 +32,8 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     if geometry.gauges:
         at = jnp.asarray(geometry.gauges, dtype)
         gauge = WaveGauge(at, jnp.zeros_like(at))
-        # a gauge reads the depth of the water, over a raised bed too
-        still = jnp.zeros_like(at) if released else gauge.measure(model, state, None)["eta"]
+        # a gauge reads the depth of the water, also above a raised bed
+        still = jnp.zeros_like(at) if released else _measure(gauge, model, state)["eta"]
         found.append(WaveGauge(at, still))
     if geometry.surface:
         at, top = np.asarray(geometry.surface), model.walls.high[-1]
@@ -39,7 +41,7 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
         at, levels = (jnp.asarray(a, dtype) for a in (at, levels))
         found.append(InterpolatedGauge(at, levels, level))
         wire = WireGauge(at, jnp.zeros_like(at[:, 0]))
-        still = wire.still if released else wire.measure(model, state, None)["eta_wire"]
+        still = wire.still if released else _measure(wire, model, state)["eta_wire"]
         found.append(WireGauge(at, still))
     if geometry.pressure:
         found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
@@ -48,7 +50,7 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     for name in case.probes.overtopping:
         crest, top = (jnp.asarray(a, dtype) for a in crest_of(geometry.solids[name], case.dx))
         probe = OvertoppingProbe(crest, top, jnp.zeros_like(crest), name)
-        still = probe.measure(model, state, None)[f"overtopped_{name}"]
+        still = _measure(probe, model, state)[f"overtopped_{name}"]
         found.append(OvertoppingProbe(crest, top, still, name))
     for name in case.probes.run_up:
         crest, _ = crest_of(geometry.solids[name], case.dx)
@@ -56,3 +58,9 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     if case.body is not None and case.body.sensors:
         found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
     return tuple(found)
+
+
+@eqx.filter_jit
+def _measure(probe: AbstractProbe, model: Model, state: State) -> dict[str, jax.Array]:
+    """Readings of the water at rest by name, compiled whole."""
+    return probe.measure(model, state, None)

@@ -1,4 +1,4 @@
-"""The report of `jaxsph check`: what a run will be, and how long it takes."""
+"""Report of `jaxsph check`: a description of a run, and the time that it takes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jaxsph.problem.sources import source_of
 
 def check(given: Any) -> list[tuple[str, str]]:
     """Report before a run of a case, a problem or a function, as labels and values: particles, time step,
-    waves, incident power, wall time."""
+    waves, incident power and wall time."""
     source = source_of(given)
     problem = source.problem()
     model, dx = problem.model, float(problem.model.dx)

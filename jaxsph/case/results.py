@@ -1,4 +1,4 @@
-"""Results of a case's run: absorbed and incident power, efficiency, reflection; the window of its means."""
+"""Results of a case's run: absorbed and incident power, efficiency, reflection, and the averaging window."""
 
 from __future__ import annotations
 
@@ -30,31 +30,31 @@ from jaxsph.problem.results import amplitude, linear
 from jaxsph.waves import theory
 
 FEW = 5
-"""Periods averaged below which a run is asked to be longer, where others have been left out."""
+"""Number of averaged periods below which a longer run is advised, if periods before them were left out."""
 REFLECTING = 0.2
-"""Reflection coefficient above which the waves that a device sends back matter to it when they return: a
-paddle that absorbs leaves a twentieth of them, and the power moves by twice that times the coefficient."""
+"""Reflection coefficient above which waves that a device sends back affect it when they return: an absorbing
+paddle leaves a twentieth of them, and the power changes by twice that times the coefficient."""
 WHOLE = 0.95
-"""Share of a focused group's energy that has to have come to the device for an efficiency."""
+"""Share of a focused group's energy that must have reached the device for an efficiency to be given."""
 
 
 class SettledPeriods(AbstractAveraging):
     """Means over whole settled periods of a case's waves; over the whole record of a focused group."""
 
     case: Sections = eqx.field(static=True)
-    """The case."""
+    """Case of the run."""
 
     def regular_wave(self):
-        """See `AbstractAveraging`."""
+        """See `AbstractAveraging.regular_wave`."""
         waves = self.case.waves
         return RegularWave(waves.T, waves.H) if waves is not None and waves.kind == "regular" else None
 
     def window(self, t, powers, since):
-        """See `AbstractAveraging`."""
+        """See `AbstractAveraging.window`."""
         return settled_window(self.case, t, powers, since)
 
     def notices(self, record, results):
-        """See `AbstractAveraging`."""
+        """See `AbstractAveraging.notices`."""
         case, window, since = self.case, record.window, record.since
         if case.waves is None or case.waves.kind == "focused":
             return []
@@ -64,13 +64,13 @@ class SettledPeriods(AbstractAveraging):
             end = since + travel_time(case, Geometry.of(case).length) + case.waves.cycle
             return [
                 f"no means over periods: the case was changed at t = {since:g} s, and no whole period has "
-                f"settled since; go on to t1 = {end:.4g} s or longer"
+                f"settled since; continue to t1 = {end:.4g} s or longer"
             ]
         found = []
         if window.left_out and window.periods < FEW:
             found.append(
-                f"results are averaged over {window.periods} periods only, as the {window.left_out} before "
-                "them had not settled: raise t1"
+                f"results are averaged over {window.periods} periods only, because the {window.left_out} "
+                "before them had not settled: raise t1"
             )
         if "xi" in results and results.get("reflection", 0.0) > REFLECTING:
             found += _before_the_echo(case, record)
@@ -78,7 +78,7 @@ class SettledPeriods(AbstractAveraging):
 
 
 def _before_the_echo(case: Sections, record: Record) -> list[str]:
-    """Notice of means that begin before the waves that the device sends back return from the paddle."""
+    """Notice if means begin before the waves that the device sends back return from the paddle."""
     waves = given_waves(case)
     echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
     begin = float(record.t[record.window.over][0])
@@ -87,13 +87,13 @@ def _before_the_echo(case: Sections, record: Record) -> list[str]:
     end = echo + case.output.periods * waves.cycle
     return [
         f"means begin at t = {begin:.3g} s, before the waves that the device sends back return to it from "
-        f"the paddle, at t = {echo:.3g} s: xi may move by some per cent then; for its lasting value raise t1 "
+        f"the paddle, at t = {echo:.3g} s: xi may then change by some per cent; for its final value raise t1 "
         f"to {end:.4g} s"
     ]
 
 
 def case_results(case: Sections) -> tuple[Result, ...]:
-    """Results that a case's run has beside its energy balance and noise."""
+    """Results of a case's run, in addition to its energy balance and noise."""
     if case.waves is None:
         return ()
     focused = case.waves.kind == "focused"
@@ -107,15 +107,15 @@ def case_results(case: Sections) -> tuple[Result, ...]:
 
 
 def _coast(case: Sections) -> tuple[Result, ...]:
-    """Results of overtopping and run-up at the solids that a case names for them."""
+    """Results of overtopping and run-up at the solids that a case's probes name."""
     makers = {
         "overtopping": (
             _overtopping,
-            Label("mean overtopping", "m2/s", "water over the crest, per metre of it"),
+            Label("mean overtopping", "m2/s", "flow of water over the crest, per metre of crest"),
         ),
         "run_up": (
             _run_up,
-            Label("run-up", "m", "highest level on the face over still water, mean of periods"),
+            Label("run-up", "m", "highest level on the face above still water, mean over periods"),
         ),
     }
     found = []
@@ -127,7 +127,7 @@ def _coast(case: Sections) -> tuple[Result, ...]:
 
 
 def _overtopping(name: str, record: Record) -> Scalars:
-    """Mean flow over the crest of a solid: what more is behind it at the end of the window."""
+    """Mean flow over the crest of a solid, from the increase of the water behind it over the window."""
     window = record.window
     if not window.periods:
         return {}
@@ -136,7 +136,7 @@ def _overtopping(name: str, record: Record) -> Scalars:
 
 
 def _run_up(name: str, record: Record) -> Scalars:
-    """Mean over the periods of the window of the highest level on the face of a solid."""
+    """Highest level on the face of a solid in each period, averaged over the window's periods."""
     window = record.window
     if not window.periods:
         return {}
@@ -145,7 +145,7 @@ def _run_up(name: str, record: Record) -> Scalars:
 
 
 def _periods(record: Record) -> Scalars:
-    """Periods averaged, and those left out before them; none where there is no mean."""
+    """Number of periods averaged, and of those left out before them; empty if there is no mean."""
     window = record.window
     if not window.periods:
         return {}
@@ -153,8 +153,8 @@ def _periods(record: Record) -> Scalars:
 
 
 def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
-    """Power (W; W/m in 2-D) of all power take-offs, each sample the mean since the one before; None without
-    any, and for a pressure that is given."""
+    """Power (W; W/m in 2-D) of all power take-offs, as means since the previous sample; None without a power
+    take-off, and with prescribed pressures only."""
     if case.prescribed and not case.turbines and case.body is None:
         return None
     names = [name for name in harvested(record.solution.model) if name in record.solution.series]
@@ -162,7 +162,7 @@ def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
 
 
 def _share(case: Sections, share: float) -> dict[str, float]:
-    """Absorbed over incident energy as a result: an efficiency, or a width of crest (m) in 3-D."""
+    """Absorbed over incident energy as a result: the efficiency, or in 3-D the capture width (m)."""
     return {"xi": share} if case.tank.width is None else {"capture_width": share}
 
 
@@ -189,7 +189,7 @@ def _power(case: Sections, record: Record) -> dict[str, float]:
 
 
 def _over_measured(record: Record) -> Scalars:
-    """Efficiency over the power of the waves that the gauges measured."""
+    """Efficiency relative to the power of the waves that the gauges measured."""
     made = record.results
     if not {"xi", "P_inc_measured"} <= set(made):
         return {}
@@ -197,7 +197,7 @@ def _over_measured(record: Record) -> Scalars:
 
 
 def _linear(case: Sections, record: Record) -> Scalars:
-    """Efficiency and amplitudes of the chamber by linear theory, whose names say of which results."""
+    """Efficiency and chamber amplitudes by linear theory, named after the corresponding results."""
     made = record.results
     if "xi" not in made or not case.turbines or why_no_theory(case):
         return {}
@@ -213,7 +213,7 @@ def incident_over(case: Sections, t_end: float, periods: int) -> float:
     """Mean power of the waves that meet the device in the last whole periods up to t_end (s), W per metre of
     crest.
 
-    A part of a sea is higher or lower than the whole: the energy of the same waves counts.
+    A part of a sea may be higher or lower than the whole; therefore the energy of this part is used.
     """
     waves = case.waves
     if waves.repeats is None or periods >= round(waves.repeats / waves.cycle):
@@ -225,24 +225,24 @@ def incident_over(case: Sections, t_end: float, periods: int) -> float:
 def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
     """Energy of a focused group, and the share of it that the device has absorbed by the end of the run.
 
-    A group has no mean power: its device's would be one over one span and its waves' one over another.
+    A group has no mean power, because device and waves would need different averaging times.
     """
     whole = incident_power(case) * case.waves.repeats
     results, power = {"E_inc": whole}, _absorbed(case, record)
     if power is None:
         return results
     if not np.all(record.window.over):
-        raise ValueError("the run was changed while the group was on its way: run it anew with --set")
+        raise ValueError("the run was changed while the group was passing: start a new run with --set")
     t, x = record.t, _device_x(case)
     come = incident_energy(case, x, travel_time(case, x), float(t[-1])) / whole if t[-1] > 0.0 else 0.0
     if come < WHOLE:
-        raise ValueError(f"{come:.0%} of the group's energy has come to x = {x:.3g} m: raise t1")
+        raise ValueError(f"only {come:.0%} of the group's energy has come to x = {x:.3g} m: raise t1")
     return results | _share(case, float(np.sum(power[1:] * np.diff(t))) / whole)
 
 
 def _device_x(case: Sections) -> float:
-    """Where waves meet a case's device, m from the paddle: its plate, its first chamber's front wall, or its
-    body; else the tank's end."""
+    """Position at which waves meet a case's device, m from the paddle: its plate, the front wall of its first
+    chamber, or its body; without a device the end of the tank."""
     geometry = Geometry.of(case)
     fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
     if geometry.plate is not None:
@@ -253,7 +253,7 @@ def _device_x(case: Sections) -> float:
 
 
 def _reflection(case: Sections, record: Record) -> dict[str, float]:
-    """Incident and reflected waves, and the power of the incident ones, by the gauges of the free flume."""
+    """Incident and reflected waves, and the incident power, from the gauges of the free flume."""
     solution, waves = record.solution, given_waves(case)
     if "eta" not in solution.series or (waves.kind != "focused" and not record.window.periods):
         return {}
@@ -263,7 +263,7 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
         first, last = _free_flume(case)
         raise ValueError(
             f"it needs three gauges or more between x = {first:g} and {last:g} m, where the waves are free, "
-            f"and there are {len(x)}: see probes.gauges"
+            f"but there are {len(x)}: see probes.gauges"
         )
     t, over, depth = record.t, record.window.over, float(solution.model.depth)
     if waves.kind == "regular":
@@ -274,7 +274,7 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
         return {"reflection": found.coefficient, "incident_height": height, "P_inc_measured": power}
     sea = two_way_sea(case, t[over], record["eta"][over], depth)
     if waves.kind == "focused":
-        return {"reflection": sea.coefficient}  # its mean power would depend on how long the record is
+        return {"reflection": sea.coefficient}  # its mean power would depend on the length of the record
     return {
         "reflection": sea.coefficient,
         "Hm0": sea.incident.Hm0,
@@ -286,10 +286,10 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
 def two_way_sea(
     case: Sections, t: NDArray[np.floating], eta: NDArray[np.floating], depth: float
 ) -> analysis.TwoWaySea:
-    """Incident and reflected sea at the gauges of the free flume, over the record given.
+    """Incident and reflected sea at the gauges of the free flume, over the given record.
 
-    **Arguments**: times (s); elevations of all gauges `[T, gauge]` (m); depth (m). **Raises** ValueError for
-    gauges that cannot tell the two apart, or a record that is too short.
+    **Arguments**: times (s); elevations of all gauges `[T, gauge]` (m); depth (m). **Raises** ValueError if
+    the gauges cannot separate the two, or the record is too short.
     """
     chosen = flume_gauges(case)
     x = np.asarray(Geometry.of(case).gauges)[chosen]
@@ -299,16 +299,16 @@ def two_way_sea(
 
 
 def flume_gauges(case: Sections) -> list[int]:
-    """Indices of gauges that see free waves: a depth or more from paddle, device and body, before the sponge.
+    """Indices of gauges in free waves: a depth or more from paddle, device and body, and before the sponge.
 
-    Nearer to a solid the wave is not alone: what is made beside it falls off by exp(-pi/2 x/d) and faster.
+    Nearer to a solid there are evanescent waves, which decay by exp(-pi/2 x/d) or faster.
     """
     first, last = _free_flume(case)
     return [k for k, x in enumerate(Geometry.of(case).gauges) if first <= x <= last]
 
 
 def _free_flume(case: Sections) -> tuple[float, float]:
-    """Where free waves begin and end, m from the paddle."""
+    """First and last x (m) of free waves, measured from the paddle."""
     geometry = Geometry.of(case)
     depth, ends = float(geometry.depth), [geometry.length]
     first = depth if case.waves.zone is None else case.waves.zone
@@ -332,7 +332,7 @@ def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
     if of not in ("xi", "P_owc"):
         raise CaseError(f"of = {of!r}: must be 'xi', 'P_owc' or 'energy_pto'")
     if of == "xi" and case.tank.width is not None:
-        raise CaseError("of = 'xi': a tank with a width has no efficiency; take of = 'P_owc', the mean power")
+        raise CaseError("of = 'xi': a tank with a width has no efficiency; use of = 'P_owc', the mean power")
     waves = case.waves
     if waves is None or settled_periods(case, case.t1 - case.output.sample_dt) < 1:
         raise CaseError(

@@ -1,4 +1,4 @@
-"""The scheme of a case: the section `scheme` as an object of `schemes`, and its time step."""
+"""Scheme of a case: an object of `schemes` built from the section `scheme`, and its time step."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 def make_scheme(case: Sections, background: tuple[Background, ...] = ()) -> AbstractParticleScheme:
     """Scheme of a case, in its precision.
 
-    `background`: pressures that the weakly compressible scheme takes out of its pair sums.
+    `background`: pressures that the weakly compressible scheme subtracts in its pair sums.
     """
     section = case.scheme
     if isinstance(section, Incompressible):
@@ -36,12 +36,13 @@ def stable_time_step(case: Sections) -> float:
 
 
 def shortest_limit(case: Sections) -> str:
-    """Cause of the stable time step in words: speed, viscosity or gravity, and the keys to change."""
+    """What limits the stable time step, in words: speed, viscosity or gravity, and the keys to change."""
     dt = stable_time_step(case)
     if dt == _stable_dt(case, 0.0, 0.0):
         if case.scheme.kind == "incompressible":
             return (
-                f"the largest speed, {projection_speed(case):.3g} m/s: change scheme.speed, scheme.cfl or dx"
+                f"the largest speed expected, {projection_speed(case):.3g} m/s: change scheme.speed, "
+                "scheme.cfl or dx"
             )
         return f"the sound speed, {sound_speed(case):.3g} m/s: change fluid.c0, scheme.cfl or dx"
     if dt == _stable_dt(case, _kinematic_viscosity(case), 0.0):
@@ -51,11 +52,11 @@ def shortest_limit(case: Sections) -> str:
 
 
 def remedies(case: Sections) -> Remedies:
-    """Keys of a case to change where a run of it fails."""
-    rim = "raise tank.height and go on: jaxsph resume FILE --set tank.height={higher}; "
+    """Keys of a case to change if a run of it fails, by the kind of failure."""
+    rim = "raise tank.height and continue: jaxsph resume FILE --set tank.height={higher}; "
     found = {
-        Trouble.OVER_RIM: rim + 'or let it go: tank.rim = "open"',
-        Trouble.THROUGH_WALL: "a smaller scheme.cfl or dx",
+        Trouble.OVER_RIM: rim + 'or let water leave: tank.rim = "open"',
+        Trouble.THROUGH_WALL: "reduce scheme.cfl or dx",
         Trouble.NOT_CONVERGED: (
             'raise scheme.tolerance, reduce scheme.cfl, or set scheme.solver = "explicit"'
         ),
@@ -68,18 +69,21 @@ def remedies(case: Sections) -> Remedies:
             "reduce scheme.cfl, or raise scheme.speed",
         )
     else:
-        fast = "raise fluid.c0, or reduce the waves' height; a smaller scheme.cfl tells which"
+        fast = (
+            "raise fluid.c0, or reduce the waves' height; if a smaller scheme.cfl helps, the time step was "
+            "too long"
+        )
         unsteady = "reduce scheme.cfl, or raise scheme.alpha (0.01 to 0.05)"
     return found | {Trouble.TOO_FAST: fast, Trouble.NOT_FINITE: unsteady}
 
 
 def _stable_dt(case: Sections, nu: float, g: float) -> float:
-    """Stable time step (s) with another kinematic viscosity (m2/s) and gravity (m/s2)."""
+    """Stable time step (s) for the kinematic viscosity `nu` (m2/s) and gravity `g` (m/s2)."""
     h, section = case.smoothing_length, case.scheme
     if isinstance(section, Incompressible):
         return stable_dt(STEP_LENGTH[case.dim] * case.dx, projection_speed(case), nu, g, section.cfl)
     cfl = section.cfl if section.cfl is not None else _integrator(section).cfl
-    # Eq. 10 speaks of the Gaussian's h: the step is set by the spacing, whatever the kernel's own h
+    # Eq. 10 holds for the Gaussian's h: the step follows from h_over_dx dx, not from the kernel's own h
     share = cfl * section.h_over_dx * case.dx / h
     return stable_dt(h, sound_speed(case), nu, g, share)
 
@@ -95,7 +99,7 @@ def _viscosity(case: Sections) -> AbstractViscosity:
 
 
 def _kinematic_viscosity(case: Sections) -> float:
-    """Kinematic viscosity that the scheme's viscous term stands for, m2/s."""
+    """Kinematic viscosity to which the scheme's viscous term corresponds, m2/s."""
     c0 = sound_speed(case) if case.scheme.kind == "weakly_compressible" else 0.0
     return float(_viscosity(case).kinematic(case.smoothing_length, c0, case.dim))
 

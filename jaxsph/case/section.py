@@ -1,4 +1,4 @@
-"""A section of a case file: its base, the ranges of numbers, and sections of several kinds."""
+"""Base class of the sections of a case file, ranges of numbers, and sections of several kinds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-# Ranges wide enough for every tank and narrow enough that no product of a few values leaves float32.
+# Ranges wide enough for every tank, and narrow enough that no product of a few values overflows float32.
 Length = Annotated[float, Field(ge=1e-5, le=1e5)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Time = Annotated[float, Field(ge=1e-9, le=1e9)]
@@ -24,22 +24,24 @@ Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
 
 
 def _plain_name(name: str) -> str:
-    """The name of a part, which ends those of its readings."""
+    """Name of a part, if it is valid; the names of the part's readings end with it."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
-        raise ValueError("must be a small letter, and at most 39 small letters, digits and underscores")
+        raise ValueError(
+            "must begin with a small letter and have at most 39 further small letters, digits and underscores"
+        )
     return name
 
 
 Name = Annotated[str, AfterValidator(_plain_name)]
-"""Name that a case gives to a part of its own: small letters, digits and underscores."""
+"""Name that a case chooses for a part: small letters, digits and underscores."""
 NAME = "NAME"
-"""What stands in lists of keys for a name that a case gives, as in `solid.NAME.polygon`."""
+"""Placeholder in lists of keys for a name that a case chooses, as in `solid.NAME.polygon`."""
 MOST_POINTS = 10_000
-"""Most points that one list of probes or corners may have."""
+"""Largest number of points in one list of probes."""
 
 
 class Section(BaseModel):
-    """Section of a case file: keys with types, ranges and defaults, immutable."""
+    """Section of a case file: keys with types, ranges and defaults. Immutable."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, strict=True, use_attribute_docstrings=True
@@ -47,13 +49,13 @@ class Section(BaseModel):
 
 
 def by_name(annotation: Any) -> bool:
-    """Whether a field holds sections by names that the case gives them, as `[solid.bed]`."""
+    """Whether a field holds sections under names that the case chooses, as in `[solid.bed]`."""
     return typing.get_origin(annotation) is dict
 
 
 def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:
-    """Function that tells the `kind` of a section, or of the mapping it is validated from: the first of the
-    `kinds` where none is given."""
+    """Function that returns the `kind` of a section, or of the mapping from which it is validated; a mapping
+    without a kind has the first of the `kinds`."""
     usual = next(iter(kinds))
 
     def kind(section: Any) -> Any:

@@ -1,6 +1,6 @@
 """Sections of a case file: every key with its type, range, default and meaning, in SI units.
 
-What follows from several sections, and from the lattice of spacing dx, is checked in `geometry` and `limits`.
+`geometry` and `limits` check what depends on several sections, or on the lattice of spacing dx.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Fluid(Section):
     rho0: Density = 1000.0
     """Density at zero gauge pressure, kg/m3."""
     nu: float = Field(1.0e-6, ge=0, le=1e4)
-    """Kinematic viscosity of Eq. 6, m2/s; used where `scheme.alpha` is not given."""
+    """Kinematic viscosity (Eq. 6), m2/s; used unless `scheme.alpha` is given."""
     c0: Speed | None = None
     """Numerical speed of sound, m/s; by default from Eq. 2."""
 
@@ -46,31 +46,32 @@ class WeaklyCompressible(Section):
     """Weakly compressible delta-SPH (Zhu et al. 2020): `kind = "weakly_compressible"`, or no kind."""
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
-    """Kind of the scheme; another kind has other keys."""
+    """Kind of scheme; each kind has its own keys."""
     kernel: KernelName = "gaussian"
-    """Smoothing kernel: the Gaussian, cut off, Wendland's C2, the exponential of a semicircle, or the
-    polynomial that a lattice resists least."""
+    """Smoothing kernel: the truncated Gaussian, Wendland's C2, the exponential of a semicircle, or the
+    polynomial with the least false stress in a strained lattice."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
-    """Smoothing length of the Gaussian over dx; Wendland's is 1.5 times as long."""
+    """Smoothing length over dx, except for Wendland's kernel, whose smoothing length is 1.5 times as long."""
     cut: float = Field(3.5, ge=2.5, le=4)
-    """Radius of the Gaussian's support over its smoothing length; 3 in Zhu et al. 2020."""
+    """Radius at which the Gaussian is truncated, over its smoothing length; 3 in Zhu et al. 2020."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
-    """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
+    """Rate at which hyperviscosity damps the noise of the velocity, over sqrt(g/h); 0 turns it off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
-    """Rate at which particles nearer than 0.6 dx are moved apart, over sqrt(g/h)."""
+    """Rate at which particles closer than 0.6 dx are moved apart, over sqrt(g/h); 0 turns it off."""
     delta: float = Field(0.1, ge=0, le=1)
     """Coefficient delta of the density diffusion (Eq. 8)."""
     alpha: float | None = Field(None, ge=0, le=1)
-    """Coefficient alpha of the artificial viscosity (Eq. 4), in the place of fluid.nu."""
+    """Coefficient alpha of the artificial viscosity (Eq. 4), which replaces `fluid.nu`."""
     integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
-    """Time integrator, with one evaluation of the water a step (symplectic Euler) or two."""
+    """Time integrator: symplectic Euler, with one evaluation of the rates per step, or predictor-corrector,
+    with two."""
     cfl: float | None = Field(None, ge=1e-6, le=1.5)
-    """Courant number, the time step's share of h/c0; by default the integrator's own."""
+    """Courant number, the time step over h/c0; by default 0.5 (symplectic) or 0.25 (predictor_corrector)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 1000, 3: 2200}
-    """Memory of a particle of water or wall by dimensions, bytes: growth of a run's largest memory between
-    7,500 and 43,000 particles in two and 14,500 and 63,000 in three dimensions (tables of 52 and 288
-    slots)."""
+    """Memory per particle of water or wall, bytes, by number of dimensions: growth of a run's peak memory
+    between 7,500 and 43,000 particles in two dimensions, and 14,500 and 63,000 in three (neighbour tables of
+    52 and 288 slots)."""
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support over dx, in `dim` dimensions."""
@@ -89,36 +90,38 @@ class Incompressible(Section):
     """Incompressible SPH by projection (Yeylaghi et al. 2016): `kind = "incompressible"`."""
 
     kind: Literal["incompressible"] = "incompressible"
-    """Kind of the scheme; another kind has other keys."""
+    """Kind of scheme; each kind has its own keys."""
     kernel: KernelName | None = None
-    """Smoothing kernel: by default the polynomial that a lattice resists least in two, the exponential of a
-    semicircle in three dimensions; or the Gaussian, cut off, or Wendland's C2."""
+    """Smoothing kernel: the polynomial with the least false stress in a strained lattice (default in two
+    dimensions), the exponential of a semicircle (default in three), the truncated Gaussian, or Wendland's
+    C2."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
-    """Smoothing length of the kernel over dx; by default such that polynomial and semicircle reach 3.05 dx in
-    two and 3 dx in three dimensions (the polynomial 3.025 dx), 1.2 of the Gaussian, which reaches 3.5 h, and
-    2 in two and 1.5 in three dimensions of Wendland's, which reaches 2 h."""
+    """Smoothing length of the kernel over dx. By default, polynomial and semicircle have a support radius of
+    3.05 dx in two dimensions, and of 3.025 and 3 dx in three; the Gaussian has h = 1.2 dx (support 3.5 h),
+    and Wendland's kernel h = 2 dx in two dimensions and 1.5 dx in three (support 2 h)."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
-    """Rate at which the noise of particles is taken out of the velocity, over sqrt(g/h)."""
+    """Rate at which hyperviscosity damps the noise of the velocity, over sqrt(g/h); 0 turns it off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
-    """Rate at which particles nearer than 0.6 dx are moved apart, over sqrt(g/h)."""
+    """Rate at which particles closer than 0.6 dx are moved apart, over sqrt(g/h); 0 turns it off."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
-    """Courant number, the time step's share of 1.2 dx (1.5 dx in 3-D) over the largest speed to expect."""
+    """Courant number, the time step over 1.2 dx / (largest expected speed), or 1.5 dx in three dimensions."""
     speed: Speed | None = None
-    """Largest speed to expect, m/s; by default from the waves, the water's depth and the body."""
+    """Largest expected speed of the water, m/s; by default estimated from the waves, the depth and the
+    body."""
     solver: Literal["bicgstab", "explicit"] = "bicgstab"
-    """Solution of the Poisson equation: iterative (BiCGStab), or explicit."""
+    """Solver of the pressure Poisson equation: iterative (BiCGStab) or explicit."""
     tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
-    """Largest residual of the Poisson equation over its right-hand side."""
+    """Largest residual of the Poisson equation over its right-hand side (-)."""
     relaxation: float = Field(RELAXATION, ge=0, le=4)
-    """Rate at which crowding of particles is taken back, over sqrt(g/h)."""
+    """Rate at which crowded particles are spread again, over sqrt(g/h)."""
     shifting: float | None = Field(None, ge=1e-6, le=20)
-    """Strength of particle shifting; by default there is none."""
+    """Strength of the particle shifting (-); by default particles are not shifted."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
-    """Place of zero pressure: beyond the surface, or at its particles (Eq. 23-24)."""
+    """Where the pressure is zero: just beyond the surface, or at the surface particles (Eq. 23-24)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 2100, 3: 1900}
-    """Memory of a particle of water or wall by dimensions, bytes: measured as the other scheme's (80 and
-    208 slots)."""
+    """Memory per particle of water or wall, bytes, by number of dimensions; measured as for the weakly
+    compressible scheme (neighbour tables of 80 and 208 slots)."""
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support over dx, in `dim` dimensions."""
@@ -134,66 +137,70 @@ class Incompressible(Section):
 
 
 SCHEMES = {"weakly_compressible": WeaklyCompressible, "incompressible": Incompressible}
-"""Sections of the schemes by `scheme.kind`; the first where none is given."""
+"""Sections of the schemes by `scheme.kind`; the first is the default."""
 SchemeSection = Annotated[
     Annotated[WeaklyCompressible, Tag("weakly_compressible")]
     | Annotated[Incompressible, Tag("incompressible")],
     Discriminator(kind_of(SCHEMES)),
 ]
-"""The scheme: one section, whose `kind` says which keys it has."""
+"""Section of the scheme; its `kind` determines its keys."""
 
 
 class Tank(Section):
-    """The basin; z = 0 is the bed, x = 0 the paddle at rest (or the end wall)."""
+    """The tank; z = 0 is the bed, and x = 0 the paddle at rest or the near end wall."""
 
     length: Length
     """Length from the paddle at rest, or the near end wall, to the far end wall, m."""
     depth: Length
-    """Depth of still water, or of a released column, m."""
+    """Still water depth, or depth of the released column, m."""
     width: Length | None = None
-    """Width of the tank, m; given, the case is three-dimensional."""
+    """Width of the tank, m; if given, the case is three-dimensional."""
     height: Length | None = None
-    """Height of the walls' top, m; by default enough for waves and a body, and four depths for a released
+    """Height of the walls, m; by default high enough for waves and a body, or four depths with a released
     column."""
     rim: Literal["closed", "open"] = "closed"
-    """Whether water that splashes over the walls ends the run, or leaves and is counted (`spilt`)."""
+    """Water that splashes over the walls ends the run (`closed`), or leaves and is counted as `spilt`
+    (`open`)."""
     column: Length | None = None
-    """Length of the water at the left end, m, released at t = 0 into the dry rest (a dam break)."""
+    """Length of a column of water at x = 0, m, released at t = 0 into the otherwise dry tank (a dam
+    break)."""
     layer: Length | None = None
-    """Depth of the water that the rest of the bed is wet with, m; with `column`."""
+    """Depth of a layer of water on the rest of the bed, m; only with `column`."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
-    """Slip of the water along the walls: free, or none."""
+    """Boundary condition along the walls: free slip or no slip."""
     walls: Literal["images", "mirror", "dummy"] | None = None
-    """Ghosts of the walls: mirror images of the water's particles (by default), or a lattice, whose pressures
-    are those of the water at its mirror images or around it (`dummy`; by default with a body)."""
+    """Ghost particles of the walls: mirror images of the water particles (`images`, the default), or a
+    lattice with the pressure of the water at mirrored nodes (`mirror`) or around each ghost (`dummy`, the
+    default with a body or a solid)."""
 
 
 class SpongeSection(Section):
     """Damping zone at the end of the tank (Eq. 27-28)."""
 
     length: Length
-    """Length of the zone, from the end wall, m."""
+    """Length of the zone, measured from the end wall, m."""
     strength: float = Field(10.0, ge=1e-6, le=1e6)
-    """Largest rate of damping, 1/s."""
+    """Largest damping rate, 1/s."""
 
 
 class Device(Section):
     """An onshore OWC: a plate that pierces the surface in front of the end wall."""
 
     chamber_length: Length
-    """Length of the chamber, from the plate to the end wall, m."""
+    """Length of the chamber from the plate to the end wall, m."""
     wall_thickness: Length
     """Thickness of the plate, m."""
     draught: Length
     """Depth of the plate's tip below still water, m."""
     thin_wall: Literal["regional", "multi_node"] = "regional"
-    """Ghosts of the plate: of each face for its own region of water, or in the plate with a node per face."""
+    """Ghost particles of the plate: a separate set for the water in front of each face (`regional`), or one
+    set inside the plate with a node per face (`multi_node`)."""
     division: Literal["a", "b", "c"] = "b"
-    """Division of the water around the plate into regions (section 2.4.1.2)."""
+    """Division of the water around the plate into regions (Zhu et al. 2020, section 2.4.1.2)."""
     platform_length: Length | None = None
-    """Length of a raised bed under the OWC, from the end wall, m; given with its height, or neither."""
+    """Length of a raised bed under the OWC, from the end wall, m; give it together with `platform_height`."""
     platform_height: float | None = Field(None, ge=0, le=1e5)
-    """Height of the raised bed, m; 0 leaves the bed flat."""
+    """Height of the raised bed, m; with 0 the bed is flat."""
 
     @model_validator(mode="after")
     def _whole_platform(self) -> Device:
@@ -203,66 +210,66 @@ class Device(Section):
 
 
 class StandingWave(Section):
-    """Initial velocities of a standing wave that passes through the flat surface at t = 0."""
+    """Initial velocities of a standing wave whose surface is flat at t = 0."""
 
     amplitude: float = Field(ge=1e-6, le=1e5)
-    """Amplitude of the elevation that the velocities lead to, m."""
+    """Amplitude of the standing wave's elevation, m."""
     mode: int = Field(1, ge=1, le=10**6)
     """Number of half wavelengths along the tank."""
 
 
 class ProbesSection(Section):
-    """Places of gauges and sensors."""
+    """Positions of gauges and sensors."""
 
     gauges: tuple[Coordinate, ...] = Field((), max_length=MOST_POINTS)
-    """Places x of the wave gauges, m; their elevations are averaged across the tank."""
+    """Positions x of the wave gauges, m; the elevations are averages across the tank."""
     surface: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
-    """Points, (x,) or (x, y), m, where the elevation is measured by the wet length of a wire, and by
-    interpolated density (Yeylaghi et al. 2016)."""
+    """Points (x,) or (x, y), m, at which the elevation is measured in two ways: by the wet length of a
+    vertical wire, and by the interpolated density (Yeylaghi et al. 2016)."""
     pressure: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
     """Points of the pressure sensors, m."""
     velocity: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
-    """Points where the water's velocity is measured, m."""
+    """Points at which the water's velocity is measured, m."""
     overtopping: tuple[Name, ...] = ()
-    """Names of solids over whose crest the water is measured that goes over it."""
+    """Names of solids whose overtopping is measured: the water that passes over the crest."""
     run_up: tuple[Name, ...] = ()
-    """Names of solids on whose seaward face the level is measured up to which water wets it."""
+    """Names of solids whose run-up is measured: the highest wet level on the seaward face."""
 
 
 class Output(Section):
-    """Intervals of recording, and periods over which results are averaged."""
+    """Recording intervals, and number of periods over which results are averaged."""
 
     sample_dt: Time = 0.01
-    """Time between two readings, s; at most t1."""
+    """Time between two samples (readings of all probes), s; at most t1."""
     snapshot_dt: Time = 0.2
-    """Time between two snapshots of all particles, s, as a whole number of readings."""
+    """Time between two snapshots of all particles, s; rounded to a whole number of samples."""
     periods: int = Field(10, ge=1, le=10**6)
-    """Number of whole periods at the end over which power and efficiency are averaged."""
+    """Number of whole wave periods at the end of the run over which power and efficiency are averaged."""
 
 
 DEVICE_CHAMBER = "chamber"
 """Name of the device's chamber."""
 KINDS: dict[str, dict[str, type[Section]]] = {"scheme": SCHEMES, "waves": WAVES}
-"""Sections of several kinds, by the section's name and its `kind`; the first where none is given."""
+"""Sections that have several kinds, by name and `kind`; the first kind is the default."""
 
 
 class Sections(Section):
     """All sections of a case, in SI units."""
 
     name: str = Field("case", min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
-    """Name of the case, without slashes: a run's file is named after it."""
+    """Name of the case, without slashes; the run file is named after it."""
     description: str = Field("", max_length=10_000)
-    """What is run and after whom, in the user's own words."""
+    """Free text: what is run, and its source."""
     dx: Length
     """Spacing of the particles, m."""
     t1: Time
     """End of the run, s."""
     g: float = Field(9.81, ge=0, le=1e3)
-    """Acceleration of gravity, m/s2: 0, or at least 0.001."""
+    """Gravitational acceleration, m/s2; 0, or at least 0.001."""
     precision: Literal["float32", "float64"] = "float32"
-    """Floating-point type of the model's and the state's numbers."""
+    """Floating-point type of the model and the state."""
     search: Literal["cells", "jax_md"] = "cells"
-    """Neighbour search: the solver's own, or jax-md's (the extra `jaxsph[jax-md]`)."""
+    """Neighbour search: the built-in cell list, or that of jax-md (needs the extra `jaxsph[jax-md]`)."""
     fluid: Fluid = Fluid.model_validate({})
     scheme: SchemeSection = WeaklyCompressible.model_validate({})
     tank: Tank
@@ -274,11 +281,11 @@ class Sections(Section):
     start: StandingWave | None = None
     body: BodySection | None = None
     solid: dict[Name, SolidSection] = Field({})
-    """Solids that do not move, by their names."""
+    """Fixed solids, by name."""
     chamber: dict[Name, ChamberSection] = Field({})
-    """Chambers of air between any two walls, by their names."""
+    """Air chambers between any two walls, by name."""
     duct: dict[Name, DuctSection] = Field({})
-    """Ducts between chambers, by their names."""
+    """Ducts between chambers, by name."""
     probes: ProbesSection = ProbesSection.model_validate({})
     output: Output = Output.model_validate({})
 
@@ -291,20 +298,20 @@ class Sections(Section):
 
     @property
     def chambers(self) -> dict[str, ChamberSection]:
-        """Chambers by their names: those that the case names, and the device's, whose power take-off is `pto`
-        and whose air is `air`."""
+        """Chambers by name: those of the sections `chamber.NAME`, and that of the device, with the power
+        take-off `pto` and the air `air`."""
         if self.pto is None:
             return self.chamber
         own = ChamberSection(between=DEVICE_WALLS, pto=self.pto, air=self.air)
         return {DEVICE_CHAMBER: own, **self.chamber}
 
     def is_device_chamber(self, name: str) -> bool:
-        """Whether a chamber is the device's, whose keys are those of the short form."""
+        """Whether a chamber is the device's, which a case gives in short form by `pto` and `air`."""
         return name == DEVICE_CHAMBER and self.pto is not None
 
     @property
     def turbines(self) -> list[PTOSection]:
-        """Power take-offs of chambers and ducts that take power: all but prescribed pressures."""
+        """Turbines of chambers and ducts: all power take-offs except prescribed pressures."""
         ptos = (one.pto for one in (*self.chambers.values(), *self.duct.values()))
         return [pto for pto in ptos if pto is not None and pto.is_turbine]
 
@@ -316,7 +323,7 @@ class Sections(Section):
 
     @property
     def dim(self) -> int:
-        """Dimensions: three where the tank has a width."""
+        """Number of dimensions: three if the tank has a width."""
         return 2 if self.tank.width is None else 3
 
     @property
@@ -326,5 +333,5 @@ class Sections(Section):
 
     @property
     def layers(self) -> int:
-        """Layers of ghosts, a spacing apart, that the kernel of a particle at a wall reaches."""
+        """Number of layers of ghosts, one spacing apart, within the kernel of a particle at a wall."""
         return math.ceil(self.scheme.support(self.dim) - 0.5)

@@ -1,4 +1,4 @@
-"""Time in which waves settle in a tank, and the periods after it, over which results are averaged."""
+"""Time until the waves in a tank have settled, and the periods after it over which results are averaged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from jaxsph.waves import theory
 
 
 def given_waves(case: Sections) -> AbstractWavesSection:
-    """Waves of a case that has waves."""
+    """Waves of a case; the case must have waves."""
     assert case.waves is not None, "only waves settle"
     return case.waves
 
@@ -28,17 +28,18 @@ def settling_time(case: Sections) -> float:
 
 
 def travel_time(case: Sections, x: float) -> float:
-    """Time in which the waves' energy comes from the paddle to x (m), s."""
+    """Time that the waves' energy takes from the paddle to x (m), s."""
     omega = 2 * np.pi / given_waves(case).period
     return x / float(theory.group_velocity(omega, Geometry.of(case).depth, case.g))
 
 
 def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
-    """Whole periods at the end of a run to t1 (s) that may be averaged, by the waves' travel; below 1: none.
+    """Number of whole periods at the end of a run to t1 (s) that may be averaged; below 1 there is none.
 
-    Periods of regular waves, groups of two waves, and peak periods of a sea, of which all count. `since`:
-    time (s) of the run's last change, from which its energy has to reach the far end of the tank anew.
-    `settled_window` tells which of the periods have settled.
+    The periods begin when the waves' energy has reached the far end of the tank. They are wave periods of
+    regular waves, groups of bichromatic waves, or the peak periods of a whole repetition of a sea. `since`:
+    time (s) of the run's last change, after which the energy has to reach the far end again.
+    `settled_window` finds which of these periods have settled.
     """
     waves = given_waves(case)
     begin = settling_time(case)
@@ -53,11 +54,13 @@ def settled_window(
 ) -> Window:
     """Window of settled whole periods at the end of a record, by `analysis.settled_from`.
 
-    **Arguments**: times `t` (s); `settling`: series that must all have settled, each a mean since the sample
-    before; `since`: time from which the record counts, s. A sea is averaged over its repetition: it has no
-    two periods alike that could be compared. A focused group has no mean, and its window is the record.
+    **Arguments**: times `t` (s); `settling`: series that must all have settled, whose values are means since
+    the previous sample; `since`: time from which the record counts, s.
+
+    A sea is averaged over one repetition, because its periods differ and cannot be compared. A
+    focused group has no mean, and its window is the whole record.
     """
-    # a sample is a mean over the interval before it: `since` is a sample
+    # a sample is the mean over the interval before it, and `since` is the time of a sample
     counts = t >= since - 1e-9
     if case.waves is None or case.waves.kind == "focused":
         return Window(counts, 0, 0)

@@ -1,4 +1,4 @@
-"""Sections of solids: their shapes, the body that the water moves, and solids that do not move."""
+"""Sections of solids: shapes, the body that the water moves, and fixed solids."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from jaxsph.case.section import (
 
 
 class BlockSection(Section):
-    """A box with faces across the axes, at rest."""
+    """A box with its faces normal to the axes, in its position at rest."""
 
     low: Point
-    """Corner of least coordinates, (x, z) or (x, y, z), m."""
+    """Corner with the smallest coordinates, (x, z) or (x, y, z), m."""
     high: Point
-    """Corner of largest coordinates, m."""
+    """Corner with the largest coordinates, m."""
 
     @model_validator(mode="after")
     def _extent(self) -> BlockSection:
@@ -39,7 +39,7 @@ class BlockSection(Section):
 
 
 class DiscSection(Section):
-    """A circular cylinder across a two-dimensional tank, at rest."""
+    """A circular cylinder across a two-dimensional tank, in its position at rest."""
 
     centre: tuple[Coordinate, Coordinate]
     """Centre (x, z), m."""
@@ -48,29 +48,29 @@ class DiscSection(Section):
 
 
 class RotationalPTOSection(Section):
-    """Power take-off on a body's pitch; in two dimensions its values are per metre of width."""
+    """Power take-off on a body's pitch; in two dimensions all values are per metre of width."""
 
     damping: Coefficient = 0.0
     """Linear damping, N m s/rad."""
     coulomb: Coefficient = 0.0
-    """Moment of Coulomb friction, N m."""
+    """Moment of the Coulomb friction, N m."""
     spring: Coefficient = 0.0
-    """Stiffness of a spring about the upright, N m/rad."""
+    """Stiffness of a spring that pulls the body back to zero pitch, N m/rad."""
     stop: float = Field(math.pi, ge=1e-6, le=1e3)
-    """Angle to either side at which end stops begin, rad."""
+    """Pitch angle, to either side, at which the end stops engage, rad."""
     stop_stiffness: Coefficient = 0.0
     """Stiffness of the end stops, N m/rad."""
 
 
 class ShapeSection(Section):
-    """A shape at rest: one of block, polygon and disc."""
+    """A shape in its position at rest: a block, a polygon or a disc."""
 
     shapes: ClassVar[tuple[str, ...]] = ("block", "polygon", "disc")
-    """Keys of the shapes, of which a section has one."""
+    """Keys of the shapes; a section gives exactly one."""
 
     block: BlockSection | None = None
     polygon: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(None, min_length=3, max_length=1000)
-    """Corners (x, z) of a polygon, in order around it, m."""
+    """Corners (x, z) of a polygon in order along its outline, m."""
     disc: DiscSection | None = None
 
     @model_validator(mode="after")
@@ -82,19 +82,19 @@ class ShapeSection(Section):
 
 
 class PlateSection(Section):
-    """A straight thin plate of any direction, whose two sides do not see each other's water."""
+    """A straight thin plate of any inclination; water on one side does not act on water on the other."""
 
     foot: tuple[Coordinate, Coordinate]
-    """Middle (x, z) of one end, m."""
+    """Midpoint (x, z) of one end, m."""
     head: tuple[Coordinate, Coordinate]
-    """Middle (x, z) of the other end, m."""
+    """Midpoint (x, z) of the other end, m."""
     thickness: Length
-    """Thickness, half a spacing or more, m."""
+    """Thickness, m; at least half a spacing."""
 
 
 class SolidSection(ShapeSection):
-    """A solid that does not move, by the name that the case gives it: a sloping bed, a breakwater, a step, a
-    caisson, a screen; give one of block, polygon, disc and plate."""
+    """A fixed solid, for example a sloping bed, a breakwater, a step, a caisson or a screen; the case chooses
+    its name. Give one of block, polygon, disc and plate."""
 
     shapes: ClassVar[tuple[str, ...]] = (*ShapeSection.shapes, "plate")
 
@@ -102,40 +102,40 @@ class SolidSection(ShapeSection):
 
 
 class BodySection(ShapeSection):
-    """A rigid body; give one of block, polygon and disc."""
+    """A rigid body. Give one of block, polygon and disc."""
 
     free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
-    """Motions that the water's forces drive; the others go on at their `velocity`."""
+    """Motions that the water drives; in the others the body keeps its initial `velocity`."""
     mass: Inertia | None = None
     """Mass, kg (kg/m in 2-D)."""
     inertia: Inertia | None = None
     """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
     density: Density | None = None
-    """Density of the body, kg/m3, which gives mass and inertia in the place of both."""
+    """Density of the body, kg/m3; give it instead of mass and inertia, which then follow from the shape."""
     pivot: tuple[Coordinate, Coordinate] | None = None
-    """Place (x, z) of the hinge, m; by default the centre of mass."""
+    """Position (x, z) of the hinge, m; by default the centre of mass."""
     centre: tuple[Coordinate, Coordinate] | None = None
-    """Centre of mass (x, z), m; by default that of the shape."""
+    """Centre of mass (x, z), m; by default the centroid of the shape."""
     velocity: tuple[Velocity, Velocity, Velocity] = (0.0, 0.0, 0.0)
-    """Velocities of surge (m/s), heave (m/s) and pitch (rad/s) at the start."""
+    """Initial velocities in surge (m/s), heave (m/s) and pitch (rad/s)."""
     angle: float = Field(0.0, ge=-1.6, le=1.6)
-    """Pitch at the start, rad."""
+    """Initial pitch, rad."""
     release: Duration = 0.0
-    """Time up to which the body is held at rest while the water settles around it, s."""
+    """Time until which the body is held at rest while the water settles around it, s."""
     pto: RotationalPTOSection | None = None
     sensors: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
-    """Points of the pressure sensors on the body in its place at rest, m."""
+    """Points of the pressure sensors on the body in its position at rest, m."""
 
     @model_validator(mode="after")
     def _whole(self) -> BodySection:
         if self.free and (self.density is None) == (self.mass is None):
             raise ValueError(
-                "a body that is free needs body.density, or body.mass (and for pitch body.inertia)"
+                "a body with free motions needs either body.density or body.mass (and body.inertia for pitch)"
             )
         if "pitch" in self.free and self.density is None and self.inertia is None:
-            raise ValueError("body.free has pitch: give body.inertia or body.density")
+            raise ValueError("body.free includes pitch: give body.inertia or body.density")
         if self.release and (not self.free or any(self.velocity)):
-            raise ValueError("body.release lets go of a body that is free and at rest until then")
+            raise ValueError("body.release needs a body with free motions and no initial body.velocity")
         if self.pto is not None and "pitch" not in self.free:
-            raise ValueError("body.pto works on the pitch: add it to body.free")
+            raise ValueError("body.pto acts on the pitch: add pitch to body.free")
         return self

@@ -1,4 +1,4 @@
-"""Shapes of a case's body and fixed solids, and the checks that they fit the lattice and the tank."""
+"""Shapes of a case's body and fixed solids, and checks that they fit the lattice and the tank."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ Points = tuple[tuple[float, ...], ...]
 
 
 def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractShape:
-    """Shape of the section `name` in a tank of so many dimensions.
+    """Shape of the section `name` in a tank of `dim` dimensions.
 
-    **Raises** CaseError for one in which no particle of spacing dx (m) has room.
+    **Raises** CaseError for another number of dimensions, or if no particle of spacing dx (m) fits in the
+    shape.
     """
     if (found := 2 if section.block is None else len(section.block.low)) != dim:
-        raise CaseError(f"{name}: its shape has {found} dimensions, and the tank {dim}")
+        raise CaseError(f"{name}: its shape has {found} dimensions, and the tank has {dim}")
     if section.block is not None:
         least = min(b - a for a, b in zip(section.block.low, section.block.high, strict=True))
         if least < 0.5 * dx:
-            raise CaseError(f"{name}.block: is {least:g} m thin, and must be half a spacing, {0.5 * dx:g} m")
+            raise CaseError(
+                f"{name}.block: is {least:g} m thick, and must be at least half a spacing, {0.5 * dx:g} m"
+            )
         return Block(section.block.low, section.block.high)
     if isinstance(section, SolidSection) and section.plate is not None:
         return _plate(section.plate, name, dx)
@@ -47,25 +50,25 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
 def _plate(section: PlateSection, name: str, dx: float) -> Plate:
     """Plate of the section `name`.plate.
 
-    **Raises** CaseError for one that is too short or too thin to have ghosts of spacing dx (m) on its faces.
+    **Raises** CaseError if it is too short or too thin for ghosts of spacing dx (m) on its faces.
     """
     plate = Plate(section.foot, section.head, section.thickness)
     length = plate.straight().length
     if length < max(2.0 * dx, section.thickness):
         raise CaseError(
-            f"{name}.plate: is {length:.4g} m long from foot to head, and must be as long as it is thick and "
-            f"as two spacings of {dx:g} m"
+            f"{name}.plate: is {length:.4g} m long from foot to head; its length must be at least its "
+            f"thickness, and at least two spacings of {dx:g} m"
         )
     if section.thickness < 0.45 * dx:
         raise CaseError(
             f"{name}.plate.thickness = {section.thickness:g} m is less than half a spacing of {dx:g} m: the "
-            f"particles past its ends would not see it; use dx of at most {2 * section.thickness:g} m"
+            f"particles beyond its ends would not see it; use dx of at most {2 * section.thickness:g} m"
         )
     return plate
 
 
 def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: float) -> None:
-    """**Raises** CaseError for corners `[K, D]` (m) that are out of a tank (0 to `upper`, m) by more than the
+    """**Raises** CaseError if corners `[K, D]` (m) are outside the tank (0 to `upper`, m) by more than
     `slack` (m)."""
     out = ((corners < -slack) | (corners > np.asarray(upper) + slack)).any(axis=1)
     if out.any():
@@ -74,7 +77,7 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
 
 
 def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
-    """**Raises** CaseError for two shapes, each with its name, that have more than a particle in common."""
+    """**Raises** CaseError if two of the shapes, given by name, overlap by more than half a particle."""
     for (a, one), (b, other) in itertools.combinations(shapes.items(), 2):
         low, high = (np.stack(ends) for ends in zip(one.bounds(), other.bounds(), strict=True))
         common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0))
@@ -82,19 +85,20 @@ def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
             common = one.region().intersection(other.region()).area
         if common > 0.5 * dx ** len(low[0]):
             raise CaseError(
-                f"{a} and {b}: have {common:.3g} m{len(low[0])} in common: move one, or make one polygon of "
-                "both"
+                f"{a} and {b}: have {common:.3g} m{len(low[0])} in common: move one of them, or combine "
+                "both in one polygon"
             )
 
 
 def _check_polygon(corners: Points, name: str, dx: float) -> None:
-    """**Raises** CaseError for corners that do not go around one area once."""
+    """**Raises** CaseError unless the corners outline one area whose sides do not cross, and which holds a
+    particle."""
     sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
     lengths = np.hypot(*sides.T)
     if lengths.min() < 1e-3 * dx:
         here = int(lengths.argmin())
         raise CaseError(
-            f"{name}.polygon: corners {here} and {(here + 1) % len(corners)} stand at the same place, "
+            f"{name}.polygon: corners {here} and {(here + 1) % len(corners)} are at the same place, "
             f"{list(corners[here])}: remove one (the last side closes by itself)"
         )
     whole = shapely.Polygon(corners)
@@ -107,7 +111,7 @@ def _check_polygon(corners: Points, name: str, dx: float) -> None:
 
 
 def corners_of(body: ShapeSection) -> np.ndarray:
-    """Points `[K, D]` (m) of which a shape's extent is made."""
+    """Points `[K, D]` (m) that span the extent of a shape."""
     if body.polygon is not None:
         return np.asarray(body.polygon)
     if isinstance(body, SolidSection) and body.plate is not None:
@@ -121,11 +125,11 @@ def corners_of(body: ShapeSection) -> np.ndarray:
 
 
 def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
-    """Corners `[K, D]` (m) of a body that starts at its angle, turned in the x-z plane about its pivot."""
+    """Corners `[K, D]` (m) of a body, turned to its initial angle about its pivot in the x-z plane."""
     if not body.angle or body.disc is not None:
         return corners
     pivot = body.pivot or body.centre
-    if pivot is None:  # the centre of mass of the shape, near enough: the middle of its corners
+    if pivot is None:  # the middle of the corners approximates the centre of mass of the shape
         pivot = 0.5 * (corners.min(axis=0) + corners.max(axis=0))[[0, -1]]
     c, s = math.cos(body.angle), math.sin(body.angle)
     r = corners[:, [0, -1]] - pivot
@@ -136,7 +140,7 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
 
 
 def ends_at(shape: AbstractShape, level: float) -> tuple[float, float] | None:
-    """First and last x (m) of a shape at a level (m); None where it does not go through it."""
+    """First and last x (m) of a shape at a level (m); None where the shape does not reach this level."""
     low, high = shape.bounds()
     if not low[-1] < level < high[-1]:
         return None
@@ -156,19 +160,19 @@ def crest_of(shape: AbstractShape, dx: float) -> tuple[float, float]:
 
 
 def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
-    """Notice where faces of the block of the section `name` are not between two particles, with a dx for
-    which they are."""
+    """Notice if faces of the block of the section `name` do not lie between two particles, with a dx for
+    which they do."""
     faces = np.array([*block.low, *block.high])
     off = np.abs(faces / dx - np.round(faces / dx)) * dx
     if off.max() < 1e-3 * dx:
         return []
     worst = int(off.argmax())
-    # the faces in micrometres: what divides them all divides the lattice
+    # the largest spacing that divides all faces, found in whole micrometres
     common = math.gcd(*(round(face * 1e6) for face in faces)) * 1e-6
     fits = "no dx near this one fits all of its faces"
     if common >= 0.25 * dx:
         fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"
     return [
         f"{name}.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-        f"the water keeps its volume, and not its distance from the face; {fits}"
+        f"the water keeps its volume, but not its distance from the face; {fits}"
     ]

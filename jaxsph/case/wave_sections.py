@@ -1,6 +1,6 @@
 """Sections of a case's waves: regular, bichromatic, irregular and focused waves, and recorded series.
 
-Every kind says how high and how long its waves are, and of which sinusoidal waves they are the sum.
+Each kind gives the height and the period of its waves, and the sinusoidal waves of which they are the sum.
 """
 
 from __future__ import annotations
@@ -21,73 +21,74 @@ Waves = tuple[NDArray[np.complexfloating], NDArray[np.floating]]
 """Complex amplitudes (m) of waves at the paddle, and their angular frequencies (rad/s)."""
 
 MOST_PERIODS = 500
-"""Largest number of peak periods after which a sea repeats: the second order of all pairs of its waves then
-takes half a minute."""
+"""Longest time after which a sea repeats, in peak periods: the second-order terms of all pairs of its waves
+then take half a minute to compute."""
 MOST_WAVES = 600
-"""Largest number of waves of a recorded series: its highest are taken."""
+"""Largest number of waves taken from a recorded series; the highest are taken."""
 MOST_SAMPLES = 20_000
-"""Largest number of samples of a recorded series: its text is in every file of its runs."""
+"""Largest number of samples of a recorded series; every run file stores the series as text."""
 
 
 class AbstractWavesSection(Section, abc.ABC):
-    """Waves from a piston at x = 0."""
+    """Waves made by a piston at x = 0."""
 
     height_key: ClassVar[str]
-    """Key that gives the waves their height."""
+    """Key of the wave height."""
     period_key: ClassVar[str]
-    """Key that gives the waves their period."""
+    """Key of the wave period."""
     least_length: ClassVar[int] = 40
-    """Least length of the waves over the spacing: a sea has waves of a seventh of its peak's length."""
+    """Least wavelength over the spacing; a sea needs more, as it has waves of a seventh of its peak
+    wavelength."""
 
     ramp_periods: float = Field(2.0, ge=0, le=1e4)
-    """Periods over which the paddle's amplitude grows from zero."""
+    """Number of periods over which the paddle's amplitude grows from zero."""
     second_order: bool = True
-    """Second-order correction of the paddle's motion, which keeps free waves of second order out."""
+    """Second-order correction of the paddle's motion, which suppresses free waves of second order."""
     absorption: bool = True
-    """Active absorption: the paddle takes up the waves that come back to it."""
+    """Active absorption: the paddle absorbs waves that come back to it."""
     zone: Length | None = None
-    """Length of a relaxation zone in front of the paddle, m, which makes the waves and takes up those that
-    come back, in the place of the paddle's own motion and absorption."""
+    """Length of a relaxation zone in front of the paddle, m. The zone makes the waves and absorbs those that
+    come back; it replaces the paddle's wavemaking and absorption."""
 
     @property
     @abc.abstractmethod
     def period(self) -> float:
-        """Period of the waves, or of their spectrum's peak, s."""
+        """Period of the waves, or peak period of their spectrum, s."""
 
     @property
     @abc.abstractmethod
     def height(self) -> float:
-        """Height of the waves, or their significant height, m."""
+        """Height of the waves, or significant wave height, m."""
 
     @property
     def cycle(self) -> float:
-        """Time of which means are taken over whole numbers, s."""
+        """Length of a cycle, s: results are averaged over whole cycles."""
         return self.period
 
     @abc.abstractmethod
     def sum_of_waves(self, depth: float, g: float) -> Waves:
-        """Waves whose sum this section asks for, on a depth (m)."""
+        """Sinusoidal waves whose sum this section describes, on the depth (m)."""
 
     @property
     def repeats(self) -> float | None:
-        """Time after which the waves repeat, s; None where that is a period, or too long to tell."""
+        """Time after which the waves repeat, s; None for regular and bichromatic waves."""
         return None
 
     def highest(self, depth: float, g: float) -> float:
-        """Height of the highest wave to expect, m: twice the largest elevation at the paddle."""
+        """Height of the highest expected wave, m: twice the largest elevation at the paddle."""
         a, omega = self.sum_of_waves(depth, g)
         waves = second_order.Harmonics(a, omega, omega)
         return 2.0 * float(np.max(np.abs(waves.at(self._times))))
 
     def stroke(self, depth: float, g: float) -> float:
-        """Stroke of the paddle, crest to trough, m: twice its largest displacement of first order."""
+        """Stroke of the paddle from end to end, m: twice its largest first-order displacement."""
         a, omega = self.sum_of_waves(depth, g)
         motion = second_order.displacement(a, omega, depth, g)
         return 2.0 * float(np.max(np.abs(motion.at(self._times))))
 
     @property
     def _times(self) -> NDArray[np.float64]:
-        """Times at which the waves' extremes are looked for, s."""
+        """Times at which the extremes of elevation and stroke are searched, s."""
         return np.arange(0.0, self.cycle if self.repeats is None else self.repeats, 0.04 * self.period)
 
 
@@ -98,7 +99,7 @@ class RegularWavesSection(AbstractWavesSection):
     height_key = "H"
     period_key = "T"
     kind: Literal["regular"] = "regular"
-    """Kind of the waves; another kind has other keys."""
+    """Kind of waves; each kind has its own keys."""
     H: Height
     """Wave height from trough to crest, m."""
     T: Period
@@ -106,35 +107,35 @@ class RegularWavesSection(AbstractWavesSection):
 
     @property
     def period(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.period`."""
         return self.T
 
     @property
     def height(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.height`."""
         return self.H
 
     def sum_of_waves(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.sum_of_waves`."""
         return np.array([0.5 * self.H + 0j]), np.array([2.0 * np.pi / self.T])
 
     def highest(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.highest`."""
         return self.H
 
     def stroke(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.stroke`."""
         return self.H / float(second_order.piston_transfer(np.array(2.0 * np.pi / self.T), depth, g))
 
 
 class BichromaticWavesSection(AbstractWavesSection):
-    """Two regular waves at once, which make groups: `kind = "bichromatic"`."""
+    """Two superposed regular waves, which form groups: `kind = "bichromatic"`."""
 
     least_length = 4
     height_key = "H"
     period_key = "T"
     kind: Literal["bichromatic"] = "bichromatic"
-    """Kind of the waves; another kind has other keys."""
+    """Kind of waves; each kind has its own keys."""
     H: tuple[Height, Height]
     """Heights of the two waves from trough to crest, m."""
     T: tuple[Period, Period]
@@ -143,42 +144,43 @@ class BichromaticWavesSection(AbstractWavesSection):
     @model_validator(mode="after")
     def _two(self) -> BichromaticWavesSection:
         if abs(self.T[0] / self.T[1] - 1.0) < 1e-3:
-            raise ValueError(f"T = {list(self.T)}: two periods must differ by a thousandth at least")
+            raise ValueError(f"T = {list(self.T)}: the two periods must differ by at least a thousandth")
         return self
 
     @property
     def period(self):
-        """See `AbstractWavesSection`: of the higher wave."""
+        """See `AbstractWavesSection.period`: that of the higher wave."""
         return self.T[int(np.argmax(self.H))]
 
     @property
     def height(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.height`."""
         return float(np.hypot(*self.H) * np.sqrt(2.0))  # four standard deviations
 
     @property
     def cycle(self):
-        """See `AbstractWavesSection`: a group."""
+        """See `AbstractWavesSection.cycle`: the duration of a wave group."""
         return 1.0 / abs(1.0 / self.T[0] - 1.0 / self.T[1])
 
     def highest(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.highest`."""
         return sum(self.H)
 
     def sum_of_waves(self, depth, g):
-        """See `AbstractWavesSection`: a crest of both at the paddle at t = 0."""
+        """See `AbstractWavesSection.sum_of_waves`: both waves have a crest at the paddle at t = 0."""
         return 0.5 * np.array(self.H) + 0j, 2.0 * np.pi / np.array(self.T)
 
 
 class _SpectralSection(AbstractWavesSection):
-    """Waves of a spectrum."""
+    """Waves with a given spectrum."""
 
     spectrum: Literal["jonswap", "pierson_moskowitz", "bretschneider"] = "jonswap"
-    """Spectrum: of a growing sea, of a fully grown one (whose height follows from Tp), or of two numbers."""
+    """Spectrum: JONSWAP (a growing sea), Pierson-Moskowitz (a fully developed sea, whose height follows from
+    Tp) or Bretschneider (independent height and period)."""
     Tp: Period
     """Peak period, s."""
     gamma: float | None = Field(None, ge=1, le=20)
-    """Peak enhancement of a JONSWAP spectrum (-), by default 3.3."""
+    """Peak enhancement factor of a JONSWAP spectrum (-); by default 3.3."""
 
     @model_validator(mode="after")
     def _gamma(self) -> _SpectralSection:
@@ -188,11 +190,11 @@ class _SpectralSection(AbstractWavesSection):
 
     @property
     def period(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.period`."""
         return self.Tp
 
     def shape(self, Hs: float) -> spectra.AbstractSpectrum:
-        """Spectrum of a significant height Hs (m)."""
+        """Spectrum with the significant wave height Hs (m)."""
         if self.spectrum == "jonswap":
             return spectra.JONSWAP(Hs, self.Tp, 3.3 if self.gamma is None else self.gamma)
         return spectra.Bretschneider(Hs, self.Tp)
@@ -204,11 +206,11 @@ class IrregularWavesSection(_SpectralSection):
     height_key = "Hs"
     period_key = "Tp"
     kind: Literal["irregular"] = "irregular"
-    """Kind of the waves; another kind has other keys."""
+    """Kind of waves; each kind has its own keys."""
     Hs: Height | None = None
-    """Significant wave height, m; that of a Pierson-Moskowitz spectrum follows from Tp."""
+    """Significant wave height, m; omit it for a Pierson-Moskowitz spectrum, whose height follows from Tp."""
     seed: int = Field(0, ge=0, le=2**32 - 1)
-    """Seed of the waves' random phases: the same seed gives the same sea."""
+    """Seed of the random phases; the same seed gives the same sea."""
     duration: Time | None = None
     """Time after which the sea repeats, s; by default 128 peak periods."""
 
@@ -217,8 +219,8 @@ class IrregularWavesSection(_SpectralSection):
         grown = self.spectrum == "pierson_moskowitz"
         if grown != (self.Hs is None):
             raise ValueError(
-                f"Hs = {self.Hs}: a Pierson-Moskowitz sea's height follows from Tp; remove the key, or take "
-                'spectrum = "bretschneider"'
+                f"Hs = {self.Hs}: the height of a Pierson-Moskowitz sea follows from Tp; remove the key, or "
+                'set spectrum = "bretschneider"'
                 if grown
                 else f'spectrum = "{self.spectrum}" needs waves.Hs'
             )
@@ -231,30 +233,30 @@ class IrregularWavesSection(_SpectralSection):
 
     @property
     def height(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.height`."""
         return spectra.pierson_moskowitz_height(self.Tp) if self.Hs is None else self.Hs
 
     @property
     def repeats(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.repeats`."""
         return 128.0 * self.Tp if self.duration is None else self.duration
 
     def sum_of_waves(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.sum_of_waves`."""
         return spectra.draw_sea(self.shape(self.height), self.repeats, self.seed)
 
 
 class FocusedWavesSection(_SpectralSection):
-    """A group whose waves meet in one crest (NewWave): `kind = "focused"`."""
+    """A wave group that focuses in one crest (NewWave): `kind = "focused"`."""
 
     height_key = "crest"
     period_key = "Tp"
     kind: Literal["focused"] = "focused"
-    """Kind of the waves; another kind has other keys."""
+    """Kind of waves; each kind has its own keys."""
     crest: Height
     """Elevation of the crest by linear theory, m."""
     x: Coordinate
-    """Place of the crest, m from the paddle."""
+    """Position of the crest, m from the paddle."""
     t: Time
     """Time of the crest, s."""
 
@@ -266,73 +268,78 @@ class FocusedWavesSection(_SpectralSection):
 
     @property
     def height(self):
-        """See `AbstractWavesSection`: of the sea of which this is the highest wave in a thousand."""
+        """See `AbstractWavesSection.height`: that of a sea whose highest wave in a thousand has this
+        crest."""
         return 2.0 * self.crest / 1.86
 
     @property
     def repeats(self):
-        """See `AbstractWavesSection`: long enough for the group to be alone."""
+        """See `AbstractWavesSection.repeats`: long enough to keep repeated groups apart."""
         return max(64.0 * self.Tp, 4.0 * self.t)
 
     def highest(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.highest`."""
         return 2.0 * self.crest
 
     def sum_of_waves(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.sum_of_waves`."""
         a, omega = spectra.draw_group(self.shape(1.0), self.repeats, self.crest)
         return a * np.exp(1j * (second_order.wavenumbers(omega, depth, g) * self.x - omega * self.t)), omega
 
 
 class RecordedWavesSection(AbstractWavesSection):
-    """Waves by a series of elevations or of the paddle's displacement: `kind = "recorded"`.
+    """Waves from a series of elevations or of the paddle's displacement: `kind = "recorded"`.
 
-    A case file may give `file`, a CSV with a header and the columns t (s) and eta or X (m), for all three.
+    Instead of t and eta or X, a case file may give `file`, a CSV file with a header and the columns t (s) and
+    either eta (m) or X (m).
     """
 
     height_key = "eta"
     period_key = "t"
     kind: Literal["recorded"] = "recorded"
-    """Kind of the waves; another kind has other keys."""
+    """Kind of waves; each kind has its own keys."""
     t: tuple[float, ...] = Field(min_length=32, max_length=MOST_SAMPLES)
     """Times of the samples, s, evenly spaced."""
     eta: tuple[float, ...] | None = Field(None, max_length=MOST_SAMPLES)
     """Elevations at x, m."""
     X: tuple[float, ...] | None = Field(None, max_length=MOST_SAMPLES)
-    """Displacements of the paddle, m; in the place of `eta`."""
+    """Displacements of the paddle, m; instead of `eta`."""
     x: Coordinate = 0.0
-    """Place of the elevations, m from the paddle."""
+    """Position at which `eta` was recorded, m from the paddle."""
 
     @model_validator(mode="after")
     def _series(self) -> RecordedWavesSection:
         if (self.eta is None) == (self.X is None):
-            raise ValueError("give one of waves.eta (elevations) and waves.X (the paddle's displacement)")
+            raise ValueError("give one of waves.eta (elevations) and waves.X (displacements of the paddle)")
         t, values = np.array(self.t), np.array(self.X if self.eta is None else self.eta)
         if len(t) != len(values):
-            raise ValueError(f"{len(t)} times and {len(values)} values: must be as many")
+            raise ValueError(f"{len(t)} times and {len(values)} values: give one value for each time")
         if self.X is not None and self.x:
-            raise ValueError("x belongs to elevations: remove it, or give waves.eta")
+            raise ValueError(
+                "x is the position of elevations: remove it, or give waves.eta instead of waves.X"
+            )
         step = np.diff(t)
         usual = float(np.median(step))
         if not usual > 0.0 or np.any(np.abs(step - usual) > 0.02 * usual):
             k = int(np.argmax(np.abs(step - usual)))
             raise ValueError(
-                f"t has a gap or a jump: {step[k]:g} s from t = {t[k]:g} s on, where samples are {usual:g} s "
-                "apart; times must be in s and evenly spaced: fill or resample the series"
+                f"t has a gap or a jump: {step[k]:g} s from t = {t[k]:g} s to the next sample, while samples "
+                f"are usually {usual:g} s apart; times must be in s and evenly spaced: fill or resample the "
+                "series"
             )
         if not np.std(values) > 0.0:
-            raise ValueError("the series does not vary: there are no waves in it")
+            raise ValueError("the series does not vary: it contains no waves")
         return self
 
     @property
     def _spectrum(self) -> Waves:
-        """Complex amplitudes of the series, with its start at t = 0, and the frequencies (rad/s)."""
+        """Complex amplitudes of the series, shifted to start at t = 0, and angular frequencies (rad/s)."""
         values = np.array(self.X if self.eta is None else self.eta)
         a = 2.0 * np.fft.rfft(values - np.mean(values)) / len(values)
         omega = 2.0 * np.pi * np.arange(len(a)) / self.repeats
         energy = np.abs(a[1:-1]) ** 2
         mean = float(np.sum(energy * omega[1:-1]) / np.sum(energy))
-        # longer waves than these are no waves of a tank, and shorter ones no piston makes
+        # longer components are no waves of a tank, and a piston cannot make shorter ones
         keep = (omega > 0.3 * mean) & (omega < 3.5 * mean) & (np.arange(len(a)) < len(a) - 1)
         sizes = np.abs(a[keep])
         least = max(1e-3 * np.max(sizes), np.sort(sizes)[-MOST_WAVES:][0])
@@ -341,33 +348,33 @@ class RecordedWavesSection(AbstractWavesSection):
 
     @property
     def left_out(self) -> float:
-        """Share of the series' variance that is in waves too long or too short to be made."""
+        """Share of the series' variance in waves that are too long or too short for the paddle."""
         a, _ = self._spectrum
         values = np.array(self.X if self.eta is None else self.eta, float)
         return 1.0 - float(np.sum(np.abs(a) ** 2) / 2.0 / np.var(values))
 
     @property
     def period(self):
-        """See `AbstractWavesSection`: by the mean frequency of the spectrum's square."""
+        """See `AbstractWavesSection.period`: that of the mean frequency, weighted by the squared spectrum."""
         a, omega = self._spectrum
         weight = np.abs(a) ** 4
         return float(2.0 * np.pi * np.sum(weight) / np.sum(weight * omega))
 
     @property
     def height(self):
-        """See `AbstractWavesSection`: four standard deviations of the elevation."""
+        """See `AbstractWavesSection.height`: four standard deviations of the elevation."""
         if self.eta is not None:
             return 4.0 * float(np.std(self.eta))
-        # on a depth of half a wavelength; its own is not known here
+        # on a depth of half a wavelength, as the tank's depth is not known here
         return 4.0 * float(np.std(np.array(self.X))) * 1.8
 
     @property
     def repeats(self):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.repeats`."""
         return len(self.t) * (self.t[-1] - self.t[0]) / (len(self.t) - 1)
 
     def sum_of_waves(self, depth, g):
-        """See `AbstractWavesSection`."""
+        """See `AbstractWavesSection.sum_of_waves`."""
         a, omega = self._spectrum
         if self.eta is None:
             return 1j * a * second_order.piston_transfer(omega, depth, g), omega
@@ -381,7 +388,7 @@ WAVES: dict[str, type[Section]] = {
     "focused": FocusedWavesSection,
     "recorded": RecordedWavesSection,
 }
-"""Sections of waves by `waves.kind`; the first where none is given."""
+"""Sections of waves by `waves.kind`; the first is the default."""
 
 WavesSection = Annotated[
     Annotated[RegularWavesSection, Tag("regular")]
@@ -391,4 +398,4 @@ WavesSection = Annotated[
     | Annotated[RecordedWavesSection, Tag("recorded")],
     Discriminator(kind_of(WAVES)),
 ]
-"""The waves: one section, whose `kind` says which keys it has."""
+"""Section of the waves; its `kind` determines its keys."""

@@ -1,1 +1,1 @@
-"""The command line: the `jaxsph` command, and a file for each subject of its commands."""
+"""Command line: the `jaxsph` command, and one module for each group of its subcommands."""

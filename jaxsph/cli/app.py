@@ -1,4 +1,4 @@
-"""The `jaxsph` command, made of the commands of the other files in the order of its help."""
+"""The `jaxsph` command, assembled from the subcommands of the other modules in the order of its help."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from jaxsph.cli import cases, running, showing, studies
 
 app = typer.Typer(
     name="jaxsph",
-    help="Simulate wave energy converters as particles of water (SPH). Begin with: jaxsph run owc --quick",
+    help="Simulate wave energy converters with smoothed particle hydrodynamics (SPH). "
+    "Start with: jaxsph run owc --quick",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, and what the texts given for them stand for."""
+"""Arguments and options shared by several commands, and functions that parse their values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jaxsph.run import interrupt
 
 
 def complete_case(begun: str) -> list[str]:
-    """Built-in cases and TOML files whose names begin so."""
+    """Built-in cases and TOML files whose names begin with `begun`."""
     import jaxsph as js
 
     names = [*js.built_in_cases(), *(str(path) for path in sorted(Path().glob("*.toml")))]
@@ -25,7 +25,7 @@ def complete_case(begun: str) -> list[str]:
 
 
 def _complete_key(begun: str) -> list[str]:
-    """Keys of a case that begin so, with the sign that their value follows."""
+    """Keys of a case that begin with `begun`, each followed by an equals sign."""
     from jaxsph.case.case import key_names
     from jaxsph.case.sections import Sections
 
@@ -36,13 +36,13 @@ CaseName = Annotated[
     str,
     typer.Argument(
         metavar="CASE",
-        help="A TOML file, a built-in name, or FILE.py:FUNCTION, which returns a Problem.",
+        help="A TOML file, a built-in case, or FILE.py:FUNCTION for a function that returns a Problem.",
         autocompletion=complete_case,
     ),
 ]
 
 
-RunName = Annotated[Path, typer.Argument(metavar="FILE", help="The file of a run.")]
+RunName = Annotated[Path, typer.Argument(metavar="FILE", help="File written by jaxsph, such as runs/owc.h5.")]
 
 
 Settings = Annotated[
@@ -50,7 +50,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change one value, e.g. --set pto.K_dm=300; repeatable. KEY= without a value removes the key.",
+        help="Change one value, e.g. --set pto.K_dm=300. KEY= without a value removes the key. Repeatable.",
         autocompletion=_complete_key,
     ),
 ]
@@ -61,13 +61,13 @@ Changes = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change one value from here on, e.g. --set tank.height=1.5; repeatable. "
-        "Only what leaves particles and walls where they are.",
+        help="Change one value for the rest of the run, e.g. --set tank.height=1.5. Only changes that do not "
+        "move particles or walls are possible. Repeatable.",
     ),
 ]
 
 
-EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End of the run, s.")]
+EndTime = Annotated[float | None, typer.Option("--t1", metavar="S", help="End time of the run, s.")]
 
 
 Devices = Annotated[
@@ -75,7 +75,7 @@ Devices = Annotated[
     typer.Option(
         "--devices",
         metavar="N",
-        help="Accelerators, or on a CPU cores, that share the run; default: those that make it faster.",
+        help="Number of accelerators, or of CPU cores, that share the run; default: as many as speed it up.",
     ),
 ]
 
@@ -85,7 +85,8 @@ Process = Annotated[
     typer.Option(
         "--process",
         metavar="K/N@HOST:PORT",
-        help="Process K (from 0) of N that share the run and meet at HOST:PORT; auto under Slurm or MPI.",
+        help="Run as process K (from 0) of N that share the run and connect at HOST:PORT. "
+        "Under Slurm or MPI: auto.",
     ),
 ]
 
@@ -94,14 +95,14 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 
 
 class Way(enum.StrEnum):
-    """Method of a slope by its name on the command line; the methods are in `jaxsph.study`."""
+    """Name of a method for slopes on the command line; the methods are in `jaxsph.study`."""
 
     ensemble = enum.auto()
     filtered = enum.auto()
     exact = enum.auto()
 
     def of(self, spread: float, members: int, out: Path | None = None) -> Any:
-        """Method with these numbers of an ensemble, which the other methods do not use."""
+        """Method with this name; only an ensemble uses the arguments."""
         import jaxsph as js
 
         match self:
@@ -116,17 +117,17 @@ class Way(enum.StrEnum):
 Method = Annotated[
     Way,
     typer.Option(
-        help="ensemble: many runs, with a standard error; filtered: one run, with a bias; "
-        "exact: only for runs of a fraction of a second."
+        help="ensemble: many runs, gives a standard error; filtered: one run, gives a biased slope; "
+        "exact: one run, only for a fraction of a second."
     ),
 ]
 
 
-Pictures = Annotated[bool, typer.Option("--plot/--no-plot", help="Make pictures after the run.")]
+Pictures = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw pictures after the run.")]
 
 
 Page = Annotated[
-    bool, typer.Option("--report/--no-report", help="Write a page for the browser beside the file.")
+    bool, typer.Option("--report/--no-report", help="Write an HTML page with the results next to the file.")
 ]
 
 
@@ -135,13 +136,14 @@ Program = Annotated[
     typer.Option(
         "--program",
         metavar="FILE.py:FUNCTION",
-        help="The function that made the run, where it was no case: a file never makes anyone import one.",
+        help="Function that defined the run, if it was not a case. It must be given again: for safety, code "
+        "that only a file names is never imported.",
     ),
 ]
 
 
 def load(name: str, settings: list[str] | None) -> Any:
-    """Case of a name, or program of FILE.py:FUNCTION, with the values of --set; JAX gets its precision."""
+    """Loads a case by name, or a program FILE.py:FUNCTION, with the values of --set; sets JAX's precision."""
     import jaxsph as js
 
     case = js.Program.load(name) if ".py" in name else js.load_case(name)
@@ -153,7 +155,7 @@ def load(name: str, settings: list[str] | None) -> Any:
 
 
 def setting_of(text: str) -> tuple[str, Any]:
-    """("a.b", value) from "a.b=value", the value being TOML, or else plain text."""
+    """Parses "a.b=value" to ("a.b", value); the value is TOML, or else plain text, or None if empty."""
     key, equals, value = text.partition("=")
     key, value = key.strip(), value.strip()
     if not key or not equals:
@@ -167,12 +169,12 @@ def setting_of(text: str) -> tuple[str, Any]:
 
 
 def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
-    """("a.b", values) from "a.b=1,2,3" or "a.b=first:last:count"; whole numbers where all are written so."""
+    """Parses "a.b=1,2,3" or "a.b=first:last:count" to ("a.b", values), integers if all are written so."""
     from jaxsph.study.sweep import MOST_MEMBERS
 
     key, equals, value = (part.strip() for part in text.partition("="))
     values: list[float] = []
-    with contextlib.suppress(ValueError):  # what is not a number is refused below
+    with contextlib.suppress(ValueError):  # values that are not numbers are refused below
         if value.count(":") == 2:
             first, last, number = value.split(":")
             count = int(number)
@@ -184,26 +186,26 @@ def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
             values = [float(part) for part in value.split(",")]
     if not key or not equals or not values or not all(map(math.isfinite, values)):
         raise CaseError(
-            f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT, of finite numbers and with "
-            "a COUNT of 1 or more"
+            f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT, with finite numbers and a "
+            "COUNT of 1 or more"
         )
     if "." not in value and all(one.is_integer() and abs(one) < 2**53 for one in values):
-        values = [int(one) for one in values]  # a seed must be one
+        values = [int(one) for one in values]  # a seed must be an integer
     return key, values
 
 
 def each_once(pairs: Iterable[tuple[str, Any]], option: str) -> dict[str, Any]:
-    """Values by key. **Raises** CaseError for a key that is given twice."""
+    """Values by key. **Raises** CaseError if a key is given twice."""
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise CaseError(f"{option} {key}: is given twice; give all that it may be in one {option}")
+            raise CaseError(f"{option} {key}: is given twice; give all its values in one {option}")
         found[key] = value
     return found
 
 
 def bounds_of(text: str) -> tuple[str, tuple[float, float]]:
-    """("a.b", (low, high)) from "a.b=low:high"."""
+    """Parses "a.b=low:high" to ("a.b", (low, high))."""
     key, _, value = (part.strip() for part in text.partition("="))
     try:
         low, high = (float(part) for part in value.split(":"))
@@ -213,7 +215,7 @@ def bounds_of(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def match_precision(precision: str | None) -> None:
-    """Switches JAX to float64 where a case asks for it, before the first array is made."""
+    """Switches JAX to float64 if a case needs it; call it before the first array is created."""
     if precision == "float64":
         import jax
 

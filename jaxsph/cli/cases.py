@@ -1,4 +1,4 @@
-"""Commands about cases that run none: `jaxsph check`, `new` and `cases`."""
+"""Commands for cases before a run: `jaxsph check`, `show`, `new` and `cases`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def check(
     ] = False,
     devices: Devices = None,
 ) -> None:
-    """Validate a case and say what its run will be."""
+    """Check a case, and print the particles, time step, waves and expected wall time of its run."""
     import jaxsph as js
 
     with messages():
@@ -31,7 +31,7 @@ def check(
         if timed:
             found = js.duration(loaded, devices)
             on = f"{found.devices} device" + ("s" if found.devices > 1 else "")
-            text = f"{in_time(found.total)} on {on} here, {in_time(found.compilation)} of it to start"
+            text = f"{in_time(found.total)} on {on} here, {in_time(found.compilation)} of it for compilation"
             rows = [*(row for row in rows if row[0] != "wall time"), ("wall time", text)]
         print_table(rows)
         for notice in loaded.notices() if is_case else ():
@@ -42,17 +42,17 @@ def show(
     case: CaseName,
     settings: Settings = None,
     whole: Annotated[
-        bool, typer.Option("--whole", help="With every key that is left to its default.")
+        bool, typer.Option("--whole", help="Include every key that has its default value.")
     ] = False,
 ) -> None:
-    """Print a case as a file that says the same without short forms: [pto] as the chamber's, and so on."""
+    """Print a case with its short forms written out, for example pto as a key of its chamber."""
     import jaxsph as js
     from jaxsph.problem.toml import toml_text
 
     with messages():
         loaded = load(case, settings)
         if isinstance(loaded, js.Program):
-            raise CaseError(f"{case}: is a program, which has no case file")
+            raise CaseError(f"{case}: is a program and has no case file; give a case")
         expanded = loaded.expanded()
         typer.echo(expanded.to_toml() if whole else toml_text(expanded.given()))
 
@@ -61,10 +61,10 @@ def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Writes NAME.toml.")],
     like: Annotated[
         str,
-        typer.Option("--like", metavar="CASE", help="The case to begin with.", autocompletion=complete_case),
+        typer.Option("--like", metavar="CASE", help="Case to start from.", autocompletion=complete_case),
     ] = "owc",
 ) -> None:
-    """Write a case file to begin with, with every key and its meaning as comments."""
+    """Write a new case file, with every key and its meaning as comments."""
     import jaxsph as js
     from jaxsph.case.commented import commented_toml
 

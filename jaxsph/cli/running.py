@@ -38,9 +38,9 @@ def run(
     t1: EndTime = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>.h5"),
+        typer.Option("--out", "-o", metavar="FILE", help="Output file; default: runs/<name of the case>.h5"),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE where it exists.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE if it exists.")] = False,
     quick: Annotated[
         bool,
         typer.Option("--quick", help="A coarse first look: larger particles, a shorter run, no pictures."),
@@ -51,7 +51,7 @@ def run(
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
-    """Run a case and record it into one HDF5 file."""
+    """Run a case and record it in one HDF5 file."""
     import jaxsph as js
 
     with messages():
@@ -70,7 +70,7 @@ def run(
         if is_first:
             _report(solution, out, (plot and not quick, report), quiet)
             if quick and not quiet:
-                typer.echo(f"this was COARSE, for a first look: for numbers to rely on, jaxsph run {case}")
+                typer.echo(f"this was a COARSE run for a first look; for reliable numbers: jaxsph run {case}")
 
 
 def resume(
@@ -84,7 +84,7 @@ def resume(
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
-    """Go on with a run from its last checkpoint."""
+    """Continue a run from its last checkpoint."""
     import jaxsph as js
 
     with messages():
@@ -103,9 +103,9 @@ def resume(
 
 
 def _find(devices: int | None, process: str | None) -> bool:
-    """Joins the processes of a run and makes cores devices, before JAX is first used.
+    """Joins the processes of a run and sets the number of devices; call it before JAX is first used.
 
-    **Returns** whether this process is the first. **Raises** CaseError where there are too few of either.
+    **Returns** whether this process is the first. **Raises** CaseError if processes or devices are missing.
     """
     import jax
 
@@ -119,7 +119,7 @@ def _find(devices: int | None, process: str | None) -> bool:
 
 
 def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -> None:
-    """Results in the terminal, and as pictures and as a page where they are wanted."""
+    """Prints the results, and writes pictures and a page if `wanted` (in this order)."""
     if not quiet:
         for notice in solution.notices:
             typer.echo(f"note: {notice}", err=True)
@@ -137,9 +137,9 @@ def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -
 
 
 def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Labels and values of results, their groups apart; what the page has besides is left out.
+    """Labels and values of results, with an empty row between groups, without energies of the whole run.
 
-    `flat`: in 2-D, where bodies and energies are per metre of width.
+    `flat`: whether the run is two-dimensional, with results for bodies and energies per metre of width.
     """
     rows, group = [], None
     for name in in_order(results, own):
@@ -155,9 +155,9 @@ def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]
 
 @contextlib.contextmanager
 def _resumable(path: Path, program: str) -> Iterator[None]:
-    """Tells the user how to go on with a run that was interrupted or has failed.
+    """Context that tells the user how to continue a run that was interrupted or has failed.
 
-    `program`: what was named to run it, which is named again where it is FILE.py:FUNCTION.
+    `program`: name that was given to run it; the message repeats it if it is FILE.py:FUNCTION.
     """
     resume = f"jaxsph resume {path}" + (f" --program {program}" if ".py" in program else "")
 
@@ -176,8 +176,8 @@ def _resumable(path: Path, program: str) -> Iterator[None]:
 
 
 def _what_is_left(path: Path, resume: str) -> str:
-    """How to go on with a run that was stopped."""
+    """Message on how to continue a run that was stopped."""
     with contextlib.suppress(JaxsphError):
         if RunFile.open(path).has_checkpoint():
-            return f"{path} is whole up to its last checkpoint; go on with: {resume}"
-    return f"There was no checkpoint yet; begin again with --overwrite ({path})"
+            return f"{path} is complete up to its last checkpoint; continue with: {resume}"
+    return f"There is no checkpoint yet; start again with --overwrite ({path})"

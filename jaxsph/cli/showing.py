@@ -21,19 +21,23 @@ def plot(
     file: RunName,
     folder: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder; default: beside FILE, runs/owc_plots for runs/owc.h5."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the pictures; default: next to FILE, such as runs/owc_plots for runs/owc.h5.",
+        ),
     ] = None,
     animation: Annotated[
         bool, typer.Option("--animation/--no-animation", help="Animate the snapshots.")
     ] = True,
     vtk: Annotated[
-        Path | None, typer.Option("--vtk", metavar="FILE", help="Also export for ParaView.")
+        Path | None, typer.Option("--vtk", metavar="FILE", help="Also export the particles for ParaView.")
     ] = None,
     linear: Annotated[
-        bool, typer.Option("--linear", help="Draw what linear theory expects of the chamber.")
+        bool, typer.Option("--linear", help="Add linear theory to the picture of the chamber.")
     ] = False,
 ) -> None:
-    """Make pictures of a run or a sweep, finished or not, and export a run's particles."""
+    """Draw pictures of a run or a sweep, finished or not, and export the particles of a run."""
     import jaxsph as js
     from jaxsph.output.plot.pictures import plot_run
     from jaxsph.output.plot.sweeps import plot_sweep
@@ -46,7 +50,7 @@ def plot(
             return
         opened = RunFile.open(file)
         if linear and "program" in opened.case_keys():
-            raise CaseError(f"--linear: {file} is of a program, whose linear theory is not known")
+            raise CaseError(f"--linear: {file} is the run of a program, for which there is no linear theory")
         expected = js.linear_owc(js.Case.from_dict(opened.case_keys())) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
             typer.echo(path)
@@ -59,14 +63,17 @@ def write_report(
         list[Path], typer.Argument(metavar="FILE", help="Files of runs or sweeps, shown side by side.")
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Default: the first FILE with .html.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="Page to write; default: the first FILE with .html."
+        ),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace FILE also where it is no page of jaxsph.")
+        bool, typer.Option("--overwrite", help="Replace the page even if it was not written by jaxsph.")
     ] = False,
-    show: Annotated[bool, typer.Option("--show", help="Open it in the browser.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Write a page for the browser: results, charts, and the particles played back, in one file."""
+    """Write one HTML page for the browser, with results, charts and playback of the particles."""
     from jaxsph.report.page import report
 
     with messages():
@@ -79,19 +86,19 @@ def write_report(
 
 def export(
     file: RunName,
-    csv: Annotated[bool, typer.Option("--csv", help="CSV files beside FILE (the default).")] = False,
-    xlsx: Annotated[bool, typer.Option("--xlsx", help="A workbook beside FILE.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV files next to FILE (default).")] = False,
+    xlsx: Annotated[bool, typer.Option("--xlsx", help="Write an Excel workbook next to FILE.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="TABLE", help="Another name, in .csv or .xlsx.")
+        Path | None, typer.Option("--out", "-o", metavar="TABLE", help="Table to write, .csv or .xlsx.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace tables that exist.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,
 ) -> None:
     """Write the results and readings of a run, or the members of a sweep, as tables for a spreadsheet."""
     import jaxsph as js
 
     with messages():
         if csv + xlsx + (out is not None) > 1:
-            raise CaseError("--csv, --xlsx and --out: give one of them")
+            raise CaseError("--csv, --xlsx and --out: give only one of them")
         out = out if out is not None else Path(file).with_suffix(".xlsx" if xlsx else ".csv")
         for written in js.export(file, out, overwrite=overwrite):
             typer.echo(f"table: {written}")
@@ -99,10 +106,10 @@ def export(
 
 def watch(
     file: RunName,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; default: one that is free.")] = 0,
-    show: Annotated[bool, typer.Option("--show", help="Open it in the browser.")] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; default: any free port.")] = 0,
+    show: Annotated[bool, typer.Option("--show", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Show a run that goes on in the browser, renewed after every chunk, until Ctrl-C."""
+    """Show a run in progress in the browser, updated after every chunk; end with Ctrl-C."""
     import threading
 
     from jaxsph.report.watch import Watch

@@ -30,7 +30,7 @@ from jaxsph.errors import CaseError
 from jaxsph.report.labels import label_of
 
 CLUSTER_TIMEOUT = 10
-"""Time in which a cluster's scheduler has to answer, s."""
+"""Time limit for the answer of a cluster's scheduler, s."""
 
 
 def sweep(
@@ -40,29 +40,32 @@ def sweep(
         typer.Option(
             "--grid",
             metavar="KEY=VALUES",
-            help="Values of one parameter: 0.02,0.04 or first:last:count; repeatable.",
+            help="Values of one parameter: KEY=0.02,0.04 or KEY=first:last:count. Repeatable.",
         ),
     ],
     settings: Settings = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_sweep.h5"),
+        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_sweep.h5"),
     ] = None,
     t1: EndTime = None,
-    workers: Annotated[int | None, typer.Option(help="Runs at a time; default: one per core.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of runs at a time; default: one per core.")
+    ] = None,
     batch: Annotated[
-        int | None, typer.Option(help="Runs side by side in one call; the default on an accelerator, 8.")
+        int | None,
+        typer.Option(help="Number of runs in one batch; default: 8 on an accelerator, no batches on a CPU."),
     ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Dask scheduler whose workers run the members: tcp://host:8786."
+            metavar="ADDRESS", help="Dask scheduler whose workers run the members, e.g. tcp://host:8786."
         ),
     ] = None,
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
-    """Run a case for every combination of values, or go on with an interrupted sweep."""
+    """Run a case for every combination of parameter values, or continue an interrupted sweep."""
     import jaxsph as js
 
     _compile_as_members()
@@ -72,7 +75,7 @@ def sweep(
         over = each_once((values_of(text) for text in grid), "--grid")
         if t1 is not None:
             if "t1" in over:
-                raise CaseError("--t1: is one of the parameters of --grid; give one of the two")
+                raise CaseError("--t1: is one of the parameters of --grid; give only one of the two")
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not (quiet or out.exists()):
@@ -91,22 +94,26 @@ def matrix(
     case: CaseName,
     heights: Annotated[
         str,
-        typer.Option("--hs", metavar="VALUES", help="Significant heights, m: 0.02,0.04 or first:last:count."),
+        typer.Option(
+            "--hs", metavar="VALUES", help="Significant wave heights, m: 0.02,0.04 or first:last:count."
+        ),
     ],
     periods: Annotated[
         str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
     ],
     seeds: Annotated[
-        int, typer.Option(help="Different seas run in every sea state; more of them lower its error.")
+        int, typer.Option(help="Number of random seas per sea state; more seas reduce the error.")
     ] = 1,
     table: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual mean."),
+        typer.Option(
+            metavar="CSV", help="Scatter table with columns Hs, Tp and share or hours, for the annual mean."
+        ),
     ] = None,
     settings: Settings = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_matrix.h5"),
+        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_matrix.h5"),
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the seas.")
@@ -114,7 +121,7 @@ def matrix(
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
-    """Power matrix: mean power in irregular seas of every height and period, and over a scatter table."""
+    """Compute a power matrix: mean power for every wave height and period, and over a scatter table."""
     import jaxsph as js
 
     _compile_as_members()
@@ -140,30 +147,31 @@ def matrix(
         _end_with_failures(done.sweep)
 
 
-def slope(  # of a command the options are the arguments
+def slope(  # its arguments are the options of the command
     case: CaseName,
-    over: Annotated[str, typer.Option("--over", metavar="KEY", help="The number to vary: pto.K_dm.")],
+    over: Annotated[str, typer.Option("--over", metavar="KEY", help="Parameter to vary, e.g. pto.K_dm.")],
     of: Annotated[
         str,
         typer.Option(
-            "--of", help="The result: xi, P_owc, energy_pto, or of an ensemble any, such as amplitude_P_a."
+            "--of", help="Result: xi, P_owc or energy_pto; with an ensemble any, such as amplitude_P_a."
         ),
     ] = "xi",
     method: Method = Way.ensemble,
     members: Annotated[
-        int, typer.Option(help="Runs around the case's value, through which a parabola is fitted.")
+        int,
+        typer.Option(help="Number of runs around the case's value; the slope is that of a fitted parabola."),
     ] = 9,
     spread: Annotated[
-        float, typer.Option(help="Reach of those runs to either side of the value, as a share of it.")
+        float, typer.Option(help="Largest change in these runs to either side, as a share of the value.")
     ] = 0.3,
     settings: Settings = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_<KEY>.h5"),
+        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_<KEY>.h5"),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Slope of a result over one number of the case, with its error."""
+    """Compute the slope of a result with respect to one parameter of the case, with its error."""
     import jaxsph as js
 
     with messages():
@@ -175,44 +183,44 @@ def slope(  # of a command the options are the arguments
             [
                 (of, f"{found.value:.4g}"),
                 (f"d {of} / d {over}", f"{found.slope:.4g}{error}"),
-                ("holds for changes up to", f"{found.reach:.3g}"),
+                ("valid for changes up to", f"{found.reach:.3g}"),
             ]
         )
         if method is Way.ensemble:
             typer.echo(f"recorded in {out}")
 
 
-def optimise(  # of a command the options are the arguments
+def optimise(  # its arguments are the options of the command
     case: CaseName,
     over: Annotated[
-        list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="A number to choose; repeatable.")
+        list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="Parameter to optimise; repeatable.")
     ],
     of: Annotated[
         str,
         typer.Option(
             "--of",
-            help="What to maximise: xi, P_owc, energy_pto, or of ensembles any, such as amplitude_P_a.",
+            help="Result to maximise: xi, P_owc or energy_pto; with ensembles any, such as amplitude_P_a.",
         ),
     ] = "xi",
     method: Method = Way.ensemble,
-    members: Annotated[int, typer.Option(help="Runs for every slope.")] = 9,
+    members: Annotated[int, typer.Option(help="Number of runs for every slope.")] = 9,
     spread: Annotated[
-        float, typer.Option(help="Reach of those runs to either side of the value, as a share of it.")
+        float, typer.Option(help="Largest change in these runs to either side, as a share of the value.")
     ] = 0.3,
-    evaluations: Annotated[int, typer.Option(help="Largest number of slopes.")] = 10,
+    evaluations: Annotated[int, typer.Option(help="Largest number of evaluations in the search.")] = 10,
     table: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours: P_owc over the year."),
+        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual P_owc."),
     ] = None,
     settings: Settings = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Default: runs/<name of the case>_optimum.h5"),
+        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_optimum.h5"),
     ] = None,
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
-    """Search the values that make a result largest, or go on with an interrupted search."""
+    """Search for the parameter values that maximise a result, or continue an interrupted search."""
     import jaxsph as js
 
     if method is Way.ensemble:
@@ -240,7 +248,7 @@ def optimise(  # of a command the options are the arguments
 
 
 def _compile_as_members() -> None:
-    """Makes JAX, which has not begun yet, compile as the processes of members do, for them to find."""
+    """Sets the compiler flags of members, before JAX starts, so that members find what is compiled here."""
     from jaxsph.study.members import FORWARD_FLAGS
 
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
@@ -254,9 +262,9 @@ def _announce(
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Says how many runs over these values there will be, and how long they take, by the first steps of one.
+    """Prints the number of runs and their expected time, from the first steps of one run.
 
-    **Raises** CaseError for the first and last values that a case does not take, before anything is timed.
+    **Raises** CaseError if the case refuses the first or last value of a parameter, before anything is timed.
     """
     import jaxsph as js
     from jaxsph.run.devices import available_cores
@@ -275,7 +283,7 @@ def _announce(
 
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:
-    """A line per member: where it is, and its efficiency or what else its case gives."""
+    """One row per member: its parameter values, and its efficiency or another result of its case."""
     name = done.meanings.first(done.results) or "energy_residual_share"
     if name not in done.results:
         return []
@@ -285,12 +293,12 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
 
 
 def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
-    """A line per sea state, and one of the year where there is a scatter table."""
+    """One row per sea state, and one for the year if there is a scatter table."""
     unit, rows = done.unit, []
     for i, height in enumerate(done.Hs):
         for j, period in enumerate(done.Tp):
             linear = done.linear[i, j]
-            theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: it has none
+            theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: no theory
             error = "" if math.isnan(done.error[i, j]) else f" +- {done.error[i, j]:.1g}"
             xi = "" if math.isnan(done.xi[i, j]) else f" (xi {done.xi[i, j]:.3g})"
             value = f"{done.P[i, j]:.3g}{error} {unit}{xi}{theory}"
@@ -303,7 +311,7 @@ def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
 
 
 def _end_with_failures(done: Any) -> None:
-    """Names the members that failed, and ends the command with exit code 1 where there are any."""
+    """Prints the members that failed, and ends the command with exit code 1 if there are any."""
     for place, text in done.failures.items():
         typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
     if done.failures:
@@ -317,7 +325,7 @@ def _place(done: Any, place: tuple[int, ...]) -> str:
 
 @contextlib.contextmanager
 def _cluster(address: str | None) -> Iterator[Any]:
-    """Executor of the Dask cluster at an address; None without one. **Raises** CaseError."""
+    """Context with the executor of a Dask cluster; None without an address. **Raises** CaseError."""
     if address is None:
         yield None
         return

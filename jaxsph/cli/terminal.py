@@ -1,4 +1,4 @@
-"""What commands end with: tables, a page where it is wanted, and errors as messages and exit codes."""
+"""Output at the end of commands: tables, pages, and errors as messages and exit codes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def print_table(rows: list[tuple[str, str]]) -> None:
 
 
 def write_page(path: Path, wanted: bool, quiet: bool) -> None:
-    """Page of a file beside it, where it is wanted; without one the results are as good."""
+    """Writes the page of a file next to it, if `wanted`. An error is only noted: the results are complete."""
     if not wanted:
         return
     from jaxsph.report.page import report
@@ -36,7 +36,7 @@ def write_page(path: Path, wanted: bool, quiet: bool) -> None:
 
 @contextlib.contextmanager
 def messages() -> Iterator[None]:
-    """Turns what a user can act on into a message and an exit code: 2 for input, 1 for a run."""
+    """Turns errors that a user can act on into a message and an exit code: 2 for input, 1 for a run."""
     try:
         yield
     except JaxsphError as error:

@@ -1,4 +1,4 @@
-"""Array types and the small vector algebra on tuples of components that the pair laws use."""
+"""Array types, and vector algebra on tuples of components for the pair laws."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Components: TypeAlias = tuple[jax.Array, ...]
 
 
 def real(value: ArrayLike) -> Float[Array, "..."]:
-    """Array of floating-point numbers made from a value; an array of such numbers keeps its precision.
+    """Floating-point array of a value; a floating-point array keeps its precision.
 
-    A Python number has no precision of its own: it becomes a weakly typed array, which takes the precision
-    of what it is combined with, so that float32 stays float32 where `jax_enable_x64` is on.
+    A Python number becomes a weakly typed array, which takes the precision of the array that it is combined
+    with. So float32 stays float32 even if `jax_enable_x64` is on.
     """
     if isinstance(value, bool | int | float):
         return jnp.asarray(float(value))

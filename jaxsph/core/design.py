@@ -1,4 +1,4 @@
-"""Kernels of least false stress on a lattice that does not buckle under pressure."""
+"""Design of kernels with the least false stress on a particle lattice that is stable under pressure."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ __all__ = ["least_stress"]
 SAMPLES = 300
 """Number of random deformations."""
 ROUNDING = 1e-6
-"""Stiffness that passes for zero (-), in the precision of the kernels' slopes."""
+"""Tolerance of the constraints (-), of the order of the rounding errors of the kernels' slopes."""
 MOST_CUTS = 20
-"""Rounds in which modes that would buckle become constraints: two or three are the rule."""
+"""Largest number of rounds that add the buckling modes as constraints; usually two or three suffice."""
 
 
 def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
-    """Polynomial kernel on whose lattice deformations meet the least false stress, and none grows by itself.
+    """Polynomial kernel with the least false stress on deformed lattices, and a stable undeformed lattice.
 
-    False stress, slope and stiffness are linear in the shares of the powers: the sum of the stress's squares,
-    over random deformations and over pure strain, is least for shares that sum to one, and with which the
-    kernel decreases outwards and no transverse wave of displacements has a negative stiffness
-    (`LatticeStress`).
-    **Arguments**: the number of dimensions; the radius of the support over the spacing; the lowest power of
-    1 - (r/R)^2 and the number of powers.
+    False stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
+    minimise the sum of squares of the false stress over random deformations and pure strain, subject to
+    three constraints: they sum to one, the kernel decreases outwards, and no transverse displacement wave has
+    a negative stiffness (`LatticeStress`).
+    **Arguments**: `dim`: number of dimensions; `support`: radius of the support over the spacing; `lowest`:
+    lowest power; `terms`: number of powers. **Raises** ValueError if no kernel meets the constraints.
     **Returns**: the kernel; its smoothing length over the spacing is `support / kernel.reach`.
     """
     powers = [Polynomial.of(dim, (1.0,), n) for n in range(lowest, lowest + terms)]
@@ -45,7 +45,7 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
     cuts = _slopes(lowest, terms, dim)
     for _ in range(MOST_CUTS):
         shares = _least_squares(gram, cuts)
-        # by its own word the search also fails where it is at the best shares to the last digits
+        # SLSQP may report failure although it has reached the optimum to rounding error: check the result
         if abs(shares.sum() - 1.0) > ROUNDING or np.any(cuts @ shares < -ROUNDING):
             break
         values, modes = np.linalg.eigh(np.einsum("p,pkab->kab", shares, stiffness))
@@ -55,20 +55,20 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
         worst = modes[wave, :, mode]
         cuts = np.concatenate([cuts, np.einsum("ma,pmab,mb->mp", worst, stiffness[:, wave], worst)])
     raise ValueError(
-        f"no kernel of {terms} powers from {lowest} on and a support of {support:g} spacings decreases and"
-        f" leaves a lattice in {dim} dimensions stable: allow more powers or another support"
+        f"no kernel with terms = {terms}, lowest = {lowest} and support = {support:g} spacings decreases"
+        f" outwards and keeps a lattice in {dim} dimensions stable: increase terms or change support"
     )
 
 
 def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
-    """Slopes that the powers give a kernel inwards, from its edge to its centre, `[100, terms]` (-)."""
-    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2, of which all powers share the lowest
+    """Inward slopes of the normalised powers at 100 points from edge to centre, `[100, terms]` (-)."""
+    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; its common power lowest - 1 is left out
     powers = np.arange(lowest, lowest + terms)
     return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 
 
 def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shares of least stress that sum to one and whose product with no cut is negative."""
+    """Shares of least stress that sum to one and whose product with every cut is at least zero."""
     n, scale = len(gram), 1.0 / np.trace(gram)
     found = optimize.minimize(
         lambda shares: scale * shares @ gram @ shares,

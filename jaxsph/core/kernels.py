@@ -1,6 +1,6 @@
 """Smoothing kernels: W and its slope factor F = (dW/dr)/r, so that grad W = F (x_i - x_j).
 
-W and F are functions of r^2: no square root where the kernel needs none, and nothing singular at r = 0.
+W and F are functions of r^2: F is finite at r = 0, and a kernel without r itself needs no square root.
 """
 
 from __future__ import annotations
@@ -24,58 +24,58 @@ class AbstractKernel(eqx.Module):
     """A radial smoothing kernel of smoothing length h (m) that vanishes for r >= `reach` * h."""
 
     width: eqx.AbstractClassVar[float]
-    """Smoothing length over that of a Gaussian as wide (-)."""
+    """Ratio of the smoothing length to that of a Gaussian of the same width (-)."""
     reach: eqx.AbstractVar[float]
     """Support radius in units of h."""
 
     @abc.abstractmethod
     def value(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """Kernel W(r), m^-dim, from r2 = r^2 (m2); not cut: the caller masks r < reach * h."""
+        """Kernel W(r), m^-dim, from r2 = r^2 (m2); not truncated: the caller masks r < reach * h."""
 
     @abc.abstractmethod
     def slope(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """Slope factor (dW/dr)/r of the kernel, m^-(dim+2), from r2 = r^2 (m2); not cut, never positive."""
+        """Slope factor (dW/dr)/r, m^-(dim+2), from r2 = r^2 (m2); not truncated, never positive."""
 
 
 class Gaussian(AbstractKernel):
-    """Gaussian kernel exp(-r^2/h^2) / (pi^(dim/2) h^dim), cut where it is small.
+    """Gaussian kernel exp(-r^2/h^2) / (pi^(dim/2) h^dim), truncated at `reach` * h.
 
-    It is not renormalised: the cut at 3.5h loses 5e-6 of its integral in two dimensions and 2e-5 in three.
+    It is not renormalised: truncation at 3.5h loses 5e-6 of its integral in two dimensions and 2e-5 in three.
 
-    Particles feel the cut: its step of exp(-reach^2) is what a lattice under pressure resists its deformation
-    with, and is shaken by. Cut at 3h a standing wave loses 1.9 % of its amplitude in a second, at 3.5h
-    0.1 % (`python -m experiments run standing_wave`).
+    The truncation leaves a step of exp(-reach^2). Because of this step a lattice under pressure resists its
+    deformation, which causes noise. With truncation at 3h a standing wave loses 1.9 % of its amplitude in a
+    second, at 3.5h 0.1 % (`python -m experiments run standing_wave`).
     """
 
     width: ClassVar[float] = 1.0
     reach: float = eqx.field(static=True, default=3.5)
 
     def value(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.value`."""
         return jnp.exp(-r2 / (h * h)) / (math.pi ** (dim / 2) * h**dim)
 
     def slope(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.slope`."""
         return self.value(r2, h, dim) * (-2.0 / (h * h))
 
 
 class WendlandC2(AbstractKernel):
-    """Wendland's C2 kernel (1 - q/2)^4 (1 + 2q), q = r/h, of support 2h, in two and three dimensions.
+    """Wendland's C2 kernel (1 - q/2)^4 (1 + 2q), q = r/h, with support 2h, in two and three dimensions.
 
-    Source: Wendland (1995); the constant in front makes its integral 1.
+    Source: Wendland (1995); normalised to an integral of 1.
     """
 
     width: ClassVar[float] = 1.5
     reach: float = eqx.field(static=True, default=2.0)
 
     def value(self, r2, h, dim):
-        """See `AbstractKernel`."""
-        # The square root needs r > 0 for a finite derivative; the guard changes W by some 1e-12 of W(0).
+        """See `AbstractKernel.value`."""
+        # The square root needs r > 0 for a finite derivative; the guard changes W by about 1e-12 of W(0).
         q = jnp.sqrt(r2 / (h * h) + 1e-12)
         return _wendland_constant(dim) / h**dim * (1.0 - 0.5 * q) ** 4 * (1.0 + 2.0 * q)
 
     def slope(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.slope`."""
         q = jnp.sqrt(r2 / (h * h) + 1e-12)
         return -5.0 * _wendland_constant(dim) / h ** (dim + 2) * (1.0 - 0.5 * q) ** 3
 
@@ -85,37 +85,37 @@ def _wendland_constant(dim: int) -> float:
 
 
 class Semicircle(AbstractKernel):
-    """Exponential of a semicircle, C exp(beta (sqrt(1 - (r/R)^2) - 1)), of support R = `reach` h.
+    """Exponential of a semicircle, C exp(beta (sqrt(1 - (r/R)^2) - 1)), with support R = `reach` h.
 
     Source: Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41, for the non-uniform Fourier
-    transform: of all kernels of one support its transform is nearly the least beyond a given wavenumber. So
-    a lattice of particles resists its deformation less than with a kernel of twice its neighbours
-    (`lattice.lattice_stress`). h is that of the Gaussian with the same second moment.
+    transform. Beyond a given wavenumber its transform is nearly the smallest of all kernels with the same
+    support. A lattice of particles therefore resists deformation less than with a kernel of twice as many
+    neighbours (`lattice.lattice_stress`). h is that of the Gaussian with the same second moment.
 
-    At its edge W is exp(-beta) of its centre's, and its slope is infinite there: within 5e-5 R of the edge
-    both are those at that distance.
+    At the edge W is exp(-beta) times W(0), and the slope is infinite. Within 5e-5 R of the edge both are
+    therefore kept at their values at that distance.
     """
 
     width: ClassVar[float] = 1.0
     reach: float = eqx.field(static=True)
     beta: float = eqx.field(static=True, default=14.0)
-    """Logarithm of the kernel at its centre over that at its edge (-)."""
+    """Logarithm of the ratio of the kernel at its centre to the kernel at its edge (-)."""
 
     @classmethod
     def of(cls, dim: int, beta: float = 14.0) -> Semicircle:
-        """Kernel in `dim` dimensions, whose second moment is D h^2/2, that of the Gaussian."""
+        """Kernel in `dim` dimensions with the second moment of the Gaussian, dim h^2/2."""
         second = _semicircle_moment(beta, dim + 2) / _semicircle_moment(beta, dim)
         return cls(math.sqrt(0.5 * dim / second), beta)
 
     def value(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.value`."""
         R = self.reach * h
         sphere = {2: 2.0 * math.pi, 3: 4.0 * math.pi}[dim]
         scale = 1.0 / (sphere * _semicircle_moment(self.beta, dim))
         return scale / R**dim * jnp.exp(self.beta * (_semicircle(r2, R) - 1.0))
 
     def slope(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.slope`."""
         R = self.reach * h
         return self.value(r2, h, dim) * (-self.beta / (R * R)) / _semicircle(r2, R)
 
@@ -128,7 +128,7 @@ def _semicircle(r2: Float[Array, "..."], R: ArrayLike) -> Float[Array, "..."]:
 def _semicircle_moment(beta: float, n: int) -> float:
     """Integral of q^(n-1) exp(beta (sqrt(1 - q^2) - 1)) over q = r/R from 0 to 1."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
-    angle = 0.25 * math.pi * (nodes + 1.0)  # q = sin(angle): nothing is singular
+    angle = 0.25 * math.pi * (nodes + 1.0)  # q = sin(angle) removes the singularity at q = 1
     q = np.sin(angle)
     return float(
         0.25 * math.pi * np.sum(weights * q ** (n - 1) * np.cos(angle) * np.exp(beta * (np.cos(angle) - 1.0)))
@@ -136,40 +136,40 @@ def _semicircle_moment(beta: float, n: int) -> float:
 
 
 class Polynomial(AbstractKernel):
-    """Polynomial kernel, a sum of powers of 1 - (r/R)^2, of support R = `reach` h.
+    """Polynomial kernel, a sum of powers of 1 - (r/R)^2, with support R = `reach` h.
 
-    Its coefficients are chosen for a number of dimensions (`least_stress`): with them a lattice of particles
-    resists its deformation less than with a kernel of twice its neighbours, and does not buckle under
+    Its coefficients depend on the number of dimensions (`least_stress`). With them a lattice of particles
+    resists deformation less than with a kernel of twice as many neighbours, and does not buckle under
     pressure. h is that of the Gaussian with the same second moment.
     """
 
     width: ClassVar[float] = 1.0
     reach: float = eqx.field(static=True)
     shares: tuple[float, ...] = eqx.field(static=True)
-    """Shares of the kernel's integral that the powers have, their sum being one (-)."""
+    """Contribution of each power to the kernel's integral (-); the sum is one."""
     lowest: int = eqx.field(static=True)
-    """Power of the first share; each further one has the next power."""
+    """Power of the first share; each further share belongs to the next higher power."""
 
     @classmethod
     def of(cls, dim: int, shares: Sequence[float], lowest: int) -> Polynomial:
-        """Kernel in `dim` dimensions, whose second moment is D h^2/2, that of the Gaussian."""
+        """Kernel in `dim` dimensions with the second moment of the Gaussian, dim h^2/2."""
         # the mean of (r/R)^2 over (1 - (r/R)^2)^n is D/(D + 2 n + 2)
         second = sum(share / (dim + 2 * n + 2) for n, share in enumerate(shares, lowest))
         return cls(math.sqrt(0.5 / second), tuple(shares), lowest)
 
     def value(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.value`."""
         left, factors = self._parts(r2, h, dim)
         return left**self.lowest * _horner(factors, left)
 
     def slope(self, r2, h, dim):
-        """See `AbstractKernel`."""
+        """See `AbstractKernel.slope`."""
         left, factors = self._parts(r2, h, dim)
         derived = [n * factor for n, factor in enumerate(factors, self.lowest)]
         return left ** (self.lowest - 1) * _horner(derived, left) * (-2.0 / (self.reach * h) ** 2)
 
     def _parts(self, r2, h, dim):
-        """1 - (r/R)^2, not below zero, and the factors of its powers (m^-dim)."""
+        """1 - (r/R)^2, at least zero, and the coefficients of its powers (m^-dim)."""
         R = self.reach * h
         return jnp.maximum(1.0 - r2 / (R * R), 0.0), [
             share / power_integral(n, dim) / R**dim for n, share in enumerate(self.shares, self.lowest)
@@ -182,7 +182,7 @@ def power_integral(n: int, dim: int) -> float:
 
 
 def _horner(factors, x):
-    """Polynomial of x with the factors of its powers from the zeroth."""
+    """Value at x of the polynomial with these coefficients, from the zeroth power up."""
     total = factors[-1]
     for factor in factors[-2::-1]:
         total = total * x + factor

@@ -1,4 +1,4 @@
-"""Stress with which a lattice of particles resists its deformation: what a kernel is chosen by."""
+"""Stress with which a particle lattice resists deformation, and its stability: criteria for a kernel."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from jaxsph.core.kernels import AbstractKernel
 __all__ = ["LatticeStress", "lattice_points", "lattice_stress", "surface_stiffness"]
 
 Lattice = Literal["cubic", "close"]
-"""Square or cubic, or triangular in two and body-centred in three dimensions; of one particle per dx^D."""
+"""Lattice of one particle per dx^D: "cubic", or "close": triangular in 2-D, body-centred in 3-D."""
 
 STRAIN = 0.25
 """Largest logarithmic strain of the pure strain."""
 DISTORTION = 0.12
-"""Standard deviation of the components of the random deformations, logarithmic and without volume change."""
+"""Standard deviation of the components of the random deformations (logarithmic, without volume change)."""
 SAMPLES = 1000
 """Number of random deformations."""
 
 
 class LatticeStress(NamedTuple):
-    """Properties of a kernel on a lattice, from which the noise of its particles follows."""
+    """Properties of a kernel on a lattice, which determine the noise of the particles."""
 
     strained: float
     """Largest false stress under a pure strain from 0 to `STRAIN`, over the pressure (-)."""
     distorted: float
     """RMS of the false stress over random deformations without change of volume, over the pressure (-)."""
     neighbours: int
-    """Neighbours of a particle on the undeformed lattice."""
+    """Number of neighbours of a particle on the undeformed lattice."""
     width: float
     """Smoothing length of the Gaussian with the same second moment, over the spacing (-)."""
     transform: float
-    """Least value of the kernel's Fourier transform over that at zero (-); well below zero particles pair."""
+    """Minimum of the Fourier transform over its value at zero (-); particles pair if it is far below 0."""
     stiffness: float
-    """Least stiffness of the undeformed lattice against transverse waves of displacements (-).
+    """Smallest stiffness of the undeformed lattice against transverse displacement waves (-).
 
-    Times 2 p/(rho dx^2) it is the square of their frequency. Where it is negative, pressure makes them grow
-    and the lattice buckles, the faster the deeper the water is in spacings.
+    Times 2 p/(rho dx^2) it is the square of their angular frequency. If it is negative, waves grow under
+    pressure and the lattice buckles, faster in water that is deeper in spacings.
     """
 
 
 def lattice_stress(
     kernel: AbstractKernel, h_over_dx: float, dim: int, lattice: Lattice = "cubic"
 ) -> LatticeStress:
-    """False stress with which a lattice under pressure resists its deformation (-), and what goes with it.
+    """False stress (-) with which a lattice under pressure resists deformation, and related properties.
 
-    Particles under a uniform pressure p feel the stress p T, T_ab = -sum_j V r_a r_b (dW/dr)/r, the unit
-    tensor for a perfect kernel. What differs from a multiple of it is false: the largest eigenvalue of
-    T - (tr T / D) 1, by magnitude. Waves do work against it, which comes back as noise.
-    **Arguments**: the kernel and its smoothing length over the spacing; the number of dimensions.
+    Particles under a uniform pressure p feel the stress p T, T_ab = -sum_j V r_a r_b (dW/dr)/r. T is the
+    unit tensor for a perfect kernel. The false stress is the eigenvalue of T - (tr T / D) 1 with the largest
+    magnitude. Waves do work against the false stress, and this work returns as noise.
+    **Arguments**: `h_over_dx`: smoothing length over the spacing; `dim`: number of dimensions.
     """
     reach = kernel.reach * h_over_dx
     points = lattice_points(lattice, dim, reach)
@@ -65,7 +65,7 @@ def lattice_stress(
     r = np.sqrt(np.sum(points**2, axis=1))
     width, least = _transform(kernel, h_over_dx, dim)
     waves = shear_waves(lattice, dim)
-    # along a wave the stiffness is left out, which is no mode: it is made larger than all others
+    # longitudinal waves are no modes of `shear_stiffness`: a large stiffness keeps them out of the minimum
     along = np.eye(dim) - transverse(waves)
     stiffness = shear_stiffness(kernel, h_over_dx, points, waves) + 1e9 * along
     return LatticeStress(
@@ -79,13 +79,13 @@ def lattice_stress(
 
 
 def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.float64]:
-    """Points of a lattice of unit density about the origin, which is left out, `[M, D]`, in spacings.
+    """Points `[M, D]` of a lattice of unit density around the origin, in spacings, without the origin.
 
-    All those that any deformation of twice `STRAIN` brings within the radius are among them.
+    They include all points that a deformation of up to twice `STRAIN` can bring within `radius`.
     """
     basis = _basis(lattice, dim)
     far = np.exp(2.0 * STRAIN) * radius
-    # a cell is at least as wide as the inverse of its reciprocal's longest side
+    # a cell is at least as wide as the inverse length of its longest reciprocal vector
     most = int(np.ceil(far * np.linalg.norm(np.linalg.inv(basis), axis=0).max())) + 1
     steps = np.stack(np.meshgrid(*[np.arange(-most, most + 1)] * dim, indexing="ij"), -1).reshape(-1, dim)
     points = steps @ basis
@@ -116,9 +116,10 @@ def deformed(points: NDArray[np.float64], samples: int) -> tuple[NDArray[np.floa
 def false_stress(
     kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Deviator of the stress of each of several deformed lattices over the pressure, `[S, D, D]` (-).
+    """Deviator of the stress over the pressure (-) for each of S deformed lattices, `[S, D, D]`.
 
-    **Arguments**: the kernel and its smoothing length over the spacing; the neighbours' places, `[S, M, D]`.
+    **Arguments**: `h_over_dx`: smoothing length over the spacing; `points`: positions of the neighbours,
+    `[S, M, D]`, in spacings.
     """
     dim, r2 = points.shape[-1], np.sum(points**2, axis=-1)
     inside = r2 < (kernel.reach * h_over_dx) ** 2
@@ -128,10 +129,10 @@ def false_stress(
 
 
 def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
-    """Wavenumbers of a lattice's displacements, `[K, D]`, in radians a spacing.
+    """Wavenumbers of displacement waves on a lattice, `[K, D]`, in radians per spacing.
 
-    Those of its first Brillouin zone, where no other wavenumber of the same displacements is shorter; zero
-    and one of each pair k and -k are left out.
+    They sample the first Brillouin zone, in which no shorter wavenumber describes the same displacements.
+    Zero and negative last components are left out, the latter because k and -k are equivalent.
     """
     reciprocal = 2.0 * np.pi * np.linalg.inv(_basis(lattice, dim)).T
     steps = np.linspace(-1.0, 1.0, {2: 97, 3: 41}[dim])
@@ -142,7 +143,7 @@ def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
 
 
 def transverse(waves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Projections on what is perpendicular to each wave, `[K, D, D]`."""
+    """Projections onto the directions perpendicular to each wavenumber, `[K, D, D]`."""
     along = waves / np.linalg.norm(waves, axis=1, keepdims=True)
     return np.eye(waves.shape[1]) - along[:, :, None] * along[:, None, :]
 
@@ -150,10 +151,10 @@ def transverse(waves: NDArray[np.float64]) -> NDArray[np.float64]:
 def shear_stiffness(
     kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64], waves: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Stiffness of a lattice under pressure against transverse waves of displacements, `[K, D, D]` (-).
+    """Stiffness of a lattice under pressure against transverse displacement waves, `[K, D, D]` (-).
 
-    sum_j V (1 - cos k r_j) grad grad W(r_j), in spacings, between vectors perpendicular to the wave; what is
-    left beside it compresses the lattice, which the pressure itself forbids.
+    It is sum_j V (1 - cos k r_j) grad grad W(r_j), in spacings, projected onto the directions perpendicular
+    to the wave. The longitudinal part is left out: it compresses the lattice, which the pressure prevents.
     """
     near, curvature = _curvature(kernel, h_over_dx, points)
     stiffness = np.einsum("kn,nab->kab", 1.0 - np.cos(waves @ near.T), curvature)
@@ -164,12 +165,12 @@ def shear_stiffness(
 def surface_stiffness(
     kernel: AbstractKernel, h_over_dx: float, dim: int, rows: int = 4, k: float = np.pi
 ) -> NDArray[np.float64]:
-    """Stiffness `[rows]` (-) of the rows under a free surface against waves along it that lift and sink them.
+    """Stiffness `[rows]` (-) of rows below a free surface against waves of vertical displacement along it.
 
-    Times g/dx it is the square of the frequency of a row in still water, were the others to move as it does:
-    sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 over rho g dx. `k`: wavenumber in spacings, rad. Deep in the
-    water it is the lattice's own. What the first row has too much the second has too little, since the rows
-    that are missing over the surface would have pressures below zero.
+    It is sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 over rho g dx, with the wavenumber `k` in radians per
+    spacing. Times g/dx it is the square of a row's angular frequency in still water if all rows move alike.
+    Far below the surface it equals the stiffness of the lattice. The first row has an excess, which the
+    second row lacks, because the missing rows above the surface would have negative pressures.
     """
     points = lattice_points("cubic", dim, kernel.reach * h_over_dx)
     near, curvature = _curvature(kernel, h_over_dx, points)
@@ -182,7 +183,7 @@ def surface_stiffness(
 def _curvature(
     kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points `[K, D]` that a particle at the origin sees, V grad grad W `[K, D, D]` there, in spacings."""
+    """Points `[K, D]` in the support around the origin, and V grad grad W `[K, D, D]` there, in spacings."""
     dim, r2 = points.shape[1], np.sum(points**2, axis=1)
     near, r2 = points[r2 < (kernel.reach * h_over_dx) ** 2], r2[r2 < (kernel.reach * h_over_dx) ** 2]
 
@@ -194,7 +195,7 @@ def _curvature(
 
 
 def _transform(kernel: AbstractKernel, h: float, dim: int) -> tuple[float, float]:
-    """Width of a kernel, and the least value of its Fourier transform over that at zero."""
+    """Width of a kernel, in spacings, and the minimum of its Fourier transform over its value at zero (-)."""
     R = kernel.reach * h
     nodes, weights = np.polynomial.legendre.leggauss(400)
     r, weights = 0.5 * R * (nodes + 1.0), 0.5 * R * weights

@@ -1,4 +1,4 @@
-"""The time loop: steps, in blocks between two neighbour searches, and the readings taken at each block."""
+"""The time loop: blocks of steps from one neighbour search to the next, with readings for every block."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 def steps(step: Callable[[S], S], state: S, n: int) -> S:
     """State after `step` is applied n times.
 
-    In reverse mode every step is run again from its state and the arrays marked by `transforms.keep`.
+    Reverse mode recomputes every step from its initial state and the arrays marked by `transforms.keep`.
     """
     step = rematerialise(step)
     state, _ = jax.lax.scan(lambda s, _: (step(s), None), state, length=n)
@@ -27,14 +27,14 @@ def steps(step: Callable[[S], S], state: S, n: int) -> S:
 
 
 def every_block(block: Callable[[S, None], tuple[S, Any]], state: S, n_blocks: int) -> tuple[S, Any]:
-    """State after n_blocks blocks, and the readings of each."""
+    """State after n_blocks blocks, and the readings of each block."""
     return jax.lax.scan(block, state, length=n_blocks)
 
 
 def first_blocks(count: jax.Array) -> Callable[..., tuple[Any, Any]]:
-    """As `every_block` for the first `count` of them, a number that is known when the loop runs.
+    """Loop as `every_block`, but over the first `count` blocks only; `count` may be a traced number.
 
-    The readings of the others are zero, and there is no reverse mode.
+    The readings of the remaining blocks are zero. Reverse mode is not supported.
     """
 
     def over(block, state, n_blocks):
@@ -63,11 +63,11 @@ def blocks(
 ) -> tuple[S, Any]:
     """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
 
-    In each block `prepare` makes the tables, `begin` takes readings with them and does what is done once in a
-    block, then come the steps. Readings belong to the start of their block, so that a run cut at any block
-    continues exactly. `over`: the loop over them, `every_block` or `first_blocks`.
-    Reverse mode stores tables and pair sums and runs the rest again: memory grows with the number of steps,
-    by a state and its pair sums for each.
+    In each block `prepare` makes the tables, `begin` takes the readings and makes the changes that are due
+    once per block, and then the steps run. Readings are taken at the start of a block, so that a run
+    interrupted at any block continues exactly. `over`: loop over the blocks, `every_block` or `first_blocks`.
+    Reverse mode stores tables and pair sums and recomputes the rest. Its memory grows by one state and the
+    pair sums with every step.
     """
 
     @rematerialise

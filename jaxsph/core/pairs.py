@@ -1,10 +1,10 @@
-"""Sums over pairs of particles, and the small matrices that correct them.
+"""Sums over pairs of particles, and the small matrices that correct their gradients.
 
-A table of neighbours is slot-major, `[K, N]`: slot k of target i holds the index of a source, or the
-index of the empty source (the last one, of no volume and far away). The loop goes over the K slots and
-each turn handles N pairs with gathers of single components; on a CPU this is several times faster than
-arrays of `[N, K, D]` because nothing of that size is ever stored. How many slots a turn takes is the
-backend's (`SlotLoop`).
+A neighbour table is slot-major, `[K, N]`: slot k of target i holds the index of a source. An empty slot holds
+the index of the empty source, which is the last source, has no volume and is far away. A loop over the K
+slots handles N pairs per slot, with gathers of single components. On a CPU this is several times faster than
+arrays `[N, K, D]`, because no array of that size is stored. The number of slots that one turn of the loop
+takes depends on the backend (`SlotLoop`).
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
 
 Fields = Any
-"""Mapping from a field's name to an array `[N]` or a tuple of arrays `[N]`; it always holds "x"."""
+"""Mapping from names to arrays `[N]` or tuples of arrays `[N]`; it always contains the positions "x"."""
 
 
 SPARE = 1.15
-"""Ratio of a table's slots to the neighbours of its fullest target when it was sized (-)."""
+"""Ratio of a table's number of slots to the largest number of neighbours when it is sized (-)."""
 
 
 FAR = 1.0e3
-"""Coordinate of the empty source, m: outside every kernel, and small enough for float32 squares."""
+"""Coordinate of the empty source, m: outside every support, with a square that fits into float32."""
 
 
 Period = tuple[tuple[int, float], ...]
-"""Pairs of a periodic axis of the domain and its length (m); empty where no axis is periodic."""
+"""Pairs (periodic axis of the domain, length of the period in m); empty if no axis is periodic."""
 
 
 class SlotLoop(NamedTuple):
@@ -43,17 +43,17 @@ class SlotLoop(NamedTuple):
     at_once: int
     """Number of slots that one turn takes."""
     skips_empty: bool
-    """Whether a slot that is empty for all targets is left out."""
+    """Whether a slot that is empty for all targets is skipped."""
 
     def over(self, add: Callable, start: Any, rows: Any) -> tuple[Any, Any]:
-        """Last total, and what every slot gives besides, of `add(total, row)` from `start` over the rows."""
+        """Final total, and stacked outputs, of `add(total, row)` over the rows, beginning at `start`."""
         return jax.lax.scan(add, start, rows, unroll=self.at_once)
 
 
 ONE_BY_ONE = SlotLoop(1, True)
-"""Loop of a CPU: blocks of slots, whose sums it keeps in memory, take three to seven times as long."""
+"""Loop for a CPU: blocks of slots take three to seven times as long, since their sums are kept in memory."""
 IN_BLOCKS = SlotLoop(16, False)
-"""Loop of an accelerator, on which every operation is a launch, and a choice waits for the host."""
+"""Loop for an accelerator, on which every operation is a kernel launch and a branch waits for the host."""
 
 
 def slot_loop() -> SlotLoop:
@@ -68,7 +68,7 @@ class Smoothing(eqx.Module):
     h: Scalar
     """Smoothing length, m."""
     period: Period = eqx.field(static=True, default=())
-    """Periodic axes, along which the distance to the nearest image counts."""
+    """Periodic axes, along which distances are taken to the nearest image."""
 
     @property
     def radius(self) -> Scalar:
@@ -76,16 +76,16 @@ class Smoothing(eqx.Module):
         return self.kernel.reach * self.h
 
     def gravity_rate(self, g: Float[Array, " D"]) -> Scalar:
-        """Rate of gravity g (m/s2) over the smoothing length, sqrt(g/h), 1/s."""
-        # the guard is for the derivative where there is no gravity
+        """Rate sqrt(g/h) of gravity g (m/s2) and the smoothing length, 1/s."""
+        # the guard keeps the derivative finite without gravity
         return (jnp.sum(g**2) + 1e-30) ** 0.25 / jnp.sqrt(self.h)
 
 
 def nearest_image(r: Components, period: Period) -> Components:
     """Separation x_i - x_j (m) to the nearest image of j, for positions at most one period apart.
 
-    Separations of less than half a period are left as they are. One period at most is added: the empty
-    source must stay far away.
+    Separations of less than half a period are not changed. The change is one period at most, so that the
+    empty source stays far away.
     """
     found = list(r)
     for axis, size in period:
@@ -95,7 +95,7 @@ def nearest_image(r: Components, period: Period) -> Components:
 
 
 class Pair(NamedTuple):
-    """Geometry of a pair of particles i and j, as a pair law sees it."""
+    """Geometry of a pair of particles i and j, the first argument of a pair law."""
 
     r: Components
     """Separation x_i - x_j, m."""
@@ -116,8 +116,8 @@ def pair_sum(
 ) -> Any:
     """Sum of `law(pair, i, j)` over the sources j listed for every target i.
 
-    **Arguments**: `law` sees one pair: scalar components that happen to be arrays over the targets;
-    `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
+    **Arguments**: `law` is written for one pair with scalar components, and evaluated with arrays over the
+    targets; `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
     the last source is the empty one. **Returns** the law's pytree with `[N]` leaves.
     """
     return keep(_summed(law, smoothing, targets, sources, table, gather))
@@ -126,9 +126,9 @@ def pair_sum(
 def linear_pair_sum(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> Any:
-    """Sum of `law(pair, i, j)` as in `pair_sum`, for fields that are derivatives and a law linear in them.
+    """Sum of `law(pair, i, j)` as in `pair_sum`, for fields that are tangents and a law linear in them.
 
-    Its gathers have a transpose, which reverse mode needs of derivatives.
+    Its gathers can be transposed, which reverse mode needs for tangents.
     """
     return _summed(law, smoothing, targets, sources, table, gather_linearly)
 
@@ -138,8 +138,8 @@ def pair_weights(
 ) -> tuple[Any, Any]:
     """Sum over neighbours of the law's first result, and its second result for every slot, `[K, N]`.
 
-    The second result is the weights of a sum that is wanted many times over (`weighted_sum`). Arguments as
-    `pair_sum`; the law returns a pair (term, weight).
+    The second results are the weights of a sum that is evaluated many times (`weighted_sum`). Arguments as
+    for `pair_sum`; the law returns a pair (term, weight).
     """
     terms = _terms(law, smoothing, targets, sources, gather)
     summed = jax.tree.map(
@@ -156,9 +156,9 @@ def pair_weights(
 def weighted_sum(
     weights: Float[Array, "K N"], f: Float[Array, " M"], table: Int[Array, "K N"]
 ) -> Float[Array, " N"]:
-    """Weighted sum over neighbours, sum_k weights[k] f[table[k]], in the unit of both; linear in f.
+    """Weighted sum over neighbours, sum_k weights[k] f[table[k]], in the product of both units; linear in f.
 
-    The last of the M values of f is the empty source's: any number, since its weights are zero.
+    The last of the M values of f belongs to the empty source. It may be any number: its weights are zero.
     """
 
     def add(total, row):
@@ -169,7 +169,7 @@ def weighted_sum(
 
 
 def _terms(law, smoothing, targets, sources, take):
-    """Function that gives the law's value for every target and its source in one slot."""
+    """Function of one slot that evaluates the law for every target and its source in that slot."""
     x_i = targets["x"]
     dim = len(x_i)
     kernel, h = smoothing.kernel, smoothing.h
@@ -189,9 +189,9 @@ def _terms(law, smoothing, targets, sources, take):
 
 @functools.partial(jax.jit, static_argnums=3)
 def _kernel_at(kernel, r2, h, dim):
-    """Slope factor and value of a kernel; traced once for all sums, which takes a tenth off a start.
+    """Slope factor and value of a kernel; traced once for all sums, which shortens the start by a tenth.
 
-    The compiler removes the value for a law that does not use it.
+    The compiler removes the value if the law does not use it.
     """
     return kernel.slope(r2, h, dim), kernel.value(r2, h, dim)
 
@@ -209,7 +209,7 @@ def _summed(law, smoothing, targets, sources, table, take):
         return terms
 
     terms, closed = jax.closure_convert(noted, table[0])
-    # Rematerialised in reverse mode: storing what every slot computed would take 14 times the memory.
+    # Reverse mode recomputes the terms: storing the intermediate values would take 14 times the memory.
     terms = jax.checkpoint(terms)
 
     def zero():
@@ -226,7 +226,7 @@ def _summed(law, smoothing, targets, sources, table, take):
     def where_filled(add, total, rows, *closed):
         if not loop.skips_empty:
             return add(total, rows, *closed)
-        # Tables have spare rows at their end, which are empty in most blocks.
+        # The last rows of a table are spare, and empty in most blocks.
         filled = any_lane(jnp.any(rows != empty))
         return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
 
@@ -236,8 +236,8 @@ def _summed(law, smoothing, targets, sources, table, take):
 
     @total_of.defjvp
     def _(primals, tangents):
-        # One choice for all spare rows, outside the loop: reverse mode stores all inputs of a branch, and
-        # inside the loop that would be the sources for every row.
+        # One branch for all spare rows, outside the loop: reverse mode stores all inputs of a branch. Inside
+        # the loop it would store the sources once for every row.
         def total_of(table, *closed):
             own = int(len(table) / SPARE)
             add_rows = functools.partial(added, add)
@@ -261,20 +261,21 @@ def with_empty(fields: Fields) -> Fields:
 
 
 LEAST_DETERMINANT = 0.05
-"""Determinant of a correction matrix M = sum_j V_j (x_j - x_i) (grad W_ij) at and below which it is not used.
+"""Determinant at or below which a correction matrix M = sum_j V_j (x_j - x_i) (grad W_ij) is not used.
 
-In two dimensions neighbours that fill a wedge of angle a give M the eigenvalues (a +- sin a)/(2 pi), in three
-a/(2 pi) besides: a determinant of 1 in the water, 1/4 and 1/8 at a flat surface, 0.037 and 0.009 in a corner
-of 90 degrees. The threshold is a wedge of 98 and of 137 degrees: every surface is corrected, and errors of
-the uncorrected gradient grow to no more than 8.6 and 3.7 times by it (the inverse of the least eigenvalue).
+If neighbours fill a wedge of angle a, M has the eigenvalues (a +- sin a)/(2 pi), and in three dimensions also
+a/(2 pi). Its determinant is 1 in the water; in two and three dimensions it is 1/4 and 1/8 at a flat surface,
+and 0.037 and 0.009 in a corner of 90 degrees. The threshold corresponds to wedges of 98 and 137 degrees.
+Every surface is thus corrected, and the correction amplifies errors of the gradient at most 8.6 and 3.7 times
+(the inverse of the smallest eigenvalue).
 """
 
 
 def symmetric_inverse(M: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
     """Inverses of symmetric 2x2 (xx, xy, yy) or 3x3 (xx, xy, xz, yy, yz, zz) matrices, in the same order.
 
-    Where a matrix is close to singular (`uncorrected`: a particle with few neighbours, on one side), the
-    identity is returned instead, which leaves the gradient without correction.
+    A matrix is close to singular (`uncorrected`) if a particle has few neighbours, all on one side. Then the
+    identity is returned, which leaves the gradient uncorrected.
     """
     determinant, cofactors = _determinant(M)
     sound = determinant > LEAST_DETERMINANT
@@ -289,14 +290,14 @@ def uncorrected(M: tuple[jax.Array, ...]) -> jax.Array:
 
 
 FLAT = 0.25
-"""Determinant of a correction matrix in two dimensions at a flat surface, where half a plane is filled."""
+"""Determinant of a correction matrix at a flat surface in two dimensions, with a half-plane of neighbours."""
 
 
 def correctable(M: tuple[jax.Array, ...]) -> jax.Array:
-    """Share (0 to 1) to which a gradient can be trusted after its correction by the inverse of M.
+    """Reliability (0 to 1) of a gradient that is corrected with the inverse of M.
 
-    It is 1 in the water and down to a flat surface, and falls to 0 where M is not inverted: in spray and in
-    sheets of a layer or two.
+    It is 1 in the water, also at a flat surface in two dimensions (0.3 in three). It falls to 0 where M is
+    not inverted: in spray and in sheets of one or two layers.
     """
     s = jnp.clip((_determinant(M)[0] - LEAST_DETERMINANT) / (FLAT - LEAST_DETERMINANT), 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -1,4 +1,4 @@
-"""Values at points on the host, as a problem is built: without compiling again for every number of points."""
+"""Evaluation of laws at points on the host while a problem is built, with few compilations."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 
 
 def at_points(law: Callable[[jax.Array], Any], x: np.ndarray, dtype: Any = jnp.float32) -> Any:
-    """Values `[N, ...]` of a law, in its own unit, at points x `[N]` or `[N, D]` on the host.
+    """Values `[N, ...]` of `law`, in the law's unit, at points x `[N]` or `[N, D]` on the host.
 
-    The law is compiled whole, once for all N between two powers of two. It is a method of a module, or an
-    `eqx.Partial` of one or of a function: arrays in it are arguments, everything else is compiled in.
+    The law is compiled as a whole, once for all N between two powers of two. It is a method of a module, or
+    an `eqx.Partial` of a method or function: its arrays become arguments, and everything else is constant.
     """
     count = len(x)
     padded = np.zeros((1 << max(count - 1, 0).bit_length(), *x.shape[1:]))

@@ -1,11 +1,11 @@
-"""Slabs of particles along the tank, one on every device, and the sums over pairs that cross their edges.
+"""Slabs of particles along the tank, one per device, and pair sums across the edges of the slabs.
 
-Particles are sorted along the first axis at every search and cut into blocks of equal count: the blocks are
-slabs, balanced at any time, and a particle that has wandered is in another block after the next search.
-Arrays of the water are arrays of the whole tank, split over the devices along their last axis; whatever is
-done to every particle by itself, and every sum over all of them, is written as for one device. Only a sum
-over pairs needs to know of slabs: it runs on every device for the targets there, with the particles at the
-near ends of the slabs on either side (the halo). Ghosts are few, and every device has all of them.
+Every search sorts the particles along the first axis and cuts them into blocks of equal count, the slabs. The
+slabs are therefore always balanced, and a particle that leaves its slab belongs to another one after the next
+search. Arrays of the water cover the whole tank and are split over the devices along the particles' axis.
+Operations on single particles, and sums over all particles, are written as for one device. Only a pair sum
+depends on the slabs: it runs on every device for the targets of its slab, and includes the particles at the
+near ends of the adjacent slabs (the halo). Ghosts are few, and every device holds all of them.
 
 On one device there is one slab, and no halo.
 """
@@ -36,11 +36,11 @@ from jaxsph.core.pairs import (
 from jaxsph.core.transforms import gather_linearly
 
 AXIS = "slabs"
-"""Name of the axis of devices."""
+"""Name of the mesh axis of the devices."""
 
 
 WHOLE = PartitionSpec()
-"""Partition of an array that every device has all of."""
+"""Partition of an array that every device holds in full."""
 
 
 def split(ndim: int) -> PartitionSpec:
@@ -49,33 +49,33 @@ def split(ndim: int) -> PartitionSpec:
 
 
 class Sources(NamedTuple):
-    """Sources of a sum over pairs: the fields of the water, and of the ghosts behind it."""
+    """Sources of a pair sum: the fields of the water, followed by those of the ghosts."""
 
     water: Fields
     """Fields of the particles by name, `[N]`."""
     ghosts: Fields
-    """The same fields of the ghosts, `[G]`; empty where only water counts."""
+    """The same fields of the ghosts, `[G]`; empty if only the water is summed over."""
     halo: Fields = {}  # noqa: RUF012 (a field of a named tuple, which nothing writes to)
-    """Those fields of the water whose halos have been fetched (`Slabs.fetch`), in the slabs' halos."""
+    """Fields of the water in the slabs' halos, as far as these have been fetched (`Slabs.fetch`)."""
 
     def adding(self, name: str, water: Any, ghosts: Any) -> Sources:
         """Sources with one more field of the water and the ghosts."""
         return Sources(self.water | {name: water}, self.ghosts | {name: ghosts}, self.halo)
 
     def changing(self, name: str, water: Any) -> Sources:
-        """Sources with another field of the water called `name`."""
+        """Sources with the water's field `name` replaced."""
         halo = {k: a for k, a in self.halo.items() if k != name}
         return Sources(self.water | {name: water}, self.ghosts, halo)
 
     def behind(self, ghosts: Fields, **names: str) -> Sources:
-        """Sources with these fields of the ghosts, and of the water those of the same or of other `names`."""
+        """Sources with these fields of the `ghosts`; field k of the water is its field `names[k]`, or k."""
         of = {k: names.get(k, k) for k in ghosts}
         halo = {k: self.halo[name] for k, name in of.items() if name in self.halo}
         return Sources({k: self.water[name] for k, name in of.items()}, ghosts, halo)
 
 
 SPLIT_SOURCES = Sources(split(1), WHOLE, split(1))
-"""Partitions of sources: of the water and the halos every device has its own, of the ghosts all."""
+"""Partitions of sources: water and halos are split over the devices, and every device holds all ghosts."""
 
 
 class Slabs(eqx.Module):
@@ -84,9 +84,9 @@ class Slabs(eqx.Module):
     devices: tuple[Any, ...] = eqx.field(static=True, default=(None,))
     """Devices, from the first slab along the tank to the last."""
     halo: int = eqx.field(static=True, default=0)
-    """Number of particles that a slab shows the one beside it."""
+    """Number of particles that a slab sends to each adjacent slab."""
     points: int = eqx.field(static=True, default=0)
-    """Largest number of ghosts or other points beside the water of one slab; 0 for all that there are."""
+    """Largest number of ghosts or other points near the water of one slab; 0 for no limit."""
 
     @property
     def count(self) -> int:
@@ -95,17 +95,18 @@ class Slabs(eqx.Module):
 
     @property
     def mesh(self) -> Mesh:
-        """Devices as JAX distributes arrays over them."""
+        """Mesh of the devices over which JAX distributes arrays."""
         return Mesh(np.array(self.devices), (AXIS,), axis_types=(jax.sharding.AxisType.Auto,))
 
     def in_halo(self, n: int) -> int:
-        """Number of particles in a halo of a slab of n; `halo`, when it has grown, may be larger."""
+        """Number of particles in a halo of a slab of n: `halo`, which may have grown, but at most n."""
         return 0 if self.count == 1 else min(self.halo, n)
 
     def over_slabs(self, function: Callable, arguments: tuple, partitions: Any, results: Any) -> Any:
         """Results of a function that runs on every device for its slab of the arguments.
 
-        **Arguments**: `partitions`, `results`: partitions of the arguments and results, or of all below them.
+        **Arguments**: `partitions`, `results`: partitions of the arguments and of the results; one partition
+        may stand for a whole pytree.
         """
         if self.count == 1:
             return function(*arguments)
@@ -115,7 +116,7 @@ class Slabs(eqx.Module):
         return mapped(*arguments)
 
     def gather(self, a: Array) -> Array:
-        """Array of the water of which every device gets all: for few operations that do not split well."""
+        """Array of the water, copied in full to every device, for the few operations that do not split."""
         if self.count == 1:
             return a
         return jax.lax.with_sharding_constraint(a, NamedSharding(self.mesh, WHOLE))
@@ -123,14 +124,14 @@ class Slabs(eqx.Module):
     def largest(
         self, values: Sequence[Float[Array, " N"]], vectors: Sequence[Float[Array, "N D"]]
     ) -> tuple[Float[Array, " M"], Float[Array, "M D"]]:
-        """Largest of each of M values of the water, and the vector that goes with it, of M vectors."""
+        """Maxima of M fields of the water, and the value of the corresponding vector field at each."""
 
         def local(values, vectors):
             at = [jnp.argmax(a) for a in values]
             found = [jnp.append(v[k], a[k]) for k, a, v in zip(at, values, vectors, strict=True)]
             rows = jnp.stack(found)
             if self.count > 1:
-                # one message for all: an argmax over devices would send three for each
+                # one message for all fields: an argmax over devices would send three messages per field
                 every = jax.lax.all_gather(rows, AXIS)
                 rows = jax.vmap(lambda of: of[jnp.argmax(of[:, -1])], in_axes=1)(every)
             return rows[:, -1], rows[:, :-1]
@@ -139,7 +140,7 @@ class Slabs(eqx.Module):
         return self.over_slabs(local, (values, vectors), (along, along), WHOLE)
 
     def take(self, fields: Fields, rows: Int[Array, " C"]) -> Fields:
-        """Fields of some particles, `[C]`, which every device gets."""
+        """Fields of the particles `rows`, `[C]`, on every device."""
 
         def local(fields, rows):
             leaves, structure = jax.tree.flatten(fields)
@@ -154,7 +155,7 @@ class Slabs(eqx.Module):
     def add(
         self, a: Float[Array, "N D"], rows: Int[Array, " C"], change: Float[Array, "C D"]
     ) -> Float[Array, "N D"]:
-        """Vectors of the water with changes added in some rows; rows beyond the last are left out."""
+        """Vectors of the water with `change` added at `rows`; rows beyond the last particle are ignored."""
 
         def local(a, rows, change):
             at, here = _local(rows, len(a))
@@ -166,7 +167,7 @@ class Slabs(eqx.Module):
         return self.over_slabs(local, (a, rows, change), (along, WHOLE, WHOLE), along)
 
     def fetch(self, sources: Sources) -> Sources:
-        """Sources with their halos, for several sums: each would fetch them again."""
+        """Sources with their halos, fetched once for several sums; otherwise each sum fetches them."""
         missing = {k: a for k, a in sources.water.items() if k not in sources.halo}
         if self.count == 1 or not missing:
             return sources
@@ -174,10 +175,10 @@ class Slabs(eqx.Module):
         return sources._replace(halo={**sources.halo, **halo})
 
     def halos(self, fields: Fields) -> Fields:
-        """Fields of the particles in a slab's halos, the one before it first; to be called on a slab."""
+        """Fields of the particles in a slab's halos, that before it first; call it within `over_slabs`."""
         leaves, structure = jax.tree.flatten(fields)
         found: list[Any] = [None] * len(leaves)
-        # one message to either side for all fields of a type
+        # one message to each side for all fields of one type
         for dtype in {leaf.dtype for leaf in leaves}:
             of = [k for k, leaf in enumerate(leaves) if leaf.dtype == dtype]
             rows = jnp.stack([leaves[k] for k in of])
@@ -188,9 +189,9 @@ class Slabs(eqx.Module):
         return jax.tree.unflatten(structure, found)
 
     def with_halo(self, fields: Fields, halo: Fields | None = None) -> Fields:
-        """Fields of a slab's particles, `[n]`, with those of the halos behind; to be called on a slab.
+        """Fields of a slab's particles, `[n]`, followed by those of its halos; call it within `over_slabs`.
 
-        `halo`: fields by name whose halos are there.
+        `halo`: halos that have already been fetched, by the field's name.
         """
         if self.count == 1:
             return fields
@@ -199,9 +200,9 @@ class Slabs(eqx.Module):
         return {k: jax.tree.map(lambda a, b: jnp.concatenate([a, b]), a, there[k]) for k, a in fields.items()}
 
     def _from_beside(self, last: Array, first: Array) -> tuple[Array, Array]:
-        """The last rows of the slab before, and the first of the one behind; zeros where there is none."""
+        """Last particles of the slab before, and first of the slab after; zeros if there is none."""
         if self.count == 2:
-            # each has one neighbour: a single message instead of one to either side
+            # each slab has one adjacent slab: a single message instead of one to each side
             here = jax.lax.axis_index(AXIS)
             other = jax.lax.ppermute(jnp.where(here == 0, last, first), AXIS, [(0, 1), (1, 0)])
             none = jnp.zeros_like(other)
@@ -210,11 +211,11 @@ class Slabs(eqx.Module):
         return before, jax.lax.ppermute(first, AXIS, self._pairs(-1))
 
     def _pairs(self, step: int) -> list[tuple[int, int]]:
-        """Devices that send, and the ones that receive, `step` slabs farther along the tank."""
+        """Pairs (sender, receiver) of devices, the receiver `step` slabs farther along the tank."""
         return [(k, k + step) for k in range(self.count) if 0 <= k + step < self.count]
 
     def sources(self, sources: Sources) -> Fields:
-        """Fields of all sources that a slab's targets see, the empty one last; to be called on a slab."""
+        """Fields of all sources for a slab's targets, the empty source last; call it within `over_slabs`."""
         every = self.with_halo(sources.water, sources.halo)
         if sources.ghosts:
             every = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), every, sources.ghosts)
@@ -222,18 +223,18 @@ class Slabs(eqx.Module):
 
 
 ONE = Slabs()
-"""The one slab of one device."""
+"""A single slab on one device."""
 
 
 class Neighbours(eqx.Module):
-    """Neighbours of every particle in the water and the walls, and sums over them."""
+    """Neighbours of every particle among the water and the ghosts, and sums over them."""
 
     indices: Int[Array, "K N"]
-    """Index of the source in each slot, among those of the particle's slab (`Slabs.sources`)."""
+    """Index of the source in each slot, among the sources of the particle's slab (`Slabs.sources`)."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law over the neighbours, as `pairs.pair_sum` has it."""
+        """Sum of a pair law over the neighbours, see `pairs.pair_sum`."""
         return self._over(functools.partial(pair_sum, law, smoothing), targets, sources, split(1))
 
     def sum_at(
@@ -254,20 +255,20 @@ class Neighbours(eqx.Module):
         return self.slabs.over_slabs(local, arguments, partitions, WHOLE)
 
     def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law that is linear in fields that are derivatives: `pairs.linear_pair_sum`."""
+        """Sum of a pair law that is linear in the fields, which are tangents; see `pairs.linear_pair_sum`."""
         return self._over(functools.partial(linear_pair_sum, law, smoothing), targets, sources, split(1))
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of the law's first result, and its second for every slot: `pairs.pair_weights`."""
+        """Sum of the law's first result, and its second result for every slot; see `pairs.pair_weights`."""
         results = split(1), split(2)
         return self._over(functools.partial(pair_weights, law, smoothing), targets, sources, results)
 
     def weighted_sum(self, weights: Float[Array, "K N"], f: Sources) -> Float[Array, " N"]:
-        """Sum of the weights times the one field f of the neighbours: `pairs.weighted_sum`."""
+        """Sum of the weights times the field "f" of the neighbours, see `pairs.weighted_sum`."""
         return self._over(_weighted_sum, weights, f, split(1))
 
     def of_water(self) -> Neighbours:
-        """Neighbours in the water alone: sources without ghosts, whose slots are empty."""
+        """Neighbours in the water alone, for sources without ghosts; the slots of ghosts become empty."""
         n = self.indices.shape[1] // self.slabs.count
         return Neighbours(jnp.minimum(self.indices, n + 2 * self.slabs.in_halo(n)), self.slabs)
 
@@ -282,40 +283,40 @@ class Neighbours(eqx.Module):
 
 
 class Chosen(eqx.Module):
-    """Particles of the water whose fields every device knows, a place for each or for none."""
+    """Selected particles of the water, whose fields every device can get; a place may be empty."""
 
     rows: Int[Array, " I"]
-    """Index of the particle in every place; the number of particles for none."""
+    """Index of the particle in every place; the index of the last particle in an empty place."""
     there: Bool[Array, " I"]
     """Whether there is a particle in the place."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod
     def of(cls, rows: Int[Array, " I"], n: int, slabs: Slabs) -> Chosen:
-        """Particles by their index among n."""
+        """Particles by their index `rows` among n; an index of n leaves the place empty."""
         return cls(jnp.minimum(rows, n - 1), rows < n, slabs)
 
     def fields(self, fields: Fields) -> Fields:
-        """Fields of the particles, `[I]`; an empty place repeats some other particle: see `there`."""
+        """Fields of the particles, `[I]`; an empty place (see `there`) has those of the last particle."""
         if self.slabs.count == 1:
             return jax.tree.map(lambda a: gather_linearly(a, self.rows), fields)
         return self.slabs.take(fields, self.rows)
 
 
 class PointNeighbours(eqx.Module):
-    """Neighbours of points that every device knows, such as ghosts; each point's are summed in one slab."""
+    """Neighbours of points that every device holds, for example ghosts; one slab takes the sum of a point."""
 
     indices: Int[Array, "K S"]
-    """Index of the source in each slot, of every place in `rows` or, where there are none, of every point."""
+    """Index of the source in each slot, for every place in `rows`, or for every point if `rows` is empty."""
     rows: Int[Array, " R"]
-    """Points that are summed over in each slab, one slab after another; the number of points for none."""
+    """Points whose sums each slab takes, slab by slab; the number of points in an unused place."""
     places: Int[Array, " P"]
-    """Place in `rows` of every point; S for a point that is not beside the water, in no slab."""
+    """Place in `rows` of every point; the length of `rows` for a point that is not near the water."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod
     def of(cls, indices: Int[Array, "K P"]) -> PointNeighbours:
-        """Neighbours of all points on one device, by the indices of the sources in each slot."""
+        """Neighbours of all points on one device, from the indices of the sources in each slot."""
         none = jnp.zeros(0, jnp.int32)
         return cls(indices, none, none)
 
@@ -329,7 +330,7 @@ class PointNeighbours(eqx.Module):
         return self._over(local, targets, sources, WHOLE)
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of the law's first result at every point, and its second for every slot of this table."""
+        """Sum of the law's first result at every point, and its second result for every slot."""
 
         def local(targets, sources, indices, rows, places):
             found, weights = pair_weights(law, smoothing, self._of_slab(targets, rows), sources, indices)
@@ -338,7 +339,7 @@ class PointNeighbours(eqx.Module):
         return self._over(local, targets, sources, (WHOLE, split(2)))
 
     def weighted_sum(self, weights: Float[Array, "K S"], f: Sources) -> Float[Array, " P"]:
-        """Sum at every point of the weights times the one field f of its neighbours."""
+        """Sum at every point of the weights times the field "f" of its neighbours."""
 
         def local(weights, sources, indices, rows, places):
             return self._of_points(_weighted_sum(weights, sources, indices), places)
@@ -358,13 +359,13 @@ class PointNeighbours(eqx.Module):
         return self.slabs.over_slabs(local, arguments, partitions, results)
 
     def _of_slab(self, targets: Fields, rows: Int[Array, " S"]) -> Fields:
-        """Fields of the points that are summed over in a slab; of the last where there is none."""
+        """Fields of the points whose sums a slab takes; unused places repeat the last point."""
         if not self.rows.size:
             return targets
         return jax.tree.map(lambda a: a[jnp.minimum(rows, a.shape[0] - 1)], targets)
 
     def _of_points(self, found: Any, places: Int[Array, " P"]) -> Any:
-        """Sums at all points from those in every slab; to be called on a slab."""
+        """Sums at all points, collected from all slabs; call it within `over_slabs`."""
         leaves, structure = jax.tree.flatten(found)
         if not self.rows.size or not leaves:
             return found
@@ -378,11 +379,11 @@ class PointNeighbours(eqx.Module):
 def _weighted_sum(
     weights: Float[Array, "K N"], sources: Fields, indices: Int[Array, "K N"]
 ) -> Float[Array, " N"]:
-    """Sum of the weights times the one field f of the sources: `pairs.weighted_sum`."""
+    """Sum of the weights times the field "f" of the sources, see `pairs.weighted_sum`."""
     return weighted_sum(weights, sources["f"], indices)
 
 
 def _local(rows: Int[Array, " C"], n: int) -> tuple[Int[Array, " C"], Bool[Array, " C"]]:
-    """Places of particles among the n of a slab, and whether they are there; to be called on a slab."""
+    """Indices of particles within a slab of n, and whether they are in it; call it within `over_slabs`."""
     at = rows - jax.lax.axis_index(AXIS) * n
     return jnp.clip(at, 0, n - 1), (at >= 0) & (at < n)

@@ -1,7 +1,7 @@
 """Hints to JAX's transformations, which change no value.
 
-For `jax.vmap`, where whole runs go side by side: gathers, and choices between branches. For reverse mode: the
-arrays that are kept of a loop whose rest is computed again.
+For `jax.vmap` over whole runs: gathers, and branches that all lanes share. For reverse mode: the arrays that
+a loop stores, while all others are recomputed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def keep(tree: Any) -> Any:
 
 
 def rematerialise(function: Callable) -> Callable:
-    """Function whose intermediate arrays reverse mode computes again instead of storing them.
+    """Function whose intermediate arrays reverse mode recomputes instead of storing them.
 
     Only arrays marked by `keep` are stored.
     """
@@ -33,9 +33,9 @@ def rematerialise(function: Callable) -> Callable:
 
 @jax.custom_batching.custom_vmap
 def any_lane(flag: jax.Array) -> jax.Array:
-    """A flag; in a batch of lanes, whether the flag of any lane is set.
+    """The flag itself; in a batch of lanes, whether the flag of any lane is set.
 
-    With one flag for the batch a `jax.lax.cond` remains a choice; with one per lane both branches would run.
+    With one flag for the batch, `jax.lax.cond` runs one branch only; with a flag per lane it would run both.
     """
     return flag
 
@@ -49,8 +49,8 @@ def _(lanes, batched, flag):
 def gather(a: Array, index: Int[Array, " N"]) -> Array:
     """Elements a[index]; every index must be in bounds.
 
-    In a batch this is one gather over the lanes laid end to end, which takes half of the time of one gather
-    for each lane.
+    In a batch this is a single gather over the concatenated lanes, which takes half the time of one gather
+    per lane.
     """
     return _taken_once(a, index)
 
@@ -63,7 +63,7 @@ def _(primals, tangents):
 
 
 def gather_linearly(a: Array, index: Int[Array, " N"]) -> Array:
-    """Elements a[index] by a gather that reverse mode can transpose, unlike `gather`'s batched one."""
+    """Elements a[index] by a gather that reverse mode can transpose, unlike the batched form of `gather`."""
     return a.at[index].get(mode="promise_in_bounds")
 
 
@@ -73,7 +73,7 @@ def _taken(a, index):
 
 
 _taken_once = jax.jit(_taken)
-"""`_taken`, traced once for arrays of one shape: a step has hundreds of gathers."""
+"""`_taken`, traced once per array shape, since a step has hundreds of gathers."""
 
 
 @_taken.def_vmap

@@ -1,6 +1,6 @@
-"""Air of a chamber, its hold on the water, and the interface of the power take-off that it flows through.
+"""Air of a chamber, its coupling to the water, and the interfaces of power take-offs and ducts.
 
-In two dimensions all amounts are per metre of width.
+In two dimensions all quantities are per metre of width.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ __all__ = [
 
 
 class Air(eqx.Module):
-    """Air of a chamber at one time."""
+    """State of the air in a chamber, or in a duct, at one time."""
 
     P_a: Scalar
     """Gauge pressure of the air, Pa, positive when compressed."""
     q: Scalar
     """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
     driven: Tally
-    """Volume of air that has left the chamber, or its room's loss, m3 (m2 in 2-D)."""
+    """Volume displaced by the rise of the water, or volume passed through a duct, m3 (m2 in 2-D)."""
     confined: Any = ()
-    """State of air that can be compressed (`parts.air.Confined`)."""
+    """State of compressible air (`parts.air.Confined`); empty for incompressible air."""
 
 
 class AirCoupling(NamedTuple):
     """Linear maps between the pressure of a chamber's air and the motion of the water.
 
-    Force and flow are one sum, so that P_a q is exactly the power which the air takes from the water.
+    Force and flow use the same weights, so that P_a q is exactly the power that the air takes from the water.
     """
 
     index: Array
-    """Indices of the particles that feel the air; N stands for none."""
+    """Indices of the particles that feel the air; N marks an unused entry."""
     force: Components
     """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
     m: Float[Array, " C"]
@@ -57,7 +57,7 @@ class AirCoupling(NamedTuple):
     """Devices that share the particles."""
 
     def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
-        """Velocities of the water (m/s) after the air's force with this time integral of P_a (Pa s)."""
+        """Velocities of the water (m/s) after an `impulse` of the air, the time integral of P_a (Pa s)."""
         return self.slabs.add(u, self.index, stack([impulse * f / self.m for f in self.force]))
 
     def flow(self, u: Float[Array, "N D"]) -> Scalar:
@@ -66,7 +66,7 @@ class AirCoupling(NamedTuple):
         return -jnp.sum(dot(self.force, at))
 
     def mobility(self) -> Scalar:
-        """Rate of change of the flow per unit of -P_a, by the air's force alone, m4/kg (m3/kg in 2-D)."""
+        """Rate of change of the flow per unit of -P_a due to the air's force alone, m4/kg (m3/kg in 2-D)."""
         return jnp.sum(dot(self.force, self.force) / self.m)
 
 
@@ -77,54 +77,54 @@ class AbstractPTO(eqx.Module):
     def pressure(self, q_free: Scalar, compliance: Scalar, t: Scalar) -> Scalar:
         """Gauge pressure P_a (Pa) of the air at the end of a step.
 
-        **Arguments**: `q_free`: flow out of the chamber (m2/s) were P_a zero over the step;
-        `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; t (s).
+        **Arguments**: `q_free`: flow (m2/s) out of the chamber if P_a were zero over the step;
+        `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; `t`: time, s.
         """
 
     def at(self, air: Air, t: Scalar) -> AbstractPTO:
-        """Power take-off as it is in one step, for the chamber's `air` at the step's begin and t (s)."""
+        """Power take-off for one step, given the chamber's `air` and the time t (s) at its start."""
         del air, t
         return self
 
     def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
         """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; their sum is q.
 
-        The energy of an entry is that of the air which flows this way. With one entry, all of q is its flow.
+        The energy of an entry is the energy of the air in its part of the flow. A single entry gets all of q.
         """
         del P_a
-        (name,) = self.entries("")  # a power take-off with several entries says what flows through each
+        (name,) = self.entries("")  # a power take-off with several entries overrides this method
         return {name: q}
 
     def divided(self, mean: Scalar, ducted: Scalar) -> tuple[Scalar, Scalar]:
-        """Parts of a step's mean flow (m2/s) out of incompressible air: through this, and into the ducts.
+        """Parts of a step's `mean` flow (m2/s) of incompressible air: through this, and into the ducts.
 
-        `ducted`: flow into the chamber's ducts by their laws at the step's end, m2/s.
+        `ducted`: flow into the chamber's ducts by the ducts' laws at the end of the step, m2/s.
         """
         return mean - ducted, ducted
 
     def entries(self, whose: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, by what they are; `whose`: the chamber's name.
+        """Energies that the power take-off books, by kind; `whose`: name of the chamber or duct.
 
-        The energy that is used is `Exchange.HARVESTED`.
+        Useful energy is marked as `Exchange.HARVESTED`.
         """
         return {"pto": Entry(f"power take-off of the {whose}", Exchange.HARVESTED)}
 
 
 class Pressed(NamedTuple):
-    """Air of a chamber over a step, as its law and that of the power take-off have it."""
+    """Air of a chamber over a step, as solved from the laws of the air and of the power take-off."""
 
     P_a: Scalar
     """Gauge pressure of the air, Pa."""
     passed: Scalar
     """Flow through the power take-off, m3/s (m2/s in 2-D)."""
     pto: AbstractPTO
-    """Power take-off as it is in the step."""
+    """Power take-off for the step (`AbstractPTO.at`)."""
     ducted: Scalar
     """Flow out of the chamber into its ducts, m3/s (m2/s in 2-D)."""
 
 
 class Given(NamedTuple):
-    """What a chamber's air has given to its ducts in a step."""
+    """Energy and flow that a chamber's air has given to its ducts in a step."""
 
     head: Scalar
     """Energy of the chamber's air per volume that leaves it, Pa."""
@@ -144,16 +144,16 @@ class AbstractDuct(AbstractPart):
 
     @abc.abstractmethod
     def press(self, air: Air, q_free: Scalar, compliance: Scalar, t: Scalar) -> Pressed:
-        """Drop of pressure along the duct over a step from the time t (s), and the flow through it.
+        """Pressure drop along the duct over a step that starts at the time t (s), and the flow through it.
 
-        **Arguments** as of `AbstractPTO.pressure`, and the duct's `air` at the step's begin.
+        **Arguments**: `air`: the duct's air at the start of the step; others as in `AbstractPTO.pressure`.
         """
 
     @abc.abstractmethod
     def finish(
         self, air: Air, pressed: Pressed, work: Scalar, dt: Scalar
     ) -> tuple[Air, Mapping[str, Scalar]]:
-        """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water by name.
+        """Air at the end of a step of dt (s), and the energies (J, J/m in 2-D) taken from the water, by name.
 
-        `work`: energy that the air of both chambers has left in the duct, J (J/m in 2-D).
+        `work`: energy that the air of both chambers has delivered to the duct, J (J/m in 2-D).
         """

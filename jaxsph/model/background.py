@@ -1,4 +1,4 @@
-"""Background pressure beside a thin wall: still water's pressure, taken out of the pair sums."""
+"""Background pressure beside a thin wall: hydrostatic pressure, taken out of the pair sums."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from jaxsph.core.arrays import Array, Float, Scalar
 
 
 class Background(eqx.Module):
-    """Still water's pressure R(z) below a level, taken out of the pair sums and put back as a body force.
+    """Hydrostatic pressure R beside a wall, taken out of the pair sums and replaced by a body force.
 
-    Water on both sides of a wall thinner than the kernel couples with the water below the tip, but not
-    with itself. The sum (p_i + p_j) grad W then answers small displacements with accelerations that
-    point outwards, in proportion to p: at rest, particles at the tip of a wall of one spacing gain speed
-    without end (`python -m experiments run thin_wall`), where a wall as thick as the kernel reaches stays
-    quiet. With (p_i - R_i) + (p_j - R_j) in the sum and -grad R beside it the gradient is the same
-    to second order, and the sum sees little pressure at the tip.
+    The water on each side of a wall thinner than the kernel interacts with the water below the tip, but not
+    with the water on the other side. For small displacements the sum of (p_i + p_j) grad W then gives
+    accelerations that increase them, in proportion to p: in still water, particles at the tip of a wall of
+    one spacing accelerate without limit (`python -m experiments run thin_wall`), but stay at rest if the wall
+    is as thick as the support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is
+    the same to second order, and the sum contains little pressure at the tip.
 
-    Pairs stay antisymmetric, and the exchange with the compression energy stays exact: the budget gains
-    one term, sum V R, which changes as particles pack (it is counted with the compression energy).
+    The pair forces stay antisymmetric, and the exchange with the compression energy stays exact. The energy
+    balance gains the term sum V R, which changes as particles pack and is counted as compression energy.
     """
 
     x: Scalar
     """Position of the middle of the wall along the tank, m."""
     inner: Scalar
-    """Horizontal distance from the wall up to which R is whole, m."""
+    """Horizontal distance from the wall up to which R has its full value, m."""
     outer: Scalar
     """Horizontal distance from the wall beyond which R is zero, m."""
     tip: Scalar
-    """Level below which R is whole, m."""
+    """Level below which R has its full value, m."""
     top: Scalar
     """Level above which R is zero, m."""
     weight: Scalar
     """Specific weight of the water, rho0 g, Pa/m."""
     still: Scalar
-    """Still water level less the head that is left in the pair sums, m."""
+    """Still water level minus the head that is left in the pair sums, m."""
 
     def _beside(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Share of R at the distance of x (m) from the wall, 0 to 1."""
+        """Share of R at the horizontal position x (m), 0 to 1."""
         return _smooth_step((self.outer - jnp.abs(x - self.x)) / (self.outer - self.inner))
 
     def _below(self, z: Float[Array, " N"]) -> Float[Array, " N"]:
@@ -53,9 +53,9 @@ class Background(eqx.Module):
         return self._beside(x[:, 0]) * self._below(x[:, -1])
 
     def force(self, x: Float[Array, "N D"], h: Scalar) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
-        """Force per volume -grad R at x (m), its x and z components, N/m3, smoothed as a kernel sum smooths.
+        """Force per volume -grad R at x (m), x and z components, N/m3, smoothed like a kernel sum.
 
-        A sum over the Gaussian kernel gives the gradient of R + h^2/4 lap R to second order in h.
+        A sum with the Gaussian kernel gives the gradient of R + h^2/4 lap R to second order in h.
         """
         a, a1, a2, a3 = _derivatives(self._beside, x[:, 0])
         b, b1, b2, b3 = _derivatives(self._below, x[:, -1])
@@ -70,7 +70,7 @@ def _smooth_step(s: Float[Array, " N"]) -> Float[Array, " N"]:
 
 
 def _derivatives(f: Callable, x: Float[Array, " N"]) -> tuple[Float[Array, " N"], ...]:
-    """An elementwise function and its first three derivatives."""
+    """Values and first three derivatives of an elementwise function at x."""
 
     def slope(f):
         return lambda x: jax.jvp(f, (x,), (jnp.ones_like(x),))[1]

@@ -1,4 +1,4 @@
-"""Body forces beside the uniform gravity."""
+"""Body forces in addition to uniform gravity."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 
 FORCES = "forces"
-"""Name in the ledger of the energy that body forces give."""
+"""Name in the ledger of the work of body forces."""
 
 
 class AbstractForce(eqx.Module):
-    """A body force beside the uniform gravity, given by a field of acceleration that may change in time."""
+    """A body force in addition to uniform gravity: an acceleration field, which may change in time."""
 
     @abc.abstractmethod
     def acceleration(self, x: Float[Array, "N D"], t: Scalar) -> Float[Array, "N D"]:
-        """Acceleration by the body force at x (m) and the time t (s), m/s2."""
+        """Acceleration due to the body force at x (m) and the time t (s), m/s2."""
 
     def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Potential energy per unit mass at x (m), J/kg: none, since the force's work is booked."""
+        """Potential energy per unit mass at x (m), J/kg: zero, since the work of the force is booked."""
         return jnp.zeros_like(x[:, 0])
 
     def given(self, m: Float[Array, " N"], x: Array, u: Array, t: Scalar, dt: Scalar) -> Scalar:
-        """Energy that the force gives over a step of dt (s), J (J/m in 2-D).
+        """Work of the force on the water over a step of dt (s), J (J/m in 2-D).
 
         **Arguments**: masses (kg; kg/m in 2-D), positions (m) and velocities (m/s) of the water in the middle
         of the step, at the time t (s).
@@ -34,14 +34,14 @@ class AbstractForce(eqx.Module):
 
 
 class AbstractConservativeForce(AbstractForce):
-    """A body force at rest, whose work is kept as potential energy."""
+    """A steady body force, whose work is stored as potential energy."""
 
     @abc.abstractmethod
     def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
 
     def given(self, m, x, u, t, dt):
-        """See `AbstractForce`: nothing, since the potential energy is counted."""
+        """See `AbstractForce.given`: zero, since the work is in the potential energy."""
         del m, x, u, t
         return jnp.zeros_like(dt)
 
@@ -53,15 +53,15 @@ class CentralForce(AbstractConservativeForce):
     """
 
     omega: Scalar
-    """Angular frequency of a free particle in the force, rad/s."""
+    """Angular frequency of a free particle in the force field, rad/s."""
     centre: Float[Array, " D"]
     """Centre of the force, m."""
 
     def acceleration(self, x, t):
-        """See `AbstractForce`."""
+        """See `AbstractForce.acceleration`."""
         del t
         return -(self.omega**2) * (x - self.centre)
 
     def potential(self, x):
-        """See `AbstractForce`."""
+        """See `AbstractForce.potential`."""
         return 0.5 * self.omega**2 * jnp.sum((x - self.centre) ** 2, axis=1)

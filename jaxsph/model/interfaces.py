@@ -1,11 +1,11 @@
-"""Interfaces of schemes, forces, zones, chambers and probes, and the model that they and the solids make up.
+"""Interfaces of schemes, tangent filters, damping zones, outlets and chambers, and the model of all parts.
 
-A step visits tuples of parts; an empty tuple switches a part off, and the loop over it vanishes when the step
-is traced. A part keeps its evolving state in `state.parts` under its `name` and books energies in
-`state.ledger`. In two dimensions all amounts are per metre of width.
+A step loops over tuples of parts. An empty tuple switches its parts off: tracing then leaves nothing of the
+loop. A part stores its evolving state in `state.parts` under its `name` and books energies in `state.ledger`.
+In two dimensions all quantities are per metre of width.
 
-Scheme, chamber and model name each other and therefore stand in one file; those of solids (`model.solids`)
-and of air and power take-offs (`model.air`) know none of the three.
+The interfaces of scheme and chamber and the model refer to each other and therefore share this file. The
+interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) depend on none of them.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ __all__ = [
 
 
 class Dissipation(NamedTuple):
-    """Power taken by the scheme's own dissipative terms, W (W/m in 2-D); positive is a loss."""
+    """Power lost by the dissipative terms of the scheme, W (W/m in 2-D); a loss is positive."""
 
     viscous: Scalar
-    """Power taken by viscosity, W (W/m in 2-D)."""
+    """Power lost by viscosity, W (W/m in 2-D)."""
     diffusive: Scalar
-    """Power taken by the diffusion of density, W (W/m in 2-D)."""
+    """Power lost by density diffusion, W (W/m in 2-D)."""
 
 
 class AbstractScheme(eqx.Module):
@@ -61,11 +61,11 @@ class AbstractScheme(eqx.Module):
     smoothing: eqx.AbstractVar[Smoothing]
     """Kernel, smoothing length and periodic axes."""
     grip: eqx.AbstractClassVar[AbstractGrip]
-    """Form in which the scheme puts the air of a chamber on the water."""
+    """Form in which the scheme applies the pressure of a chamber's air to the water."""
     rho0: eqx.AbstractVar[Scalar]
     """Density of water at zero gauge pressure, kg/m3."""
     too_fast: eqx.AbstractClassVar[str]
-    """What has happened where a particle is beyond `fastest`, in words."""
+    """Message, in words, for a particle that is faster than `fastest`."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:
@@ -73,29 +73,29 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def with_pressure(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
-        """Particles at the gauge pressure `pressure` (Pa), with the masses that their volumes then have."""
+        """Particles with the gauge pressure `pressure` (Pa), and with masses that keep their volumes."""
 
     @abc.abstractmethod
     def stable_dt(self, g: float, dim: int) -> float:
-        """Largest stable time step, s, in a gravity of g (m/s2) and `dim` dimensions."""
+        """Largest stable time step, s, for the gravity g (m/s2) in `dim` dimensions."""
 
     @abc.abstractmethod
     def fastest(self, dt: Scalar | float) -> Scalar:
-        """Speed beyond which the scheme no longer holds with time steps of dt (s), m/s."""
+        """Speed above which the scheme is no longer valid with time steps of dt (s), m/s."""
 
     @abc.abstractmethod
     def description(self) -> str:
-        """Name and characteristic speed (m/s) of the scheme, as text for people."""
+        """Text for users with the name and the characteristic speed (m/s) of the scheme."""
 
     @abc.abstractmethod
     def cost(self, dx: float, dim: int) -> float:
-        """Time of a step per particle of water or wall, s, on one core of a current CPU, to within a half.
+        """Computing time of a step per water or wall particle, s, on one core of a current CPU, within 50 %.
 
-        **Arguments**: spacing `dx` (m) and number of dimensions.
+        **Arguments**: `dx`: spacing, m; `dim`: number of dimensions.
         """
 
     def neighbours(self, dx: float, dim: int) -> float:
-        """Number of particles in the kernel's support, at a spacing of `dx` (m) in `dim` dimensions."""
+        """Number of particles in the kernel's support, with the spacing `dx` (m) in `dim` dimensions."""
         reach = float(self.smoothing.radius) / dx
         return math.pi * reach**2 * (1.0 if dim == 2 else 4.0 / 3.0 * reach)
 
@@ -105,7 +105,7 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power taken by the scheme's own dissipative terms, W (W/m in 2-D)."""
+        """Power lost by the dissipative terms of the scheme, W (W/m in 2-D)."""
 
     def volume(self, p: Particles) -> Float[Array, " N"]:
         """Volume of every particle, m3 (m2 in 2-D)."""
@@ -113,7 +113,7 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def prepare(self, model: Model, state: State) -> tuple[State, Tables]:
-        """State with its particles sorted by cell, and the tables of their neighbours; flags overflow."""
+        """State with its particles sorted by cell, and their neighbour tables; flags an overflow."""
 
     @abc.abstractmethod
     def step(self, model: Model, state: State, tables: Tables) -> State:
@@ -121,7 +121,7 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def regularise(self, model: Model, state: State, tables: Tables) -> State:
-        """State after the scheme's regularisation of the particles, at a search where one is due."""
+        """State after the scheme's regularisation of the particles, if one is due at this search."""
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
@@ -137,45 +137,45 @@ class AbstractTangents(eqx.Module):
 
     @abc.abstractmethod
     def filter(self, model: Model, state: State, tables: Tables) -> State:
-        """State with its tangents filtered, and its values as they are."""
+        """State with filtered tangents and unchanged values."""
 
 
 class ExactTangents(AbstractTangents):
-    """No filter: the tangents of the state as they are."""
+    """No filter: the tangents of the state are unchanged."""
 
     def filter(self, model, state, tables):
-        """See `AbstractTangents`."""
+        """See `AbstractTangents.filter`."""
         del model, tables
         return state
 
 
 class AbstractDamper(AbstractPart):
-    """A zone that draws the velocities of the water in it towards given ones, such as none."""
+    """A zone that relaxes the velocities of the water in it towards given ones, for example zero."""
 
     @abc.abstractmethod
     def damp(
         self, x: Float[Array, "N D"], u: Float[Array, "N D"], t: Scalar, dt: Scalar
     ) -> Float[Array, "N D"]:
-        """Velocities of water at x (m) after a step of dt (s) to the time t (s), from their u (m/s), m/s."""
+        """Damped velocities (m/s), from u (m/s), of water at x (m), in a step of dt (s) to the time t (s)."""
 
 
 class AbstractOutlet(AbstractPart):
-    """A place where water leaves the model for good."""
+    """A place where water leaves the model permanently."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
-        """State at t = 0, to become `State.parts[name]`."""
+        """State of the outlet at t = 0, stored as `State.parts[name]`."""
 
     @abc.abstractmethod
     def drain(self, model: Model, state: State) -> State:
-        """The state without the water that has come to the outlet since the last search."""
+        """State without the water that has reached the outlet since the last search."""
 
 
 # --------------------------------------------------------------------------- chambers
 
 
 class AbstractGrip(eqx.Module):
-    """Form in which a scheme puts the air's pressure on the water, p = P_a on the surface of a chamber."""
+    """Form in which a scheme applies the air's pressure to the water, p = P_a on the surface of a chamber."""
 
     @abc.abstractmethod
     def force(
@@ -187,20 +187,20 @@ class AbstractGrip(eqx.Module):
     ) -> Components:
         """Force on particles per unit of P_a, m2 (m in 2-D).
 
-        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `around(law)`: sums of
-        a pair law over their neighbours.
+        **Arguments**: `x`, `V`: positions (m) and volumes (m3; m2 in 2-D) of the particles; `around(law)`:
+        sums of a pair law over their neighbours.
         """
 
     @abc.abstractmethod
     def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Share (0 to 1) of P_a that is in the water's pressure but not in the scheme's own pressure.
+        """Share (0 to 1) of P_a that the water's pressure contains, but the scheme's pressure does not.
 
         `weight`: weights chi of the chamber at the particles.
         """
 
 
 class AbstractChamber(AbstractPart):
-    """A chamber of trapped air over a part of the water's surface."""
+    """A chamber of trapped air above a part of the water's surface."""
 
     pto: eqx.AbstractVar[AbstractPTO]
     """Power take-off of the chamber."""
@@ -211,17 +211,20 @@ class AbstractChamber(AbstractPart):
 
     @abc.abstractmethod
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
-        """Volume of the water in the chamber, m3 (m2 in 2-D), for particles of the volumes V at x (m)."""
+        """Volume of the water in the chamber, m3 (m2 in 2-D), for particles with volumes V at x (m).
+
+        `smooth`: half the height (m) over which a particle is counted partially.
+        """
 
     @abc.abstractmethod
     def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
-        """Mean elevation of the chamber's surface over still water, m."""
+        """Mean elevation of the chamber's surface above still water, m; arguments as for `volume`."""
 
     @abc.abstractmethod
     def candidates(self, x: Float[Array, "N D"], margin: float, capacity: int) -> tuple[Array, Array]:
         """Indices `[capacity]` of particles that may feel the air before the next search, and their number.
 
-        `margin`: distance by which the air's region is widened for motion until then, m.
+        `margin`: distance by which the air's region is widened to allow for motion until then, m.
         """
 
     @abc.abstractmethod
@@ -232,35 +235,35 @@ class AbstractChamber(AbstractPart):
     def coupling(
         self, scheme: AbstractScheme, water: Particles, sources: Sources, tables: Tables
     ) -> AirCoupling:
-        """Coupling of the chamber's air to the water, in the places where the water is."""
+        """Coupling of the chamber's air to the water at its present positions."""
 
     @abc.abstractmethod
     def press(
         self, air: Air, q_free: Scalar, compliance: Scalar, ducted: Scalar, t: Scalar, dt: Scalar
     ) -> Pressed:
-        """Pressure of the air over a step of dt (s) from the time t (s) and the state `air` there.
+        """Pressure of the air over a step of dt (s) that starts at the time t (s) with the state `air`.
 
-        **Arguments**: `q_free`: flow out of the chamber (m3/s; m2/s in 2-D) at the step's end were P_a zero;
-        `compliance`: -dq/dP_a of that flow, so that q = q_free - compliance P_a; `ducted`: flow out of the
-        chamber into its ducts.
+        **Arguments**: `q_free`: flow out of the chamber (m3/s; m2/s in 2-D) at the end of the step if P_a
+        were zero; `compliance`: -dq/dP_a of that flow, so that q = q_free - compliance P_a; `ducted`: flow
+        out of the chamber into its ducts.
         """
 
     @abc.abstractmethod
     def finish(
         self, air: Air, pressed: Pressed, before: Scalar, after: Scalar, dt: Scalar
     ) -> tuple[Air, Mapping[str, Scalar], Given]:
-        """Air at the end of a step of dt (s), the energies (J, J/m in 2-D) taken from the water by name, and
-        what the ducts got.
+        """Air at the end of a step of dt (s), the energies (J, J/m in 2-D) taken from the water, by name, and
+        the energy and flow given to the ducts.
 
-        **Arguments**: `before`, `after`: flows out of the chamber at both ends of the step, by the coupling
-        of the step, m3/s (m2/s in 2-D).
+        **Arguments**: `before`, `after`: flows out of the chamber at the start and the end of the step, with
+        the coupling of the step, m3/s (m2/s in 2-D).
         """
 
     @abc.abstractmethod
     def water_pressure(self, air: Air, grip: AbstractGrip, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Part of the water's gauge pressure at x (m) that the air carries, Pa.
+        """Part of the water's gauge pressure at x (m) that is due to the air, Pa.
 
-        It is not in the pressure of the scheme, whose `grip` on the air this is, and is added to it.
+        It is to be added to the pressure of the scheme, which does not contain it; `grip`: the scheme's grip.
         """
 
 
@@ -290,11 +293,11 @@ class Model(eqx.Module):
     dampers: tuple[AbstractDamper, ...]
     """Damping zones."""
     outlets: tuple[AbstractOutlet, ...]
-    """Places where water leaves for good."""
+    """Places where water leaves permanently."""
     forces: tuple[AbstractForce, ...]
-    """Body forces beside the uniform gravity g."""
+    """Body forces in addition to the uniform gravity g."""
     tangents: AbstractTangents
-    """Filter of the state's tangents; `ExactTangents` is none."""
+    """Filter of the state's tangents; `ExactTangents` for no filter."""
     g: Float[Array, " D"]
     """Acceleration of gravity, a vector, m/s2."""
     dx: Scalar
@@ -306,7 +309,7 @@ class Model(eqx.Module):
     depth: Scalar
     """Depth of water for depth-averaged results, m."""
     z0: Float[Array, " N"]
-    """Initial height of each particle by id, m: potential energies are relative to it."""
+    """Initial height of each particle, by `Particles.id`, m; potential energies are relative to it."""
     search: Search
     """Neighbour search, and the sizes of its tables."""
 
@@ -323,8 +326,8 @@ class Model(eqx.Module):
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
         """Positions of all ghosts and of their nodes, m, with the moving solids in the states `parts`.
 
-        `mirrored`: positions (m) of the particles of which ghosts are the images, one array or none; without
-        them these ghosts stand where they do while they have no particle.
+        `mirrored`: positions (m) of the particles that image ghosts mirror, at most one array. Without it the
+        image ghosts have the positions of those without a particle.
         """
         x, nodes, images = self.walls.x, self.walls.node, self.walls.images
         for solid in (*self.moving, *self.bodies):
@@ -337,7 +340,10 @@ class Model(eqx.Module):
         return x, nodes
 
     def paddle_at(self, parts: Mapping[str, Any]) -> Callable[[Array], Array]:
-        """Places (m) of points fixed to the paddle from those at rest (m); these themselves without one."""
+        """Function from positions at rest (m) of points fixed to the paddle to their positions (m).
+
+        Without a paddle it is the identity.
+        """
         for wall in self.moving:
             if wall.rows == self.walls.paddle:
                 return lambda x: wall.place(parts[wall.name], x, x)[0]
@@ -346,9 +352,10 @@ class Model(eqx.Module):
     def ghosts_at(
         self, parts: Mapping[str, Any], p: Particles, images: Chosen
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"], Float[Array, " G"]]:
-        """Positions (m) of all ghosts and their nodes, and their volumes (m^D) in full water.
+        """Positions (m) of all ghosts and of their nodes, and the volumes (m^D) of wet ghosts.
 
-        `images`: particles of `p` that are mirrored; an image without one is out of the way.
+        `images`: particles of `p` that image ghosts mirror. An image ghost without a particle is at its
+        position at rest and has no volume.
         """
         count, there = self.walls.images.count, images.there
         seen = images.fields({"x": columns(p.x), "V": self.scheme.volume(p)})
@@ -358,14 +365,14 @@ class Model(eqx.Module):
         return x, nodes, self.walls.volume.at[:count].set(share)
 
     def acceleration(self, x: Float[Array, "N D"], t: Scalar) -> Float[Array, "N D"]:
-        """Acceleration by the body forces beside g at x (m) and the time t (s), m/s2."""
+        """Acceleration due to the body forces other than g at x (m) and the time t (s), m/s2."""
         total = jnp.zeros_like(x)
         for force in self.forces:
             total = total + force.acceleration(x, t)
         return total
 
     def pressure(self, state: State) -> Float[Array, " N"]:
-        """Gauge pressure of every particle, Pa: the scheme's, and the part that the chambers' air carries."""
+        """Gauge pressure of every particle, Pa: that of the scheme plus the part due to the chambers' air."""
         p = self.scheme.pressure(state.particles)
         for chamber in self.chambers:
             air = state.parts[chamber.name]
@@ -374,7 +381,7 @@ class Model(eqx.Module):
 
     @property
     def parts(self) -> tuple[AbstractPart, ...]:
-        """Parts that exchange energy with the water or are read."""
+        """Parts that exchange energy with the water or have readings."""
         return (*self.moving, *self.bodies, *self.chambers, *self.ducts, *self.dampers, *self.outlets)
 
     def entries(self) -> dict[str, Entry]:
@@ -398,26 +405,31 @@ def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
 
 
 def check_parts(model: Model) -> None:
-    """**Raises** ValueError for parts that share a name, or do not go with the walls' ghosts."""
+    """Checks that the parts of a model are consistent.
+
+    **Raises** ValueError if parts share a name or an energy, a duct ends at no chamber, body forces meet a
+    movable body, or the ghosts of moving solids do not match those of the walls.
+    """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
     for given, what in ((names, "names"), (energies, "energies in the ledger")):
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
-            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each a name of its own")
+            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
-        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: there are no chambers of these names")
+        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: give names of chambers of the model")
     at_last = jnp.asarray(jnp.inf)
     afloat = [body.name for body in model.bodies if model.forces and np.any(body.movable(at_last))]
     if afloat:
         raise ValueError(
-            f"body forces act on the water alone, and {', '.join(afloat)} can move: leave out one"
+            f"body forces act only on the water, but {', '.join(afloat)} can move: "
+            "remove the body forces, or fix the bodies"
         )
     given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
     needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
     if given != needed:
         raise ValueError(
-            f"moving walls and bodies have the ghosts {given}, and the walls want {needed}: give a paddle "
-            "for a box with one, and a body or a driven solid for each of the walls' shapes (`dummies`)"
+            f"moving walls and bodies have the ghosts {given}, but the walls need {needed}: add a paddle if "
+            "the box has one, and a body or a driven solid for each of the walls' shapes (`dummies`)"
         )

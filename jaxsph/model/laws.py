@@ -1,10 +1,11 @@
-"""Pair laws and the linear equation of state. A law sees one pair (`pairs.Pair`) and the fields of its two
-particles; the formulas are of the sums over j that the pair loop makes of it. Equation numbers are those of
-Zhu et al. 2020.
+"""Pair laws and the linear equation of state.
 
-Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3 per m of width in 2-D; a
-negative sign marks a wall's source, which takes no part in the density diffusion), grad_rho (kg/m4), grad_u
-(1/s, one gradient a component).
+A law returns the term of one pair (`pairs.Pair`) from the fields of its two particles. The formulas below are
+those of the sums over j that the pair loop makes of the terms. Equation numbers are those of Zhu et al. 2020.
+
+Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3; m2 in 2-D; a negative sign marks
+a source in a wall, which takes no part in the density diffusion), grad_rho (kg/m4), grad_u (1/s, one gradient
+per component).
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from jaxsph.core.arrays import dot
 from jaxsph.core.pairs import Fields, Pair, outer_upper
 
 GUARD = 1.0e-3
-"""Fraction of h^2 added to r^2 in denominators (-): 0.1 % at r = h, and no 0/0 for the particle itself."""
+"""Fraction of h^2 added to r^2 in denominators (-): 0.1 % at r = h, and no 0/0 at r = 0."""
 
 
 def volume(j: Fields) -> jax.Array:
-    """Volume of a source j, m3 (m2 in 2-D), whatever the mark in its sign."""
+    """Volume of a source j, m3 (m2 in 2-D), without the sign that marks walls."""
     return jnp.abs(j["V"])
 
 
@@ -43,7 +44,7 @@ def density_deviation(p: jax.Array, c0: jax.Array) -> jax.Array:
 def moment_matrix(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     """Moment matrix sum (x_j - x_i) (x) grad W V_j (-), upper triangle.
 
-    L of Eq. 9 is its inverse, and its trace is Eq. 15's.
+    Its inverse is L of Eq. 9, and its trace is the divergence of position of Eq. 15.
     """
     w = -pair.F * water_volume(j)
     return outer_upper(pair.r, tuple(w * r for r in pair.r))
@@ -58,7 +59,7 @@ def density_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
 def velocity_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[tuple[jax.Array, ...], ...]:
     """Gradient of every velocity component, sum (u_j - u_i) grad W V_j over the water, 1/s.
 
-    To be renormalised by L, as the density's gradient (Eq. 9).
+    To be renormalised by L, like the density gradient (Eq. 9).
     """
     w = water_volume(j) * pair.F
     change = tuple((b - a) * w for a, b in zip(i["u"], j["u"], strict=True))
@@ -66,7 +67,7 @@ def velocity_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[tuple[jax.Array
 
 
 def velocity_jump(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
-    """Difference of velocity u_j - u_i beyond what both gradients explain, m/s; antisymmetric.
+    """Part of the velocity difference u_j - u_i that both gradients do not explain, m/s; antisymmetric.
 
     It is u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i): zero in linear and quadratic fields.
     """
@@ -107,7 +108,7 @@ def laplacian(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
 def laplacian_weight(pair: Pair, j: Fields, guard: ArrayLike) -> jax.Array:
     """Weight w_ij of the Laplacian lap f = sum w_ij (f_j - f_i), 1/m2.
 
-    Source: Yeylaghi et al. 2016, Eq. 6, with one density, times that density.
+    Source: Yeylaghi et al. 2016, Eq. 6, for uniform density, multiplied by that density.
     """
     return -2.0 * volume(j) * pair.F * (pair.r2 / (pair.r2 + guard))
 

@@ -39,52 +39,52 @@ class Reading(NamedTuple):
     """Meaning of one reading of a probe: its unit, long name, dimension and group."""
 
     units: str
-    """Unit of the reading, such as "Pa"."""
+    """Unit of the reading, for example "Pa"."""
     long_name: str
     """Name of the reading in words."""
     dimension: str | None = None
-    """Name of the second dimension, such as "gauge"; None for one number a sample."""
+    """Name of the second dimension, for example "gauge"; None if a sample is one number."""
     group: str = "series"
-    """Group of a run's file that keeps the reading: "series" or "energy"."""
+    """Group of a run's file that stores the reading: "series" or "energy"."""
 
 
 class Oscillation(NamedTuple):
-    """Reading of a part that swings with regular waves, and whose amplitude is a result of a run."""
+    """Reading of a part that oscillates in regular waves, and whose amplitude is a result of a run."""
 
     reading: str
     """Name of the reading."""
     text: str
-    """What swings, in words, such as "heave of the buoy"."""
+    """Name of the oscillation in words, for example "heave of the buoy"."""
     unit: str
-    """Unit of the reading, such as "m"."""
+    """Unit of the reading, for example "m"."""
     component: int | None = None
-    """Index of the component that is meant; None for a reading of one number."""
+    """Index of the component that oscillates; None if the reading is one number."""
     has_mean: bool = False
-    """Whether its mean is a result too, such as a drift force."""
+    """Whether the mean is also a result, for example a drift force."""
     over_waves: bool = False
-    """Whether its amplitude over that of the incident waves is a result too, such as an RAO."""
+    """Whether the ratio of the amplitude to that of the incident waves is also a result (an RAO)."""
 
 
 class Group(enum.StrEnum):
-    """Group of results in tables: those of the device come first."""
+    """Group of results in tables; the results of the device come first."""
 
     DEVICE = "device"
-    """What the device does: power, efficiency, motions, forces."""
+    """Results of the device: power, efficiency, motions, forces."""
     WAVES = "waves"
-    """The waves that were there, and over what time means are taken."""
+    """Waves in the run, and the time interval of the means."""
     NUMERICS = "numerics"
-    """How far the run can be trusted: its energy balance, its noise, its cost."""
+    """Quality of the run: energy balance, noise, cost."""
 
 
 class Label(NamedTuple):
-    """Meaning of a scalar result: its name in a table, its unit, and what it says of the run."""
+    """Meaning of a scalar result: its name in a table, its unit, and an explanation."""
 
     text: str
-    """Name of the result in words. One that begins with spaces is a part of the one before it; a table leaves
-    out what it has before a colon, such as "efficiency: "."""
+    """Name of the result in words. If it begins with spaces, the result is a part of the preceding one, and a
+    table omits the text up to a colon, for example "efficiency: "."""
     unit: str = ""
-    """Unit, such as "W/m"; in the labels of the package's own results that in two dimensions."""
+    """Unit, for example "W/m"; labels of the package's own results have the unit in two dimensions."""
     meaning: str = ""
-    """What the result says, where its name does not."""
+    """Explanation of the result, if its name is not enough."""
     group: str = Group.DEVICE
     """Group of the result in a table: a `Group`."""

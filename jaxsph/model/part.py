@@ -1,4 +1,4 @@
-"""What every part of a model says of itself: its name, its energies and its readings."""
+"""Interface of every part of a model: its name, its energies and its readings."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["AbstractPart", "Sampled"]
 
 
 class Sampled(NamedTuple):
-    """What a part's readings at a sample are made from, besides the part's own state."""
+    """Data for a part's readings at a sample, in addition to the part's state."""
 
     x: Components
-    """Places of the particles, one array an axis, m."""
+    """Positions of the particles, one array per axis, m."""
     V: Float[Array, " N"]
     """Volumes of the particles, m3 (m2 in 2-D)."""
     rho0: Scalar
@@ -33,17 +33,17 @@ class Sampled(NamedTuple):
 class AbstractPart(eqx.Module):
     """A part of a model: a moving solid, a body, a chamber, a damper, an outlet.
 
-    Its energies and its readings have its name behind them, `P_a_left` of a chamber called "left", unless
-    that is the usual one, as of the only part of its kind.
+    The names of its energies and readings end with its name, for example `P_a_left` for a chamber called
+    "left". A part with the usual name, normally the only part of its kind, has no such ending.
     """
 
     name: eqx.AbstractVar[str]
     """Key of the part's state in `State.parts`."""
     usual_name: ClassVar[str] = ""
-    """Name of the only part of its kind in a model."""
+    """Default name, for the only part of its kind in a model."""
 
     def called(self, what: str) -> str:
-        """Name of an energy or a reading of this part, from what it is."""
+        """Name of this part's energy or reading `what`; it ends with the part's name unless that is usual."""
         return what if self.name == self.usual_name else f"{what}_{self.name}"
 
     @abc.abstractmethod
@@ -51,23 +51,23 @@ class AbstractPart(eqx.Module):
         """Meaning of the energies that the part books, by their names in the ledger."""
 
     def harvest(self) -> tuple[str, ...]:
-        """Names in the ledger of the energies that the part's power take-off takes."""
+        """Names in the ledger of the energies that the part's power take-off harvests."""
         return tuple(name for name, entry in self.entries().items() if entry.exchange is Exchange.HARVESTED)
 
     def readings(self, dim: int) -> Mapping[str, Reading]:
-        """Unit and meaning of the readings of `read`, by name, in so many dimensions; none by default."""
+        """Unit and meaning of the readings of `read`, by name, in `dim` dimensions; empty by default."""
         del dim
         return {}
 
     def read(self, state: Any, sampled: Sampled) -> Mapping[str, jax.Array]:
-        """Readings of the part at a sample, by name; `state`: its own, `State.parts[name]`."""
+        """Readings of the part at a sample, by name; `state`: the part's state, `State.parts[name]`."""
         del state, sampled
         return {}
 
     def oscillations(self, dim: int) -> Mapping[str, Oscillation]:
-        """Readings whose amplitude in regular waves is a result, by the name of what swings; none by default.
+        """Oscillations whose amplitude in regular waves is a result, by name; empty by default.
 
-        The results are called `amplitude_NAME`, `mean_NAME` and, over the waves' amplitude, `rao_NAME`.
+        The results are `amplitude_NAME`, `mean_NAME` and, relative to the waves' amplitude, `rao_NAME`.
         """
         del dim
         return {}

@@ -31,14 +31,14 @@ class AbstractProbe(eqx.Module):
         """Unit and meaning of every reading, by name."""
 
     def coordinates(self) -> Coordinates:
-        """Places that the readings' second dimensions stand for, by name; none by default."""
+        """Coordinates of the second dimensions of the readings, by name; empty by default."""
         return {}
 
 
 def places(points: jax.Array, dimension: str, what: str, axes: str) -> Coordinates:
-    """Coordinates of points `[k, D]` (m) along axes, each one letter, by name, such as "sensor_x".
+    """Coordinates of points `[k, D]` (m) by name, for example "sensor_x"; `axes` has a letter for each axis.
 
-    The values are the decimals that were given, not their neighbours in single precision.
+    The values are the decimal numbers as given, without the rounding error of single precision.
     """
     values = np.asarray(points).astype(str).astype(float)
     columns = zip(axes, values.T, strict=True)

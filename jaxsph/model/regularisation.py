@@ -1,4 +1,4 @@
-"""Regularisation of the particles: hyperviscosity against their noise, separation against their pairing."""
+"""Regularisation of the particles: hyperviscosity against velocity noise, separation against clumping."""
 
 from __future__ import annotations
 
@@ -37,90 +37,90 @@ __all__ = [
 ]
 
 HYPERVISCOSITY = 1.0
-"""Strength of the hyperviscosity by default: the rate at which noise decays, over sqrt(g/h).
+"""Default strength of the hyperviscosity (-): the rate at which velocity noise decays, over sqrt(g/h).
 
-With 0.3 the flow beside the OWC is half again as noisy; with 3 the vortices at its lip lose more, and the OWC
-a tenth of its efficiency (dx = 0.02 m).
+For the OWC at dx = 0.02 m: with 0.3 the flow beside it has half again as much noise; with 3 the vortices at
+its lip lose more energy, and its efficiency falls by a tenth.
 """
 
 SEPARATION = 3.0
-"""Strength of the separation by default: the rate at which pairs part, over sqrt(g/h)."""
+"""Default strength of the separation (-): the rate at which clumped particles separate, over sqrt(g/h)."""
 
 PAIR = 0.6
-"""Distance in spacings below which two particles are a pair: well below what waves bring about."""
+"""Distance in spacings below which two particles are clumped: well below the distances that waves cause."""
 
 
 WHOLE = 0.5 * PAIR
-"""Displacement in spacings that takes two particles in one place to the distance of no pair."""
+"""Displacement in spacings of each of two particles in one place that brings them to the distance `PAIR`."""
 
 
 class Regularised(NamedTuple):
-    """Changes that a regularisation makes, for the time since the last."""
+    """Result of a regularisation, for the time since the last one."""
 
     u: Float[Array, "N D"]
-    """Velocities after it, m/s."""
+    """Velocities after the regularisation, m/s."""
     moved: Float[Array, "N D"]
-    """Displacements beside the drift, m."""
+    """Displacements in addition to the drift, m."""
     lost: dict[str, Scalar]
-    """Energies that the water loses by it, by their names in the ledger, J (J/m in 2-D)."""
+    """Energies that the water loses, by their names in the ledger, J (J/m in 2-D)."""
 
 
 class Terms(NamedTuple):
-    """Sums over pairs of a regularisation."""
+    """Pair sums of a regularisation."""
 
     jump: Components
-    """Sum of the velocities' jumps, m/s."""
+    """Weighted sum of the velocity jumps (`laws.velocity_jump`), m/s."""
     apart: Components
-    """Sum of the directions from too near neighbours, in spacings (-)."""
+    """Weighted sum of the unit vectors away from neighbours that are too near (-)."""
     carried: Components
-    """Change of velocity along `apart` by its gradient, in spacings, 1/s."""
+    """Velocity gradient times `apart`, 1/s."""
 
 
 class Regularisation(eqx.Module):
-    """Hyperviscosity, which takes the noise of particles out of the velocity, and separation of their pairs.
+    """Hyperviscosity, which damps the velocity noise of particles, and separation of clumped particles.
 
-    **Hyperviscosity** is a diffusion of velocity that velocities of second degree in space do not feel:
+    **Hyperviscosity** is a velocity diffusion that vanishes for velocities up to second degree in space:
     du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i)), with
-    weights w_ij in proportion to V_j W_ij^2 whose sum over a lattice is 1. It is to velocities what the
-    diffusion of delta-SPH (Antuono et al. 2012) is to the density. Disorder of the particles gives their
-    velocities a part that changes from one to the next. That part decays at this rate, in 0.05 s for
-    dx = 0.02 m, while a wave k is damped in proportion to (kh)^4: an artificial viscosity, in proportion to
-    (kh)^2, damps both. Where there are too few neighbours for a gradient, in spray and thin sheets, the sum
-    fades out (`pairs.correctable`).
+    weights w_ij proportional to V_j W_ij^2, whose sum over a lattice is 1. It does for the velocity what the
+    diffusion of delta-SPH (Antuono et al. 2012) does for the density. Disorder of the particles adds a noise
+    to their velocities, which changes from one particle to the next. The noise decays at the rate above, in
+    0.05 s for dx = 0.02 m, but the damping of a wave k is proportional to (kh)^4. An artificial viscosity,
+    proportional to (kh)^2, damps both. In spray and thin sheets, where particles have too few neighbours for
+    a gradient, the sum fades out (`pairs.correctable`).
 
-    **Separation** moves particles nearer than 0.6 spacings apart, as impacts bring them:
-    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|, and carries their
-    velocities along, u_i += (grad u_i + grad u_j)/2 . dr_ij. Particles farther apart do not feel it, neither
-    in a wave nor at a surface: it cannot lift one.
+    **Separation** moves particles apart that an impact has brought nearer than 0.6 spacings:
+    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. The velocities change
+    with the displacement, u_i += (grad u_i + grad u_j)/2 . dr_ij. Particles farther apart are not affected,
+    neither in a wave nor at a surface. Separation therefore cannot lift a surface.
 
-    Both exchange momentum between pairs and lose none; their energies are booked. Without gravity the rate is
-    zero, and both are off.
+    Both conserve the momentum of every pair, and their energies are booked. Without gravity the rate is zero,
+    and both are off.
     """
 
     hyperviscosity: Scalar = eqx.field(converter=real)
-    """Rate at which noise decays, over sqrt(g/h) (-)."""
+    """Rate at which velocity noise decays, over sqrt(g/h) (-)."""
     separation: Scalar = eqx.field(converter=real)
-    """Rate at which pairs part, over sqrt(g/h) (-)."""
+    """Rate at which clumped particles separate, over sqrt(g/h) (-)."""
 
     def entries(self) -> dict[str, Entry]:
         """Energies that the regularisation takes, by their names in the ledger."""
         return {
             "hyperviscosity": Entry("energy lost by hyperviscosity"),
-            "separation": Entry("energy lost where pairs of particles part"),
+            "separation": Entry("energy lost by separation of clumped particles"),
         }
 
     @staticmethod
     def law(unit: Scalar, dx: Scalar, pair: Pair, i: Fields, j: Fields) -> Terms:
-        """Terms of one pair; walls take no part.
+        """Terms of one pair of water particles; the terms of walls are zero.
 
-        **Arguments**: `unit`: `lattice_sum`; spacing `dx` (m); fields "u", "grad_u", "trust", and "V", the
-        mass over rho0, with which pairs exchange momentum and lose none.
+        **Arguments**: `unit`: `lattice_sum`; `dx`: spacing, m; `i`, `j`: fields "u", "grad_u", "trust"
+        (`pairs.correctable`), and "V", the mass over rho0, with which pairs conserve momentum.
         """
         w = i["trust"] * j["trust"] * laws.water_volume(j) * pair.W**2 / unit
         jump = tuple(w * jump for jump in laws.velocity_jump(pair, i, j))
-        # the guard is for the particle itself, which has no direction
+        # the guard is for r = 0, where the direction is undefined
         r = jnp.sqrt(pair.r2 + (1e-6 * dx) ** 2)
-        # a particle without mass has nothing to be parted from: a copy that fills a slab would leap away
+        # particles without mass do not separate: copies that fill up a slab would jump away
         size = jnp.where(i["V"] > 0.0, laws.water_volume(j), 0.0) / dx ** len(pair.r)
         near = size * jnp.maximum(1.0 - r / (PAIR * dx), 0.0) / r
         apart = tuple(near * component for component in pair.r)
@@ -131,9 +131,9 @@ class Regularisation(eqx.Module):
     def apply(
         self, scheme: AbstractScheme, model: Model, p: Particles, tables: Tables, t: Scalar
     ) -> Regularised:
-        """Velocities (m/s) and displacements (m) after the time t (s), by two sums over pairs.
+        """Velocities (m/s) and displacements (m) after the time t (s), by two pair sums.
 
-        t is that between two regularisations: whatever it is, noise and pairs are at most undone.
+        t is the time between two regularisations. For any t, noise and clumping are at most removed.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         own = {"x": columns(p.x), "V": p.m / scheme.rho0, "u": columns(p.u)}
@@ -163,9 +163,9 @@ class Regularisation(eqx.Module):
 def regularisations(
     hyperviscosity: float, separation: float, leaf: Callable[[float], Scalar]
 ) -> tuple[Regularisation, ...]:
-    """Regularisation of the given strengths as a scheme holds it: one, or none where both are zero.
+    """Regularisation with the given strengths as a tuple of one; empty if both strengths are zero.
 
-    `leaf` makes an array of a number, in the scheme's precision.
+    `leaf` converts a number to an array in the scheme's precision.
     """
     if not (hyperviscosity or separation):
         return ()
@@ -178,8 +178,8 @@ def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D
 
 
 def lattice_sum(smoothing: Smoothing, dx: Scalar, dim: int) -> Scalar:
-    """Sum of V W^2 over the neighbours of a particle of a square lattice, 1/m^dim, itself left out."""
-    axis = np.arange(-6.0, 7.0)  # beyond six spacings the square of every kernel is as good as zero
+    """Sum of V W^2 over the neighbours of a particle in a square or cubic lattice, 1/m^dim."""
+    axis = np.arange(-6.0, 7.0)  # beyond six spacings the square of every kernel is negligible
     r2 = np.sum([a**2 for a in np.meshgrid(*(axis,) * dim)], axis=0).ravel()
     r2 = dx * dx * jnp.asarray(r2[r2 > 0], dx.dtype)
     W = jnp.where(r2 < smoothing.radius**2, smoothing.kernel.value(r2, smoothing.h, dim), 0.0)

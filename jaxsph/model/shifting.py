@@ -1,4 +1,4 @@
-"""Fickian shifting, which keeps particles evenly spread."""
+"""Fickian shifting, which keeps particles evenly distributed."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from jaxsph.model.state import Tables
 class Shifting(eqx.Module):
     """Fickian shifting of particles, down the gradient of their concentration.
 
-    Source: Lind et al. 2012, with the sum of Sun et al. 2017, Eq. 6, which also keeps particles from pairing:
-    dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, with U the largest speed, at most
-    U dt/2. Near a free surface, where the kernel is not full, it fades out: there the gradient is the
-    surface's own. Velocities and densities stay with their particles, so angular momentum is not kept, and a
-    free surface creeps outwards: use it where pressures are negative
+    Source: Lind et al. 2012, with the sum of Sun et al. 2017, Eq. 6, which also prevents particles from
+    pairing: dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, at most U dt/2, with the
+    largest speed U. Shifting fades out near a free surface, where the support is not full and the gradient
+    is that of the surface. Velocities and densities stay with their particles. Therefore angular momentum is
+    not conserved, and a free surface creeps outwards. Use shifting where pressures are negative
     (`python -m experiments run rotating_square`), not where they are positive anyway
     (`python -m experiments run oscillating_drop`).
 
-    A flow that stretches the lattice needs it: in the Taylor-Green vortex at Re = 100 half of the energy is
-    lost within 0.4 s without, when the particles fall out of line (`python -m experiments run taylor_green`).
+    A flow that stretches the lattice needs shifting. Without it, the Taylor-Green vortex at Re = 100 loses
+    half of its energy within 0.4 s, when the lattice breaks up (`python -m experiments run taylor_green`).
     """
 
     strength: Scalar = eqx.field(converter=real)
-    """Strength of the shifting (-), such as 1.
+    """Strength of the shifting (-), for example 1.
 
-    12 keeps the particles of the exact tests in order; with 3 some energy is still lost. As a diffusion it is
-    stable while strength U is below c0.
+    A strength of 12 keeps the particles ordered in the tests with exact solutions; with 3 some energy is
+    still lost. Shifting is a diffusion, which is stable while strength U is below c0.
     """
 
     def displacement(
@@ -56,9 +56,9 @@ class Shifting(eqx.Module):
 
         gradient, trace = tables.fluid.sum(law, scheme.smoothing, sources.water, sources)
         speed = jnp.sqrt(jnp.max(jnp.sum(u**2, axis=1)))
-        # the trace is dim within a few per cent for a full kernel, and half of that for half a kernel
+        # the trace is dim within a few per cent for a full support, and half of that for half a support
         inside = jnp.clip((trace / dim - 0.8) / 0.15, 0.0, 1.0)
         move = self.strength * h * stack(gradient) * inside[:, None]
-        # the guard is for the derivative at zero
+        # the guard keeps the derivative finite at zero
         size = jnp.sqrt(jnp.sum(move**2, axis=1, keepdims=True) + 1e-12)
         return -speed * dt * move * jnp.minimum(1.0, 0.5 / size)

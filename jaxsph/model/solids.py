@@ -1,6 +1,6 @@
-"""Interfaces of solids at the water's edge: at rest, moving as given, or as rigid bodies.
+"""Interfaces of solids that bound the water: at rest, with a given motion, or rigid bodies.
 
-A solid that moves keeps its motion in `state.parts` under its `name`. In two dimensions all amounts are per
+A moving solid stores its motion in `state.parts` under its `name`. In two dimensions all quantities are per
 metre of width.
 """
 
@@ -27,45 +27,45 @@ __all__ = [
 
 
 class AbstractSolid(eqx.Module):
-    """A solid at the water's edge: a wall of the tank, a plate, a paddle, a rigid body."""
+    """A solid that bounds the water: a wall of the tank, a plate, a paddle, a rigid body."""
 
     name: eqx.AbstractVar[str]
     """Key of the solid's motion in `State.parts`; empty for a solid at rest."""
 
     @abc.abstractmethod
     def push(self, motion: Any, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
-        """Acceleration of particles at x (m) by the contact spring of the solid's surface, m/s2.
+        """Acceleration of particles at x (m) due to the contact spring of the solid's surface, m/s2.
 
         The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `motion`:
-        the solid's state, `State.parts[name]`, or None; `dx`: particle spacing, m; `c0`: speed of sound, m/s.
+        the solid's state, `State.parts[name]`, or None at rest; `dx`: spacing, m; `c0`: speed of sound, m/s.
         """
 
     @abc.abstractmethod
     def contains(self, motion: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
-        """True for particles at x (m) that are inside the solid, by more than a rounding error."""
+        """True for particles at x (m) that are inside the solid by more than a rounding error."""
 
     def outline(self, far: float) -> np.ndarray:
-        """Corners `[K, 2]` (x, z) (m) of the solid in pictures, at rest; none by default.
+        """Corners `[K, 2]` (x, z) (m) of the solid in drawings, at rest; empty by default.
 
-        What has no end, or ends where no picture shows it, reaches to the distance `far` (m).
+        A solid that is unbounded, or extends beyond every drawing, is drawn up to the distance `far` (m).
         """
         del far
         return np.zeros((0, 2))
 
 
 class AbstractMovingSolid(AbstractSolid, AbstractPart):
-    """A solid that moves and has ghosts of its own."""
+    """A moving solid, with ghosts that move with it."""
 
     rows: eqx.AbstractVar[tuple[int, int]]
     """Index of the solid's first ghost, and of the ghost after its last."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
-        """Motion of the solid at t = 0, to become `State.parts[name]`."""
+        """Motion of the solid at t = 0, stored as `State.parts[name]`."""
 
     @abc.abstractmethod
     def place(self, motion: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
-        """Positions of the solid's ghosts and of their nodes, m, from those at rest, x and `nodes` (m)."""
+        """Positions of the solid's ghosts and of their nodes, m, from x and `nodes` (m) at rest."""
 
     @abc.abstractmethod
     def velocity(self, motion: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
@@ -76,17 +76,17 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
         """True for particles at x (m) near enough to be stopped by the solid."""
 
     def pose(self, motion: Any) -> tuple[Array, Array]:
-        """Pose of the outline, surge, heave (m) and pitch (rad), and the pivot `[2]` (m) of its turning."""
+        """Pose of the outline (surge and heave, m; pitch, rad), and the pivot `[2]` (m) of its rotation."""
         del motion
         return jnp.zeros(3), jnp.zeros(2)
 
     @abc.abstractmethod
     def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
-        """Motion of the solid in the middle of a step of dt (s) from the motion `old` to `new`."""
+        """Motion of the solid in the middle of a step of dt (s), between the motions `old` and `new`."""
 
 
 class AbstractWall(AbstractMovingSolid):
-    """A moving solid whose motion is given: a piston, a rocking bed."""
+    """A moving solid with a given motion: a piston, a rocking bed."""
 
     @abc.abstractmethod
     def move(
@@ -103,7 +103,7 @@ class AbstractWall(AbstractMovingSolid):
 
     @abc.abstractmethod
     def with_velocity(self, motion: Any, after: Any) -> Any:
-        """Motion of the wall in the position of `motion` and with the velocity of `after`."""
+        """Motion of the wall with the position of `motion` and the velocity of `after`."""
 
     @abc.abstractmethod
     def cover(self, motion: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
@@ -113,7 +113,7 @@ class AbstractWall(AbstractMovingSolid):
 class AbstractBody(AbstractMovingSolid):
     """A rigid body with three motions in the x-z plane: surge, heave and pitch.
 
-    Each motion is free, or goes on at a constant velocity.
+    Each motion is free, or has a constant velocity.
     """
 
     @abc.abstractmethod
@@ -134,27 +134,27 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def external(self, motion: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
-        """Forces on the body along x and z (N) and moment (N m) besides the water's and linear damping.
+        """Forces along x and z (N) and moment (N m) on the body, without those of water and linear damping.
 
-        Per metre of width in 2-D; g (m/s2): gravity.
+        They are per metre of width in 2-D; g (m/s2): gravity.
         """
 
     @abc.abstractmethod
     def damping(self) -> Float[Array, "3"]:
         """Linear damping coefficients of surge, heave (N s/m) and pitch (N m s); per metre of width in 2-D.
 
-        The damping force is minus their product with the velocities.
+        The damping force is minus the product of the coefficients and the velocities.
         """
 
     @abc.abstractmethod
     def carry(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Places (m), in the body's pose, of points x (m) of the body at rest."""
+        """Positions (m), in the body's present pose, of points with positions x (m) on the body at rest."""
 
     @abc.abstractmethod
     def normals(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Outward unit normals (-), in the body's pose, of the surface nearest to points x.
+        """Outward unit normals (-), in the body's present pose, of the surface nearest to points x.
 
-        The points x (m) are given for the body at rest.
+        The points x (m) are positions on the body at rest.
         """
 
     @abc.abstractmethod
@@ -163,7 +163,7 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def energy(self, motion: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
-        """Kinetic energy of the body, and its potential energy above that at rest, J (J/m in 2-D)."""
+        """Kinetic energy of the body, and its potential energy relative to that at rest, J (J/m in 2-D)."""
 
     @abc.abstractmethod
     def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
@@ -174,5 +174,5 @@ class AbstractBody(AbstractMovingSolid):
         """Energies that the body books in a step, by their names in the ledger, J (J/m in 2-D).
 
         **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given to the body to
-        keep up the motions that are not free.
+        maintain the constant velocity of motions that are not free.
         """

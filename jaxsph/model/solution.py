@@ -27,11 +27,11 @@ class Solution(eqx.Module):
     case: Any = None
     """Case of the run, or None for a model built without one."""
     results: dict[str, float] | None = None
-    """Scalars made from the series by name: efficiency, powers, reflection (`jaxsph.analysis`)."""
+    """Scalars computed from the series, by name: efficiency, powers, reflection (`jaxsph.analysis`)."""
     notices: tuple[str, ...] = eqx.field(static=True, default=())
-    """Notices on the results: those that could not be made, and why."""
+    """Notices about results that could not be computed, with the reason."""
     labels: Mapping[str, Label] = eqx.field(static=True, default_factory=dict)
-    """Labels of the results that are not the package's own, by name."""
+    """Labels of the results that the package itself does not define, by name."""
 
     @property
     def t(self) -> np.ndarray:
@@ -39,7 +39,7 @@ class Solution(eqx.Module):
         return self.series["time"]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Series of the reading called `name`; raises KeyError where there is none."""
+        """Series of the reading `name`. **Raises** KeyError if there is no such reading."""
         if name not in self.series:
-            raise KeyError(f"no reading {name!r}; there are {', '.join(sorted(self.series))}")
+            raise KeyError(f"no reading {name!r}; the readings are {', '.join(sorted(self.series))}")
         return self.series[name]

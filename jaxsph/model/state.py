@@ -1,7 +1,7 @@
-"""State of a run: all that evolves from step to step, and the neighbour tables of one block of steps.
+"""State of a run: everything that evolves from step to step, and the neighbour tables of one block of steps.
 
-SI units. x runs along the tank from the wavemaker's rest position; the last axis points up and z = 0 is
-the bed. In two dimensions everything is per metre of width.
+Units are SI. x runs along the tank from the wavemaker's rest position; the last axis points up, and z = 0 is
+the bed. In two dimensions all quantities are per metre of width.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ class Particles(eqx.Module):
     x: Float[Array, "N D"]
     """Positions, m."""
     x_carry: Float[Array, "N D"]
-    """Rounding error of the positions x, m, to be added to them (compensated summation)."""
+    """Rounding error of the positions, m, to be added to x (compensated summation)."""
     u: Float[Array, "N D"]
     """Velocities, m/s."""
     rho: Float[Array, " N"]
-    """Deviation of the density from rho0, kg/m3: a float32 of the whole would lose the pressure."""
+    """Deviation of the density from rho0, kg/m3: the whole density in float32 cannot resolve the pressure."""
     m: Float[Array, " N"]
     """Masses, kg (kg/m in two dimensions)."""
     id: Int[Array, " N"]
-    """Index of the particle in the initial lattice, which stays with it through the sorts."""
+    """Index of the particle in the initial lattice, which the particle keeps in every sort."""
     p: Float[Array, " N"]
-    """Gauge pressure, Pa, of a scheme that solves for it; zero where it follows from the density."""
+    """Gauge pressure, Pa, if the scheme solves for it; zero if it follows from the density."""
     p_mean: Float[Array, " N"]
-    """Mean of p over some time before, Pa: see `schemes.projection.MEAN_TIME`."""
+    """Running mean of p, Pa, over the time `schemes.projection.MEAN_TIME` sqrt(h/g)."""
 
 
 class Tally(eqx.Module):
     """Running sum of an amount, in two parts: up to the last sample, and since then.
 
-    The sum since the last sample is small, so that a step's amount is not lost in it to rounding; at a sample
-    it is added to the sum before with its rounding error kept (Knuth's two-sum), so that a long run loses
+    The sum since the last sample is small, so that the amount of a step is not lost to rounding. At a sample
+    it is added to the earlier sum and the rounding error is kept (Knuth's two-sum), so that a long run loses
     nothing either.
     """
 
@@ -83,20 +83,23 @@ class Tally(eqx.Module):
         return Tally(self.recent + amount, self.settled, self.carry)
 
     def settle(self) -> Tally:
-        """Tally of the same total at a sample: the recent amount is moved to the settled one."""
+        """Tally of the same total at a sample: the recent amount is moved to the settled amount."""
         settled = self.settled + self.recent
         kept = settled - self.settled
         lost = (self.settled - (settled - kept)) + (self.recent - kept)
         return Tally(jnp.zeros_like(self.recent), settled, self.carry + lost)
 
     def over(self, share: float) -> Tally:
-        """Tally of the same total whose recent amount is the share of another interval, at the same rate."""
+        """Tally of the same total with `share` times the recent amount; the rest is settled.
+
+        `share`: ratio of another sampling interval to the present one.
+        """
         rest = Tally(self.recent * (1.0 - share), self.settled, self.carry).settle()
         return Tally(self.recent * share, rest.settled, rest.carry)
 
 
 def settle(tree: Any, due: jax.Array) -> Any:
-    """Pytree with every `Tally` settled where a sample is `due`."""
+    """Pytree with every `Tally` settled if a sample is `due`."""
 
     def settled(tally):
         return jax.tree.map(lambda a, b: jnp.where(due, a, b), tally.settle(), tally)
@@ -129,15 +132,15 @@ class Failure(enum.IntFlag):
     TOO_FAST = 32
     """A particle is faster than the scheme allows."""
     NOT_CONVERGED = 64
-    """A linear solution for the pressure did not converge."""
+    """A linear solve for the pressure did not converge."""
 
 
 SIZES = ("capacity", "node_capacity", "chamber_capacity", "halo", "points")
-"""Names of the sizes that tables of a search have, in `Search` and `slabs.Slabs`."""
+"""Names of the table sizes of a search, which are fields of `Search` and `slabs.Slabs`."""
 
 
 class Status(eqx.Module):
-    """Failures so far with the position and step of the first, and the needs of tables and solver."""
+    """Failures so far, with position and step of the first, and the largest demands on tables and solver."""
 
     bits: Int[Array, ""]
     """`Failure` flags."""
@@ -146,9 +149,9 @@ class Status(eqx.Module):
     where: Float[Array, " D"]
     """Position of the first failure, m."""
     most: dict[str, Int[Array, ""]]
-    """Largest number of slots that a table needed since the start, by the name of its capacity."""
+    """Largest size that a table needed since the start, by the name of the size (`SIZES`)."""
     residual: Scalar
-    """Largest residual of a linear solution so far, relative to its right-hand side (-)."""
+    """Largest residual of a linear solve so far, relative to its right-hand side (-)."""
     speed2: Scalar
     """Square of the largest speed up to the first failure, m2/s2."""
 
@@ -161,7 +164,7 @@ class Status(eqx.Module):
         return cls(zero, zero, jnp.zeros(dim, dtype), most, none, none)
 
     def flag(self, failure: Failure, failed: jax.Array, step: jax.Array, where: jax.Array) -> Status:
-        """Status with a failure added where `failed`; step and position of the first failure are kept."""
+        """Status with a failure added if `failed`; step and position of the first failure are kept."""
         first = failed & (self.bits == 0)
         return Status(
             self.bits | jnp.where(failed, int(failure), 0).astype(self.bits.dtype),
@@ -174,33 +177,33 @@ class Status(eqx.Module):
 
 
 class State(eqx.Module):
-    """State of a run: all that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
+    """State of a run: everything that evolves. Time is not accumulated: t = model.t0 + step * model.dt."""
 
     particles: Particles
     """Particles of the fluid."""
     parts: dict[str, Any]
     """States of the parts by their names: a paddle's motion, a body's, a chamber's air."""
     ledger: dict[str, Tally]
-    """Energies exchanged, by name, J (J/m in 2-D); `Model.entries` says what each is."""
+    """Energies exchanged, by name, J (J/m in 2-D); `Model.entries` describes them."""
     limits: dict[str, Tally]
-    """Particle steps in which a limiter of the scheme acted, by its name."""
+    """Number of particle steps in which a limiter of the scheme acted, by the limiter's name."""
     step: Int[Array, ""]
     """Number of steps since t = model.t0."""
     status: Status
-    """Failures, and the needs of tables and solver."""
+    """Failures, and the largest demands on tables and solver."""
 
 
 class Search(eqx.Module):
-    """Sizes and cadence of the neighbour tables; found in `build`, grown by `run`."""
+    """Neighbour search, with the sizes of its tables and its interval; set in `build`, adjusted by `run`."""
 
     grid: Grid
-    """Cells that the particles are sorted by."""
+    """Cells by which the particles are sorted."""
     method: AbstractSearch
     """Neighbour search that fills the tables."""
     capacity: int = eqx.field(static=True)
-    """Slots per fluid particle."""
+    """Number of slots per fluid particle."""
     node_capacity: int = eqx.field(static=True)
-    """Slots per interpolation node."""
+    """Number of slots per interpolation node."""
     chamber_capacity: int = eqx.field(static=True)
     """Largest number of particles that feel a chamber's air."""
     rebuild_every: int = eqx.field(static=True)
@@ -208,7 +211,7 @@ class Search(eqx.Module):
     regularise_every: int = eqx.field(static=True)
     """Number of steps between two regularisations of the particles.
 
-    It stays as it is where tables go stale and are searched more often: a run does not depend on that.
+    It stays the same if stale tables require more frequent searches, so that a run does not depend on them.
     """
     skin: float = eqx.field(static=True)
     """Margin of the search radius over the kernel's support, m."""
@@ -217,16 +220,16 @@ class Search(eqx.Module):
 
 
 class Pressures(eqx.Module):
-    """Pressures of water and ghosts, and what they do to the bodies."""
+    """Pressures of water and ghosts, and the accelerations and forces that they cause on the bodies."""
 
     p: Float[Array, " N"]
     """Pressure of the water, Pa."""
     p_ghosts: Float[Array, " G"]
     """Pressure of the ghosts, Pa."""
     accelerations: dict[str, Float[Array, "3"]]
-    """Accelerations of surge, heave and pitch by the body's name, m/s2, m/s2, rad/s2."""
+    """Accelerations of surge, heave and pitch (m/s2, m/s2, rad/s2) by the body's name."""
     forces: dict[str, Float[Array, "3"]]
-    """Generalised forces on the bodies by name, N, N, N m (per metre in 2-D)."""
+    """Generalised forces on the bodies (N, N, N m; per metre in 2-D) by the body's name."""
 
     def plus(self, factor: Scalar, other: Pressures) -> Pressures:
         """Sum of these pressures and `factor` times the others."""
@@ -239,23 +242,23 @@ class Response(eqx.Module):
     pressures: Pressures
     """Pressures that keep the water free of divergence, Pa/Pa."""
     u: Float[Array, "N D"]
-    """Change of the water's velocity by these pressures, m/s/Pa; the air's own force is not in it."""
+    """Change of the water's velocity due to these pressures, m/s/Pa, without the direct force of the air."""
 
 
 class Tables(eqx.Module):
-    """Neighbour tables of one block of steps, and the positions for which they were made."""
+    """Neighbour tables of one block of steps, and the positions at which they were made."""
 
     fluid: Neighbours
     """Particles and ghosts around every particle."""
     images: Chosen
-    """Particles of which the ghosts of plane walls are the images, the first rows of the ghosts."""
+    """Particles that the ghosts of plane walls mirror; these ghosts are the first rows of all ghosts."""
     nodes: PointNeighbours
     """Particles around the interpolation nodes of the other ghosts."""
     around: dict[str, PointNeighbours]
     """Particles around the ghosts of every moving wall and body, by its name, for the force on it."""
     chambers: dict[str, Int[Array, " C"]]
-    """Particles that may feel a chamber's air, by the chamber's name; N stands for none."""
+    """Particles that may feel a chamber's air, by the chamber's name; N marks an unused entry."""
     x: Float[Array, "N D"]
     """Positions of the particles at the search, m."""
     responses: dict[str, Response] = eqx.field(default_factory=dict)
-    """Response of the water to the air in each chamber, by its name; empty where sound carries it."""
+    """Response of the water to the air in each chamber, by its name; empty for compressible schemes."""

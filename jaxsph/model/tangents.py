@@ -1,8 +1,8 @@
-"""Filter of tangents: averages of derivatives over neighbours, which leave all values alone.
+"""Filter of tangents: averages of derivatives over neighbours, which change no value.
 
-Particles are chaotic. A derivative carried exactly through the loop belongs, after a fraction of a second,
-to the paths of single particles and not to the flow; averaged over neighbours at intervals, it stays the
-flow's, and loses a part of it (`python -m experiments run filter_study`).
+The motion of particles is chaotic. After a fraction of a second, an exact derivative through the loop
+describes the paths of single particles and not the flow. Averaged over neighbours at intervals, the
+derivative still describes the flow, but a part of it is lost (`python -m experiments run filter_study`).
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ class TangentFilter(AbstractTangents):
     """Filter of the tangents of positions and velocities by averages over neighbours.
 
     Every `interval` steps a tangent f becomes f - (1 - S)^order f, with the average S over neighbours
-    (`Average`). S is exact for linear fields, so that it does not pull at the free surface; it takes
-    components tangential to a wall as even across it. Of a wave of wavenumber k an average leaves
-    exp(-(k h)^2/4).
+    (`Average`). S is exact for linear fields, so that it does not distort tangents at the free surface. It
+    treats components tangential to a wall as even across the wall. One average multiplies a wave of
+    wavenumber k by exp(-(k h)^2/4).
 
-    The filter must be faster than the rows of the square lattice, which under pressure slide over each other:
-    exact slopes grow e-fold in 0.14 s on the bed of still water, 0.4 m deep at dx = 0.02 m
-    (`python -m experiments run lattice_growth`). Higher orders spare the chamber's flow better: order 3 at
-    every step lost a fifth of the response where order 1 at every fifth step loses half, but left slow modes
-    of those rows, and grew thirtyfold a period in a tank of 4 m. Tangents of the densities need no filter:
-    they follow those of positions and velocities.
+    The filter must act faster than exact tangents grow. Under pressure the rows of the square lattice slide
+    over each other, and exact tangents grow e-fold in 0.14 s at the bed of still water, 0.4 m deep at
+    dx = 0.02 m (`python -m experiments run lattice_growth`). Higher orders preserve the chamber's flow
+    better: order 3 at every step lost a fifth of the response, while order 1 at every fifth step loses half.
+    But order 3 left slow modes of those rows, which grew thirtyfold per period in a tank of 4 m. Tangents of
+    the densities need no filter, since they follow those of positions and velocities.
     """
 
     order: int = eqx.field(static=True, default=1)
     """Order of the filter, 1 or more."""
     interval: int = eqx.field(static=True, default=5)
-    """Number of steps between two uses of the filter."""
+    """Number of steps between two applications of the filter."""
 
     def __check_init__(self) -> None:
-        """Raises ValueError for an order or interval below 1."""
+        """**Raises** ValueError if the order or the interval is below 1."""
         if self.order < 1 or self.interval < 1:
-            raise ValueError(f"order = {self.order} and interval = {self.interval}: must be 1 or more")
+            raise ValueError(f"order = {self.order} and interval = {self.interval}: both must be 1 or more")
 
     def filter(self, model, state, tables):
-        """See `AbstractTangents`."""
+        """See `AbstractTangents.filter`."""
         p = state.particles
 
         def filtered(fields):
@@ -86,17 +86,17 @@ class Average(NamedTuple):
     smoothing: Smoothing
     """Kernel of the weights."""
     table: Neighbours
-    """Particles around every particle; ghosts are empty slots."""
+    """Neighbours of every particle in the water alone; the slots of ghosts are empty."""
     self_weight: jax.Array
     """Weight of the particle itself (-)."""
     weight: jax.Array
     """Sum of all weights (-)."""
     centre: Components
-    """Weighted mean position of the neighbours from the particle, over h (-)."""
+    """Weighted mean position of the neighbours relative to the particle, over h (-)."""
     inverse: tuple[tuple[jax.Array, ...], ...]
     """Inverse of the positions' covariance over h^2/2 (-), for every component of the field.
 
-    Slopes across a wall are held down for components that are even across it.
+    Gradients across a wall are suppressed for components that are even across it.
     """
 
     def __call__(self, fields: tuple[Components, ...]) -> tuple[Components, ...]:
@@ -131,7 +131,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     V = model.scheme.volume(p)
     self_weight = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(volume)
-    # pushes[k][a]: a ghost's volume, where component k is even across its wall and a is normal to it
+    # pushes[k][a]: a ghost's volume if component k is even across its wall and axis a is normal to it, or 0
     normal, even = walls.mirror == -1.0, walls.mirror != -1.0
     pushes = tuple(
         tuple(jnp.where(even[:, k] & normal[:, a], volume, 0.0) for a in range(dim)) for k in range(dim)
@@ -157,12 +157,12 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
 
 
 HOLD = 40.0
-"""Ratio of a held slope's stiffness to its covariance, for a full kernel of ghosts (-); it need only be
-large."""
+"""Ratio of a suppressed gradient's stiffness to the covariance, for a support full of ghosts (-); any large
+number will do."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:
-    """Covariance over 1/2 with the directions of held slopes made stiff, upper triangle."""
+    """Covariance over 1/2, upper triangle, with stiffness added in the directions of suppressed gradients."""
     found, count = [], 0
     for row in range(dim):
         for column in range(row, dim):
@@ -174,7 +174,7 @@ def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[ja
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _filtered(order: int, fields: tuple[Components, ...], average: Average) -> tuple[Components, ...]:
-    """The fields as they are; their tangents f become f - (1 - S)^order f with the average S."""
+    """The fields, unchanged; their tangents f become f - (1 - S)^order f with the average S."""
     del order, average
     return fields
 

@@ -1,5 +1,7 @@
-"""Viscosities of a scheme: pair laws of the viscous force with their coefficients. Equation numbers are those
-of Zhu et al. 2020."""
+"""Viscosities of a scheme: pair laws of the viscous force, with their coefficients.
+
+Equation numbers are those of Zhu et al. 2020.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ class AbstractViscosity(eqx.Module):
 
     @abc.abstractmethod
     def kinematic(self, h: Scalar | float, c0: Scalar | float, dim: int) -> Scalar:
-        """Kinematic viscosity that the coefficient stands for, m2/s (Eq. 5)."""
+        """Kinematic viscosity that corresponds to the coefficient, m2/s (Eq. 5)."""
 
     @abc.abstractmethod
     def shear(self, pair: Pair, i: Fields, j: Fields, guard: Scalar) -> Components:
@@ -29,68 +31,68 @@ class AbstractViscosity(eqx.Module):
 
 
 class PhysicalViscosity(AbstractViscosity):
-    """Physical viscosity nu in Monaghan's form, of coefficient 2 (dim + 2) nu (Eq. 6).
+    """Physical viscosity nu in Monaghan's form, with the coefficient 2 (dim + 2) nu (Eq. 6).
 
-    On a square lattice with h = 1.2 dx it is up to 9 % too large, whatever dx is
-    (`python -m experiments run taylor_green`); `LaplacianViscosity` is not.
+    On a square lattice with h = 1.2 dx it is up to 9 % too large for any dx
+    (`python -m experiments run taylor_green`). `LaplacianViscosity` does not have this error.
     """
 
     nu: Scalar = eqx.field(converter=real)
     """Kinematic viscosity, m2/s."""
 
     def coefficient(self, h, c0, dim):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.coefficient`."""
         return 2 * (dim + 2) * self.nu
 
     def kinematic(self, h, c0, dim):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.kinematic`."""
         return self.nu
 
     def shear(self, pair, i, j, guard):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.shear`."""
         return laws.viscous_force(pair, i, j, guard)
 
 
 class LaplacianViscosity(AbstractViscosity):
     """Physical viscosity nu lap u in Morris's form, 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j.
 
-    Source: Morris et al. 1997, Eq. 22. For flows that the physical viscosity governs: the weights of
-    Monaghan's form (`PhysicalViscosity`) are not smooth at r = 0, and a square lattice sums them 9 % off;
-    here it need only sum the kernel's second moments. Angular momentum is not kept, and at a free surface
-    the form stands for du/dn = 0, not for no stress: it dissipates nu |grad u|^2, which in a wave is half of
-    what the viscosity should.
+    Source: Morris et al. 1997, Eq. 22. It is for flows that the physical viscosity governs. The weights of
+    Monaghan's form (`PhysicalViscosity`) are not smooth at r = 0, and their sum over a square lattice has an
+    error of 9 %; this form only needs accurate sums of the kernel's second moments. It does not conserve
+    angular momentum. At a free surface it implies du/dn = 0 instead of zero stress: it dissipates
+    nu |grad u|^2, which in a wave is half of the physical dissipation.
     """
 
     nu: Scalar = eqx.field(converter=real)
     """Kinematic viscosity, m2/s."""
 
     def coefficient(self, h, c0, dim):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.coefficient`."""
         return 2 * self.nu
 
     def kinematic(self, h, c0, dim):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.kinematic`."""
         return self.nu
 
     def shear(self, pair, i, j, guard):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.shear`."""
         return laws.laplacian(pair, i, j)
 
 
 class ArtificialViscosity(AbstractViscosity):
-    """Artificial viscosity of coefficient alpha h c0 (Eq. 4)."""
+    """Artificial viscosity with the coefficient alpha h c0 (Eq. 4)."""
 
     alpha: Scalar = eqx.field(converter=real)
     """Coefficient of the artificial viscosity (-)."""
 
     def coefficient(self, h, c0, dim):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.coefficient`."""
         return self.alpha * h * c0
 
     def kinematic(self, h, c0, dim):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.kinematic`."""
         return self.alpha * h * c0 / (2 * (dim + 2))
 
     def shear(self, pair, i, j, guard):
-        """See `AbstractViscosity`."""
+        """See `AbstractViscosity.shear`."""
         return laws.viscous_force(pair, i, j, guard)

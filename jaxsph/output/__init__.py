@@ -1,1 +1,1 @@
-"""Files: runs and sweeps in HDF5, exports for ParaView; pictures are in `output.plot`."""
+"""Output files: runs and sweeps in HDF5, and exports for ParaView. Pictures are in `output.plot`."""

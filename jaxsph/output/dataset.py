@@ -1,4 +1,4 @@
-"""Runs and sweeps, and the fields of a snapshot, as `xarray` datasets for analysis and plots in notebooks."""
+"""Runs, sweeps and fields of a snapshot as `xarray` datasets, for analysis and plots in notebooks."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 def read(path: str | Path) -> xarray.Dataset:
-    """Readings and results of a run, or of the members of a sweep, with their units and names.
+    """Reads the readings and results of a run, or of the members of a sweep, with their units and names.
 
-    Of a run: every series over `time` (s), gauges and sensors over their places, and as attributes the
-    results and the case's text; it may go on meanwhile. Of a sweep: results and series over the parameters, a
-    series called `..._series` where a result has its name.
-    **Raises** FileError for a file that is none of jaxsph's, and where xarray is missing.
+    For a run: every series over `time` (s), gauges and sensors over their positions; the attributes hold the
+    results, the notices and the case's text. The run may still be in progress. For a sweep: results and
+    series over the parameters; a series with the name of a result is called `..._series`.
+    **Raises** FileError if the file was not written by jaxsph, or if xarray or h5netcdf is missing.
     """
     with wanted("js.read", "xarray and h5netcdf"):
         import h5netcdf  # noqa: F401
@@ -57,9 +57,9 @@ def on_grid(
 ) -> xarray.Dataset:
     """Velocity (m/s), pressure (Pa) and vorticity (1/s) of a snapshot on the points of a grid.
 
-    **Arguments**: `snapshot`: as `RunFile.snapshot` gives it; `x` and `z`: coordinates of the grid, m; `y`:
-    of the plane across the tank, m, in three dimensions, by default the middle of the water. Points that are
-    not in the water are NaN. **Raises** ValueError for fewer particles than a field needs.
+    **Arguments**: `snapshot`: as returned by `RunFile.snapshot`; `x` and `z`: coordinates of the grid, m;
+    `y`: position of the grid's plane across a three-dimensional tank, m, by default mid-width of the water.
+    Points outside the water are NaN. **Raises** ValueError if there are too few particles for a linear fit.
     """
     with wanted("js.on_grid", "xarray"):
         import xarray
@@ -93,7 +93,7 @@ def _variable(dims, values, units: str, long_name: str):
 
 @contextlib.contextmanager
 def wanted(what: str, libraries: str) -> Iterator[None]:
-    """Context of imports that the extra `analysis` brings. **Raises** FileError where they are missing."""
+    """Context for imports of packages from the extra `analysis`. **Raises** FileError if one is missing."""
     try:
         yield
     except ImportError as error:

@@ -1,10 +1,10 @@
-"""HDF5 for all files of jaxsph: writes that are whole or nothing, reads with errors in words, dimensions.
+"""HDF5 functions for all files of jaxsph: atomic writes, reads with clear error messages, dimensions.
 
-Every write goes to a copy that then takes the file's place, so a kill at any moment leaves the old file or
-the new one, whole.
+Every write goes to a copy that then replaces the file, so a kill at any moment leaves either the old file or
+the new file intact.
 
-Files of runs and sweeps end with the CRC-32 of all their bytes, behind the end that HDF5 knows. It is looked
-at before HDF5 is given the file, which stops the whole program at some damage.
+Files of runs and sweeps end with the CRC-32 of all their bytes, stored after the end of the HDF5 data. The
+checksum is verified before HDF5 opens the file, because some kinds of damage make HDF5 end the program.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from jaxsph.errors import FileError, JaxsphError
 from jaxsph.output.records import Damage
 
 SCHEMA = 5
-"""Version of the layout. Files of a newer one are refused; of those of an older one series and snapshots are
-read, and checkpoints refused: 1 did not say what the run's rules made of its case, 2 had no readings of the
-noise, 3 no checksums, 4 one for every part."""
+"""Version of the file layout. Files with a newer layout are refused. Files with an older layout give series
+and snapshots, but no checkpoint: layout 1 lacks the numbers derived from the case, 2 lacks readings of the
+noise, 3 has no checksums, and 4 has a checksum for each part only."""
 
 SEALED = 5
 """First version of the layout whose files end with a checksum."""
@@ -40,19 +40,19 @@ Coordinates = dict[str, tuple[str, np.ndarray, str, str]]
 
 
 _SEAL = b"jaxsph CRC-32 of the bytes before: "
-"""What stands between the end of a file as HDF5 knows it and the checksum of all bytes before."""
+"""Marker between the HDF5 data of a file and the checksum of these data."""
 
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
-# What netCDF calls a dimension that has no coordinate values of its own.
+# netCDF's name for a dimension without coordinate values
 _BARE_DIMENSION = "This is a netCDF dimension but not a netCDF variable. {:10d}"
 
 
 @dataclass
 class Variable:
-    """Meaning of a series: its units and name, for the labels of axes and for readers of the file."""
+    """Meaning of a series: units and long name, for axis labels and for readers of the file."""
 
     units: str
     long_name: str
@@ -64,10 +64,10 @@ class Variable:
 
 @contextlib.contextmanager
 def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.File]:
-    """HDF5 file to write, a copy ("r+") or a new one ("w"), that takes the place of `path` if all goes well.
+    """Context with an HDF5 file to write, a copy ("r+") or a new one ("w"); on success it replaces `path`.
 
-    `sealed`: ends with the checksum of its bytes, which `open_file` looks at.
-    **Raises** FileError where it cannot be written; the file before is then unchanged.
+    `sealed`: whether to append the checksum that `open_file` verifies.
+    **Raises** FileError if it cannot be written; the existing file is then unchanged.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     with tell_write_errors(path):
@@ -76,7 +76,7 @@ def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.Fi
             if mode == "r+":
                 shutil.copyfile(path, part)
             with h5py.File(part, mode) as file:
-                yield file  # HDF5 cuts off what was behind its end
+                yield file  # HDF5 truncates the old checksum
             if sealed:
                 checksum = _crc_of_bytes(part, part.stat().st_size)
                 with part.open("ab") as end:
@@ -90,7 +90,7 @@ def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.Fi
 
 
 def put_file(path: Path, content: bytes) -> None:
-    """Puts the content in the file's place, whole or not at all."""
+    """Replaces the file by one with this content, atomically."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with part.open("wb") as file:
@@ -106,7 +106,7 @@ def put_file(path: Path, content: bytes) -> None:
 
 @contextlib.contextmanager
 def open_file(path: Path) -> Iterator[h5py.File]:
-    """HDF5 file, open for reading. **Raises** FileError where it is missing, cut short or damaged."""
+    """Context with an HDF5 file open for reading. **Raises** FileError if it is missing or damaged."""
     try:
         sealed = _check_seal(path)
         with h5py.File(path, "r") as file:
@@ -119,7 +119,7 @@ def open_file(path: Path) -> Iterator[h5py.File]:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from None
     except JaxsphError:
         raise
-    except Exception as error:  # whatever HDF5, h5py and numpy make of bytes that nobody wrote
+    except Exception as error:  # HDF5, h5py and numpy raise many kinds of errors for damaged bytes
         what = str(error) if isinstance(error, Damage | OSError) else f"{type(error).__name__}: {error}"
         raise FileError(
             f"{path}: is cut short or damaged ({what}). Restore it from a copy, or run "
@@ -129,24 +129,24 @@ def open_file(path: Path) -> Iterator[h5py.File]:
 
 @contextlib.contextmanager
 def tell_write_errors(path: Path) -> Iterator[None]:
-    """Context that raises FileError for whatever goes wrong while the file is written."""
+    """Context that turns errors during the writing of a file into FileError."""
     try:
         yield
     except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
         raise FileError(
-            f"{path}: could not be written ({error}); what was there before is unchanged. Look at "
-            "the space and the permissions of its folder"
+            f"{path}: could not be written ({error}); an existing file is unchanged. Check the free "
+            "space and the permissions of its folder"
         ) from error
 
 
 _intact: dict[Path, tuple[int, ...]] = {}
-"""Files whose checksum this process has found right: device, number, size and time of their last change."""
+"""Files whose checksum this process has verified: device, inode, size and modification time."""
 
 
 def _check_seal(path: Path) -> bool:
     """Whether a file ends with a checksum; files of older versions do not.
 
-    **Raises** Damage for a file whose bytes are not those written.
+    **Raises** Damage if the checksum does not match.
     """
     found = path.stat()
     stamp = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
@@ -159,14 +159,14 @@ def _check_seal(path: Path) -> bool:
     if not end.startswith(_SEAL):
         return False
     if _crc_of_bytes(path, length) != int.from_bytes(end[len(_SEAL) :], "little"):
-        raise Damage("its bytes are not those that were written")
-    if time.time_ns() - found.st_mtime_ns > 10**8:  # a change at once could bear the same time
+        raise Damage("its checksum does not match its content")
+    if time.time_ns() - found.st_mtime_ns > 10**8:  # an immediate change could keep this time
         _intact[path] = stamp
     return True
 
 
 def _crc_of_bytes(path: Path, length: int) -> int:
-    """CRC-32 of the first bytes of a file."""
+    """CRC-32 of the first `length` bytes of a file."""
     found = 0
     with path.open("rb") as file:
         while length > 0 and (part := file.read(min(length, 1 << 20))):
@@ -175,7 +175,7 @@ def _crc_of_bytes(path: Path, length: int) -> int:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Removes unfinished copies that a killed run left: a write takes seconds, not an hour."""
+    """Removes unfinished copies from killed runs: those older than an hour, while a write takes seconds."""
     for part in path.parent.glob(f".{path.name}.*.part"):
         with contextlib.suppress(OSError):
             if time.time() - part.stat().st_mtime > 3600.0:
@@ -192,13 +192,13 @@ def sync(path: Path) -> None:
 
 
 def _no_such_file(path: Path) -> str:
-    return f"{path}: no such file; `jaxsph run CASE --out {path}` makes one"
+    return f"{path}: no such file; `jaxsph run CASE --out {path}` creates it"
 
 
 def check_signature(path: Path) -> None:
-    """**Raises** FileError for a path without an HDF5 file: missing, a folder, cut short, or of another kind.
+    """**Raises** FileError if a path is missing, a folder, cut short, or not an HDF5 file.
 
-    h5py does not tell these from each other.
+    h5py does not distinguish these errors.
     """
     if path.is_dir():
         raise FileError(f"{path}: is a folder; give a run's file (.h5)")
@@ -225,18 +225,18 @@ def version() -> str:
 
 
 def plain(value: Any) -> Any:
-    """Python number of a numpy scalar; anything else as it is."""
+    """Python number for a numpy scalar; any other value unchanged."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
-    """Dimension called `dim` of a group, made where it is missing. **Raises** ValueError for another size."""
+    """Dimension `dim` of a group, created if missing. **Raises** ValueError if it has another size."""
     if dim not in group:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))
     found = group[dim]
     if not isinstance(found, h5py.Dataset) or found.shape != (size,):
-        raise ValueError(f"dimension {dim!r} is not one of size {size}")
+        raise ValueError(f"dimension {dim!r} exists, but not with size {size}")
     return found
 
 
@@ -246,12 +246,12 @@ def dimension(data: h5py.Dataset, axis: int) -> str:
 
 
 def attributes(node: h5py.Group | h5py.Dataset) -> dict[str, Any]:
-    """Attributes of a group or a dataset, as numbers and texts of Python."""
+    """Attributes of a group or a dataset, as Python numbers and strings."""
     return {name: plain(value) for name, value in node.attrs.items()}
 
 
 def read(data: h5py.Dataset) -> Any:
-    """Values of a dataset, text as str; 0-d arrays keep their shape, which indexing does not."""
+    """Values of a dataset, text as str. 0-d arrays stay arrays, whereas indexing would give scalars."""
     if h5py.check_string_dtype(data.dtype) is not None:
         return data.asstr()[()]
     found = np.empty(data.shape, data.dtype)
@@ -261,7 +261,7 @@ def read(data: h5py.Dataset) -> Any:
 
 
 def extend(data: h5py.Dataset, values: np.ndarray) -> None:
-    """Adds rows to a dataset."""
+    """Appends rows to a dataset."""
     old = len(data)
     data.resize(old + len(values), axis=0)
     data[old:] = values

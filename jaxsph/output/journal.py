@@ -1,16 +1,17 @@
-"""The journal beside the file of a run that has not ended, and its last checkpoint.
+"""Journal and last checkpoint of a run in progress, in two files next to the run's file.
 
-    run.h5.journal      records: one that names the run and its series, then one for every chunk with the
-                        samples and the snapshot; only ever appended to
-    run.h5.checkpoint   one record: all that evolves, bit for bit, and how much of the journal it goes with
+    run.h5.journal      records: one that names the run and its series, then one for every chunk with its
+                        samples and snapshot; append-only
+    run.h5.checkpoint   one record: the complete state, bit for bit, and the journal's length at that time
 
-A chunk costs what it holds, however long the run is. It counts from the moment its checkpoint takes the
-place of the last one: of a journal nothing is read beyond what the checkpoint goes with, so a kill at any
-moment leaves the chunks before, whole, and what was half written is overwritten by the next append.
+The cost of writing a chunk depends on its size, not on the length of the run. A chunk becomes valid when its
+checkpoint replaces the previous checkpoint, because the journal is read only up to the length stored in the
+checkpoint. A kill at any moment therefore leaves all earlier chunks intact, and the next append overwrites a
+chunk that was only partly written.
 
-Both belong to one `Owner`, the run's file at one stage. Whoever folds them into the file gives it the next
-stage in the same atomic step, and then removes them; if it is killed in between, what is left belongs to no
-one and is ignored.
+Both files belong to one `Owner`: the run's file at one stage. When they are folded into the run's file, its
+stage is increased in the same atomic step, and then the two files are removed. After a kill in between, the
+remaining files have no owner and are ignored.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
-    """Owner of a journal: a run, and its stage, how often a journal has been folded into the run's file."""
+    """Owner of a journal: a run and its stage, a count of the times its file was folded or amended."""
 
     run: str
     stage: int
@@ -51,14 +52,14 @@ class Journal(NamedTuple):
     saved_head: Head
 
     def heads(self, place: int | None = None) -> Iterator[Head]:
-        """Heads of the chunks' records from `place` on, by default of all."""
+        """Heads of the chunks' records from byte `place` on, by default of all chunks."""
         place = self.first if place is None else max(place, self.first)
         while place < self.about["end"]:
             head = read_head(self.chunks, place)
             yield head
             place = head.end
         if place != self.about["end"]:
-            raise Damage("its records do not end where its checkpoint says")
+            raise Damage("its records do not end at the length stored in its checkpoint")
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Arrays of the checkpoint, bit for bit."""
@@ -66,21 +67,21 @@ class Journal(NamedTuple):
 
 
 def journal_path(run: Path) -> Path:
-    """Path of the journal beside a run's file."""
+    """Path of the journal of a run's file."""
     return run.with_name(f"{run.name}.journal")
 
 
 def checkpoint_path(run: Path) -> Path:
-    """Path of the checkpoint beside a run's file."""
+    """Path of the checkpoint of a run's file."""
     return run.with_name(f"{run.name}.checkpoint")
 
 
 @contextlib.contextmanager
 def beside(run: Path) -> Iterator[Journal | None]:
-    """Journal beside a run's file, open for reading; None where there is none with a checkpoint.
+    """Context with the journal of a run's file, open for reading; None without a journal and its checkpoint.
 
-    To be opened before the file itself: whoever folds a journal first puts all of it into the file.
-    **Raises** FileError where one is damaged.
+    Open the journal before the run's file: a journal is removed only after all of it is in the run's file.
+    **Raises** FileError if the journal or the checkpoint is damaged.
     """
     with contextlib.ExitStack() as stack:
         try:
@@ -88,14 +89,14 @@ def beside(run: Path) -> Iterator[Journal | None]:
         except Damage as error:
             raise FileError(
                 f"{journal_path(run)} or {checkpoint_path(run)}: is damaged ({error}). Restore both from a "
-                "copy, or run the case again with --overwrite. Without them the file gives the series "
-                "up to its last update"
+                "copy, or run the case again with --overwrite. If you remove both, the run's file still "
+                "gives the series up to its last update"
             ) from None
 
 
 def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
     try:
-        # the checkpoint first: the journal is never behind it
+        # open the checkpoint first: the journal is then at least as long as the checkpoint states
         saved = stack.enter_context(checkpoint_path(run).open("rb"))
         chunks = stack.enter_context(journal_path(run).open("rb"))
     except FileNotFoundError:
@@ -105,14 +106,14 @@ def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
     head, begin = read_head(saved, 0), read_head(chunks, 0)
     owner = Owner(*begin.about["owner"])
     if Owner(*head.about["owner"]) != owner:
-        return None  # one was left by a kill, or a new one has just begun
+        return None  # left over from a kill, or a new journal has just begun
     if os.fstat(chunks.fileno()).st_size < head.about["end"]:
-        raise Damage("the journal ends before its checkpoint")
+        raise Damage("the journal is shorter than its checkpoint states")
     return Journal(owner, begin.about["variables"], begin.end, head.about, chunks, saved, head)
 
 
 def begin(run: Path, owner: Owner, variables: Mapping[str, Any]) -> int:
-    """Begins a journal for a run's file, in the place of any other; returns the byte at which it ends."""
+    """Creates the journal of a run's file, replacing an existing one; returns its length in bytes."""
     opening = pack({"owner": owner, "variables": variables}, {})
     put_file(journal_path(run), opening)
     return len(opening)
@@ -126,10 +127,10 @@ def append(
     checkpoint: Mapping[str, np.ndarray],
     about: Mapping[str, Any],
 ) -> int:
-    """Adds a chunk at the byte `end` of a journal, and replaces the checkpoint; returns the new end."""
+    """Appends a chunk at byte `end` of a journal and replaces the checkpoint; returns the new end."""
     record = pack({}, chunk)
     with journal_path(run).open("r+b") as file:
-        file.truncate(end)  # what a kill left
+        file.truncate(end)  # removes a chunk that a kill left incomplete
         file.seek(end)
         file.write(record)
         file.flush()
@@ -140,6 +141,6 @@ def append(
 
 
 def remove(run: Path) -> None:
-    """Removes the journal and the checkpoint beside a run's file."""
+    """Removes the journal and the checkpoint of a run's file."""
     for path in (checkpoint_path(run), journal_path(run)):
         path.unlink(missing_ok=True)

@@ -1,11 +1,11 @@
-"""Records: named arrays with a few words about them, as bytes that tell whether they are whole.
+"""Records: named arrays with a description, stored as bytes with checksums that reveal damage.
 
     prefix   magic, length of the head, length of the body, checksum of the head, checksum of the body
-    head     JSON: "about", length of the body, and (type, shape, place in the body, checksum) of every array
+    head     JSON: "about", length of the body, and (type, shape, offset in the body, checksum) of every array
     body     the arrays' bytes, one after another
 
-A record is read array by array, without its other arrays, and bit for bit. Records of older versions have one
-checksum for all arrays.
+Each array can be read without the others, bit for bit. Records of older versions have one checksum for all
+arrays.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ _MAGIC = b"jaxsph\r\n"
 
 
 class Damage(ValueError):
-    """Stored bytes that are not those that were written. The file's reader raises a FileError from it."""
+    """Stored bytes differ from those that were written. Readers of files turn this error into a FileError."""
 
 
 class Head(NamedTuple):
-    """Head of a record: its description, and the places of its arrays."""
+    """Head of a record: its description, and the location of each array."""
 
     about: dict[str, Any]
     arrays: dict[str, tuple[str, tuple[int, ...], int, int | None]]
-    """Type, shape, place in the body (bytes) and checksum of every array, by name; None: the body has one."""
+    """Type, shape, offset in the body (bytes) and checksum of each array; None if only the body has one."""
     body: int
-    """Byte of the file at which the body begins."""
+    """Offset of the body in the file, bytes."""
     end: int
-    """Byte of the file at which the record ends."""
+    """Offset of the end of the record in the file, bytes."""
     checksum: int
     """Checksum of the body (CRC-32)."""
 
 
 def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Bytes of a record of named arrays. `about`: a description, of whatever JSON can hold."""
+    """Packs named arrays into the bytes of a record. `about`: a description that JSON can encode."""
     named, parts, place = {}, [], 0
     for name, array in arrays.items():
         array = np.asarray(array)
@@ -55,7 +55,7 @@ def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def read_head(file: BinaryIO, place: int) -> Head:
-    """Head of the record at the byte `place`. **Raises** Damage where it is cut short or damaged."""
+    """Reads the head of the record at byte `place`. **Raises** Damage if it is cut short or damaged."""
     file.seek(place)
     prefix = file.read(_PREFIX.size)
     if len(prefix) < _PREFIX.size:
@@ -76,7 +76,7 @@ def read_head(file: BinaryIO, place: int) -> Head:
 
 
 def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) -> dict[str, np.ndarray]:
-    """Arrays of a record by name, by default all. **Raises** Damage where they are not what was written."""
+    """Reads arrays of a record by name, by default all. **Raises** Damage if a checksum does not match."""
     found = {}
     for name in head.arrays if names is None else names:
         kind, shape, at, checksum = head.arrays[name]
@@ -92,7 +92,7 @@ def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) 
 
 
 def _check_body(file: BinaryIO, head: Head) -> None:
-    """**Raises** Damage where the body of a record of an older version is not what was written."""
+    """**Raises** Damage if the checksum of the body of a record of an older version does not match."""
     file.seek(head.body)
     body = file.read(head.end - head.body)
     if len(body) < head.end - head.body or zlib.crc32(body) != head.checksum:

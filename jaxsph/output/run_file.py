@@ -1,23 +1,23 @@
-"""The file of a run: series, snapshots, checkpoint and results in HDF5, and its writer.
+"""File of a run in HDF5, and its writer: series, snapshots, checkpoint and results.
 
 Layout (`SCHEMA`):
 
     attributes             schema, jaxsph_version, case (the whole case as TOML text), machine, run, stage,
-                           read; since (s), of a run whose case was changed
-    settings               attributes: what fixed the arrays' shapes
-    numbers                JSON: numbers that decide the run, such as the time step made of the case
+                           read; since (s), if the case was changed during the run
+    settings               attributes: settings that determine the shapes of arrays
+    numbers                JSON: numbers that determine the run, such as the time step of the case
     scene                  JSON: outlines of the solids, drawn around the particles
     series, energy         samples over the dimension `time`, readable by netCDF tools; each
                            variable with `units` and `long_name`; positions of gauges, sensors
     snapshots/000012       x [N, D], u [N, D], p [N], id [N]; attributes time, step, ...
-    checkpoint             all that evolves, bit for bit, at the end of the series
-    progress, results      attributes: numbers of the run so far, and of the finished run
-    notices                JSON: messages of the finished run
+    checkpoint             the complete state at the end of the series, bit for bit
+    progress, results      attributes: progress of the run, and results of the finished run
+    notices, labels        JSON: messages of the finished run, and labels of its results
 
-While the run goes on, a chunk is appended to the journal beside the file (`output.journal`), and the series
-are brought up to date here from time to time, for netCDF tools: never is more copied than a few times what
-was appended. The end of the run folds the journal into the file, which then is the only one. Readers see
-file and journal as one (`output.run_view`).
+During the run each chunk is appended to the journal next to the file (`output.journal`). From time to time
+the new samples are also copied into this file, so that netCDF tools can read them. The total amount copied is
+limited to a few times the amount appended. At the end of the run the journal is folded into the file and
+removed. Readers see file and journal as one (`output.run_view`).
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ from jaxsph.output.run_view import View, owner_of, part_of
 from jaxsph.output.series_group import over_time, write_coordinates
 
 COPIES = 4
-"""Bytes that may be copied to keep the file's series up to date, over the bytes that were appended."""
+"""Largest ratio of bytes copied to update the series in the file to bytes appended to the journal."""
 SMALL = 1 << 17
-"""Size up to which a file is copied at every chunk, bytes: a copy takes as long as opening it."""
+"""File size below which the series are updated after every chunk, bytes; a copy is then cheap."""
 
 
 class RunFile(RunReader):
-    """One HDF5 file of a run, to write to and to read. No handle stays open between calls."""
+    """HDF5 file of one run, for writing and reading. No file handle stays open between calls."""
 
     @classmethod
     def create(
@@ -78,12 +78,12 @@ class RunFile(RunReader):
         machine: str = "",
         scene: Mapping[str, Any] | None = None,
     ) -> RunFile:
-        """New file of a run without samples; folders are made as needed.
+        """Creates the file of a run, without samples, and the folders that it needs.
 
         **Arguments**: `coordinates`: name -> (dimension, values `[k]`, units, long name), such as
-        "gauge_x": ("gauge", [...], "m", "..."); `numbers`: what decides the run, by name; `machine`: what it
-        begins on, in words; `scene`: what pictures draw around the particles (`run.scene`).
-        **Raises** FileError where the file exists (and not `overwrite`) or cannot be written.
+        "gauge_x": ("gauge", [...], "m", "..."); `numbers`: numbers that determine the run, by name;
+        `machine`: description of the machine; `scene`: solids and walls to draw (`run.scene`).
+        **Raises** FileError if the file exists and `overwrite` is not set, or if it cannot be written.
         """
         run = cls(path)
         if run.path.is_dir():
@@ -91,7 +91,7 @@ class RunFile(RunReader):
         if run.path.exists() and not overwrite:
             raise FileError(
                 f"{path}: exists already, and nothing was changed. Give another name with --out, "
-                f"replace it with --overwrite, or go on with it by `jaxsph resume {path}`"
+                f"replace it with --overwrite, or continue it with `jaxsph resume {path}`"
             )
         with tell_write_errors(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
@@ -116,19 +116,19 @@ class RunFile(RunReader):
         checkpoint: Mapping[str, np.ndarray],
         progress: Mapping[str, float],
     ) -> None:
-        """Adds samples and a snapshot and replaces the checkpoint: all of it, or after a kill nothing.
+        """Appends samples and a snapshot and replaces the checkpoint. After a kill, all or nothing is stored.
 
-        **Arguments**: `series`: arrays `[T]` or `[T, k]` with "time" (s) among them, the same names
-        at every call; `snapshot`: arrays "x", "u" `[N, D]` (m, m/s), "p" `[N]` (Pa), "id" `[N]`, and scalars
-        such as "time" (s), "step"; `checkpoint`: arrays by name (dots allowed, no slashes), kept to the bit.
-        **Raises** FileError where the file cannot be written or has gone on without this run, and
-        ValueError for series that do not belong together.
+        **Arguments**: `series`: arrays `[T]` or `[T, k]`, including "time" (s), with the same names in
+        every call; `snapshot`: arrays "x", "u" `[N, D]` (m, m/s), "p" `[N]` (Pa), "id" `[N]`, and scalars
+        such as "time" (s), "step"; `checkpoint`: arrays by name (dots allowed, no slashes), stored exactly.
+        **Raises** FileError if the file cannot be written or another program has continued it, and ValueError
+        if the series do not match each other or the stored series.
         """
         series = {name: np.asarray(values) for name, values in series.items()}
         variables = {"time": Variable("s", "time")} | {n: variables[n] for n in series if n in variables}
         _check_series(series, variables)
         if any("/" in name or name in ("", ".") for name in checkpoint):
-            raise ValueError(f"checkpoint names {sorted(checkpoint)}: none may be empty, '.' or hold a slash")
+            raise ValueError(f"checkpoint names {sorted(checkpoint)}: none may be empty, '.' or have a slash")
         parts = {"series": series, "snapshot": snapshot or {}}
         chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
         with self._view() as view:
@@ -152,14 +152,14 @@ class RunFile(RunReader):
     def finish(
         self, results: Mapping[str, float], notices: tuple[str, ...] = (), labels: Labels | None = None
     ) -> None:
-        """Records scalar results in the place of any earlier ones, and folds the journal into the file.
+        """Stores scalar results, replacing earlier ones, and folds the journal into the file.
 
-        `labels`: words, unit and meaning of results that are not the package's own, by name.
+        `labels`: text, unit, meaning and group of results outside the package's standard list, by name.
         """
         self._fold(lambda file: replace_results(file, results, notices, labels or {}))
 
     def fold(self) -> None:
-        """Folds the journal into the file of a run that stops before its end."""
+        """Folds the journal into the file of a run that stops before its end time."""
         with self._view() as view:
             left = view.journal is not None
         if left:
@@ -173,22 +173,23 @@ class RunFile(RunReader):
         since: float,
         checkpoint: Mapping[str, np.ndarray],
     ) -> None:
-        """Replaces the case from the checkpoint on, and removes results and notices, all in one write.
+        """Replaces the case from the checkpoint on and removes results and notices, in one atomic write.
 
-        **Arguments**: those of `create`; `since`: time from which results count, s; the changed checkpoint.
+        **Arguments**: as for `create`; `since`: time from which results are taken, s; `checkpoint`: arrays of
+        the changed checkpoint, by name.
         """
 
         def change(file: h5py.File) -> None:
             describe(file, case_toml, settings, numbers)
             replace_results(file, {}, (), {})
-            # another stage: a run that is still in progress must not go on in the changed file
+            # a new stage, so that a run that is still in progress cannot continue in the changed file
             file.attrs.update(since=since, stage=int(file.attrs["stage"]) + 1)
             replace_arrays(file["checkpoint"], checkpoint)
 
         self._fold(change)
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
-        """Takes the journal into the file, with a change to it, in one step."""
+        """Folds the journal into the file and applies `change` to the file, in one atomic step."""
         with self._rewritten() as (file, view):
             if view.journal is not None:
                 take_series(file, view)
@@ -196,7 +197,7 @@ class RunFile(RunReader):
                     write_snapshot(file["snapshots"], part_of(view.journal, head, "snapshot"))
                 replace_arrays(file["checkpoint"], view.journal.checkpoint())
                 file["progress"].attrs.update(view.journal.about["progress"])
-                # from here on the journal has no owner
+                # a new stage: the journal no longer has an owner
                 file.attrs.update(stage=int(file.attrs["stage"]) + 1, read=0)
             change(file)
             owner = owner_of(file)
@@ -211,24 +212,24 @@ class RunFile(RunReader):
 
     @contextlib.contextmanager
     def _rewritten(self) -> Iterator[tuple[h5py.File, View]]:
-        """Copy of the file to change, which takes its place, and the view of file and journal as they are."""
+        """Context with a copy of the file, which replaces the file at the end, and the unchanged view."""
         with self._view() as view, replace_file(self.path, "r+") as file:
             self._check_own(file)
             yield file, view
 
     def _check_own(self, file: h5py.File) -> None:
-        """**Raises** FileError where another run has taken the file, or has changed or folded it."""
+        """**Raises** FileError if another program has replaced, changed or folded the file."""
         if self._own not in (None, owner_of(file)):
             raise FileError(
-                f"{self.path}: belongs to another run by now, or has gone on without this one: another "
-                f"program writes to it. Stop one of them; `jaxsph resume {self.path}` goes on with what the "
+                f"{self.path}: was replaced, changed or continued by another program, which may still write "
+                f"to it. Stop one of the two programs; `jaxsph resume {self.path}` continues from what the "
                 "file holds"
             )
 
     def _continues(self, view: View, series: Mapping[str, np.ndarray]) -> str:
-        """Why samples do not go on from those that are there; empty where they do.
+        """Reason why samples do not continue the stored samples; empty if they do.
 
-        **Raises** FileError where another run writes to the file.
+        **Raises** FileError if another run writes to the file.
         """
         stored, t = view.last_time(), series["time"]
         if stored is None:
@@ -244,7 +245,7 @@ class RunFile(RunReader):
         rows = {name: data.shape[1:] for name, data in over_time(view.file)}
         for name, values in series.items():
             if name in rows and rows[name] != values.shape[1:]:
-                return f"series {name!r}: rows of {rows[name]}, not {values.shape[1:]}"
+                return f"series {name!r}: stored rows have shape {rows[name]}, not {values.shape[1:]}"
         return ""
 
 
@@ -257,6 +258,6 @@ def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Vari
         raise ValueError(f'series {sorted(series)} lack "time"')
     for name, values in series.items():
         if values.ndim not in (1, 2) or len(values) != len(series["time"]):
-            raise ValueError(f"series {name!r} of shape {values.shape} does not go with its times")
+            raise ValueError(f"series {name!r} of shape {values.shape} does not match its times")
         if name not in variables:
             raise ValueError(f"series {name!r} has no units: describe it in `variables`")

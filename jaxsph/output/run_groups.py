@@ -1,4 +1,4 @@
-"""What is written into the groups of a run's file: its case, series, snapshots, checkpoint and results."""
+"""Writers for the groups of a run's file: case, series, snapshots, checkpoint and results."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from jaxsph.output.run_view import View, part_of
 from jaxsph.output.series_group import extend_series
 
 Labels = Mapping[str, Sequence[str]]
-"""Words, unit and meaning of results, by name."""
+"""Text, unit, meaning and group of results, by name."""
 _SNAPSHOT_UNITS = {"x": "m", "u": "m s-1", "p": "Pa", "id": "1"}
 
 
 def describe(
     file: h5py.File, case_toml: str, settings: Mapping[str, int | float], numbers: Mapping[str, list[float]]
 ) -> None:
-    """Writes the case, in the place of any other, with its settings and its numbers."""
+    """Writes the case, its settings and its numbers, and replaces an earlier case."""
     file.attrs["case"] = case_toml
     file.require_group("settings").attrs.update(settings)
     put_text(file, "numbers", json.dumps(dict(numbers)))
@@ -30,7 +30,7 @@ def describe(
 def replace_results(
     file: h5py.File, results: Mapping[str, float], notices: tuple[str, ...], labels: Labels
 ) -> None:
-    """Makes the file hold these results, notices and labels and no others."""
+    """Replaces all results, notices and labels in the file."""
     attributes = file["results"].attrs
     for name in list(attributes):
         del attributes[name]
@@ -40,19 +40,19 @@ def replace_results(
 
 
 def text_of(file: h5py.File, name: str, default: Any) -> Any:
-    """Value of a dataset of JSON; `default` where the file has none."""
+    """Value of a JSON dataset; `default` if the file does not have the dataset."""
     return json.loads(read(file[name])) if name in file else default
 
 
 def put_text(file: h5py.File, name: str, text: str) -> None:
-    """Writes a text as a dataset, in the place of any other of the name."""
+    """Writes a text as a dataset, and replaces an existing dataset of this name."""
     if name in file:
         del file[name]
     file.create_dataset(name, data=text, dtype=h5py.string_dtype())
 
 
 def take_series(file: h5py.File, view: View) -> None:
-    """Adds the journal's samples to a file that may be written."""
+    """Appends the journal's new samples to a file that is open for writing."""
     chunks = [part_of(view.journal, head, "series") for head in view.news()]
     if chunks:
         joined = {name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]}
@@ -77,13 +77,13 @@ def write_snapshot(snapshots: h5py.Group, snapshot: Mapping[str, np.ndarray]) ->
 
 
 def replace_arrays(group: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
-    """Makes the group hold these arrays and no others."""
+    """Replaces the arrays in a group by these arrays."""
     for name in set(group) - set(arrays):
         del group[name]
     for name, value in arrays.items():
         stored = group.get(name)
         if stored is not None and (stored.shape, stored.dtype) == (value.shape, value.dtype):
-            stored[...] = value  # in place: HDF5 does not give back the room of a deleted array
+            stored[...] = value  # in place, because HDF5 does not free the space of a deleted array
         else:
             if stored is not None:
                 del group[name]

@@ -1,4 +1,4 @@
-"""Reading of a run's file: file and journal as one, finished or not. See `output.run_file`."""
+"""Reader of a run's file and its journal, of a finished run or one in progress. See `output.run_file`."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from jaxsph.output.run_view import View, owner_of, part_of
 
 
 class RunReader:
-    """What one file of a run holds. Holds only the path: no handle stays open between calls."""
+    """Reader of the file of one run. No file handle stays open between calls."""
 
     path: Path
 
     def __init__(self, path: str | Path) -> None:
-        """Names a run's file and does not check it, as `open` does."""
+        """Stores the path of a run's file without checking the file; `open` checks it."""
         self.path = Path(path)
         self._index: tuple[Any, list[Head]] = (None, [])
         self._own: Owner | None = None
-        """Owner of the file when it was made or opened; a file that has another by then is left alone."""
+        """Owner of the file when it was created or opened. A file whose owner has changed is not written."""
 
     def __repr__(self) -> str:
-        """The class and its path."""
+        """Class name and path."""
         return f"{type(self).__name__}({str(self.path)!r})"
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
-        """Existing file of a run. **Raises** FileError where it is missing, cut short, or not a run's."""
+        """Opens an existing file. **Raises** FileError if it is missing, cut short, or not one of jaxsph."""
         run = cls(path)
         check_signature(run.path)
         with open_file(run.path) as file:
@@ -57,15 +57,15 @@ class RunReader:
                 )
             if int(schema) > SCHEMA:
                 raise FileError(
-                    f"{path}: has layout {int(schema)} of jaxsph {file.attrs['jaxsph_version']}, "
-                    f"and this version reads layouts up to {SCHEMA}; install a newer jaxsph"
+                    f"{path}: has file layout {int(schema)}, of jaxsph {file.attrs['jaxsph_version']}; "
+                    f"this version reads layouts up to {SCHEMA}: install a newer jaxsph"
                 )
             run._own = owner_of(file)
         return run
 
     @contextlib.contextmanager
     def _view(self) -> Iterator[View]:
-        # the journal first: see `journal.beside`
+        # open the journal first: see `journal.beside`
         with journal.beside(self.path) as beside, open_file(self.path) as file:
             ours = beside is not None and beside.owner == owner_of(file)
             yield View(file, beside if ours else None)
@@ -87,7 +87,7 @@ class RunReader:
 
     @property
     def machine(self) -> str:
-        """What the run began on, in words; empty in files of older versions."""
+        """Description of the machine on which the run began; empty in files of older versions."""
         return str(self._attributes("/").get("machine", ""))
 
     @property
@@ -96,7 +96,7 @@ class RunReader:
         return str(self._attributes("/")["case"])
 
     def case_keys(self) -> dict[str, Any]:
-        """Keys and values of the case. **Raises** FileError where its text is damaged."""
+        """Keys and values of the case. **Raises** FileError if its text is damaged."""
         try:
             return tomllib.loads(self.case_toml)
         except tomllib.TOMLDecodeError as error:
@@ -104,48 +104,48 @@ class RunReader:
 
     @property
     def settings(self) -> dict[str, int | float]:
-        """Numbers that fixed the arrays' shapes, by name, as given to `create`, or to `amend` after it."""
+        """Settings that determine the shapes of arrays, by name, as last passed to `create` or `amend`."""
         return self._attributes("settings")
 
     def numbers(self) -> dict[str, list[float]]:
-        """Numbers that decide the run, such as its time step, by name, as given to `create` or `amend`."""
+        """Numbers that determine the run, such as the time step, as last passed to `create` or `amend`."""
         with open_file(self.path) as file:
             return text_of(file, "numbers", {})
 
     def scene(self) -> dict[str, Any]:
-        """What pictures draw around the particles, see `run.scene`; empty in files of older versions."""
+        """Solids and walls drawn around the particles, see `run.scene`; empty in files of older versions."""
         with open_file(self.path) as file:
             return text_of(file, "scene", {})
 
     @property
     def since(self) -> float:
-        """Time of the last change of the case in the course of its run, from which results count, s."""
+        """Time of the last change of the case during the run, s; results are taken from this time on."""
         return float(self._attributes("/").get("since", 0.0))
 
     def progress(self) -> dict[str, float]:
-        """Numbers of the run so far, by name, as given to the last `append`."""
+        """Numbers that describe the progress of the run, by name, as passed to the last `append`."""
         with self._view() as view:
             if view.journal is not None:
                 return dict(view.journal.about["progress"])
         return self._attributes("progress")
 
     def results(self) -> dict[str, float]:
-        """Scalar results by name; empty for a run that has not finished, or has gone on since."""
+        """Scalar results by name; empty if the run has not finished, or was resumed afterwards."""
         with self._view() as view:
             return attributes(view.file["results"]) if view.journal is None else {}
 
     def notices(self) -> tuple[str, ...]:
-        """Notices of the finished run, such as of results that could not be made."""
+        """Notices of the finished run, for example about results that could not be computed."""
         with self._view() as view:
             return tuple(text_of(view.file, "notices", [])) if view.journal is None else ()
 
     def labels(self) -> Labels:
-        """Words, unit and meaning of the results that brought labels with them, by name."""
+        """Text, unit, meaning and group of results outside the package's standard list, by name."""
         with self._view() as view:
             return text_of(view.file, "labels", {})
 
     def series(self) -> dict[str, np.ndarray]:
-        """Series by name, `[T]` or `[T, k]`, of both groups, with "time" (s); empty at first."""
+        """Series of both groups by name, `[T]` or `[T, k]`, and "time" (s); empty before the first chunk."""
         with self._view() as view:
             return view.series()
 
@@ -155,7 +155,7 @@ class RunReader:
             return view.variables()
 
     def coordinates(self) -> Coordinates:
-        """Positions of gauges and sensors, in the form that `create` takes."""
+        """Positions of gauges and sensors, in the form that `create` expects."""
         found = {}
         with open_file(self.path) as file:
             for name, data in file["series"].items():
@@ -165,7 +165,7 @@ class RunReader:
         return found
 
     def has_checkpoint(self) -> bool:
-        """Whether there is a checkpoint to go on from."""
+        """Whether there is a checkpoint from which the run can be resumed."""
         with self._view() as view:
             return view.journal is not None or len(view.file["checkpoint"]) > 0
 
@@ -185,11 +185,11 @@ class RunReader:
     def snapshot(self, i: int) -> dict[str, Any]:
         """Arrays and scalars of snapshot i, in order of writing; negative i counts from the end.
 
-        **Raises** IndexError where there is none.
+        **Raises** IndexError if there is no such snapshot.
         """
         count = self.snapshot_count
         if not -count <= i < count:
-            raise IndexError(f"snapshot {i}: {self.path} holds {count}")
+            raise IndexError(f"snapshot {i}: {self.path} holds {count} snapshots")
         i %= count
         with self._view() as view:
             folded, more = len(view.file["snapshots"]), self._snapshots(view)
@@ -208,7 +208,7 @@ class RunReader:
             return np.asarray(times, np.float64)
 
     def _snapshots(self, view: View) -> list[Head]:
-        """Chunks of the journal that hold a snapshot."""
+        """Heads of the journal's chunks that hold a snapshot."""
         if view.journal is None:
             return []
         key = (view.owner, view.journal.about["end"])

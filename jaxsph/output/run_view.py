@@ -1,4 +1,4 @@
-"""A run's file and the journal beside it, open for reading as one."""
+"""A run's file and its journal, opened together and read as one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class View(NamedTuple):
         return owner_of(self.file)
 
     def news(self) -> Iterator[Head]:
-        """Heads of the journal's chunks whose samples the file does not hold yet."""
+        """Heads of the journal's chunks whose samples are not in the file yet."""
         return self.journal.heads(int(self.file.attrs["read"])) if self.journal else iter(())
 
     def last_time(self) -> float | None:
@@ -48,7 +48,7 @@ class View(NamedTuple):
         return found
 
     def series(self) -> dict[str, np.ndarray]:
-        """Series by name, those of the file with the samples that the journal adds."""
+        """Series by name: samples from the file, followed by newer samples from the journal."""
         found = {name: [read(data)] for name, data in over_time(self.file)}
         for head in self.news():
             for name, values in part_of(self.journal, head, "series").items():
@@ -57,12 +57,12 @@ class View(NamedTuple):
 
 
 def owner_of(file: h5py.File) -> Owner:
-    """Owner that a run's file says it has."""
+    """Owner recorded in a run's file."""
     return Owner(str(file.attrs.get("run", "")), int(file.attrs.get("stage", 0)))
 
 
 def part_of(beside: Journal, head: Head, part: str, only: str = "") -> dict[str, np.ndarray]:
-    """The chunk's arrays of one kind, by name; or of these only one."""
+    """Arrays of one part of a chunk, "series" or "snapshot", by name; `only`: prefix of the names to read."""
     names = [name for name in head.arrays if name.startswith(f"{part}/{only}")]
     found = read_arrays(beside.chunks, head, names)
     return {name.removeprefix(f"{part}/"): values for name, values in found.items()}

@@ -1,4 +1,4 @@
-"""Samples over time in HDF5, as netCDF tools read them: groups, dimensions, positions of gauges."""
+"""Samples over time in HDF5, readable by netCDF tools: groups, dimensions, positions of gauges."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ GROUPS = ("series", "energy")
 
 
 def write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
-    """Writes positions along the dimensions other than time. **Raises** ValueError for what is no row."""
+    """Writes positions along dimensions other than time. **Raises** ValueError if they are not 1-D."""
     for name, (dim, values, units, long_name) in coordinates.items():
         values = np.asarray(values)
         if values.ndim != 1 or dim in (name, "time"):
-            raise ValueError(f"coordinate {name!r} is not a row over another dimension")
+            raise ValueError(f"coordinate {name!r}: must be 1-D, over a dimension other than itself and time")
         data = group.create_dataset(name, data=values)
         data.attrs["units"], data.attrs["long_name"] = units, long_name
         data.dims[0].attach_scale(scale(group, dim, len(values)))
@@ -30,7 +30,7 @@ def time_of(file: h5py.File) -> h5py.Dataset | None:
 
 
 def over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Names and datasets of all series: "time" once, then those of every group."""
+    """Names and datasets of all series: "time" once, then the series of every group."""
     groups = [file[name] for name in GROUPS if name in file and "time" in file[name]]
     if groups:
         yield "time", groups[0]["time"]
@@ -41,7 +41,7 @@ def over_time(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
 def extend_series(
     file: h5py.File, series: Mapping[str, np.ndarray], variables: Mapping[str, Variable]
 ) -> None:
-    """Adds samples to the groups that their variables name; makes the groups with the first samples."""
+    """Appends samples to the groups named by their variables; creates the groups with the first samples."""
     t = series["time"]
     for name in GROUPS:
         chosen = {k: series[k] for k in sorted(series) if k != "time" and variables[k].group == name}
@@ -74,7 +74,7 @@ def _create(
         if row:
             dim = described[name].dim or f"{name}_component"
             data.dims[1].attach_scale(scale(group, dim, row[0]))
-            # CF's way to say which variables are positions along a dimension.
+            # CF convention: names of the variables that hold positions along a dimension
             along = [n for n, d in group.items() if _is_coordinate(d, dim)]
             if along:
                 data.attrs["coordinates"] = " ".join(along)

@@ -1,13 +1,13 @@
-"""The file of a sweep: results and series of its members over the swept parameters, in HDF5.
+"""File of a sweep in HDF5: results and series of its members over the swept parameters.
 
-    attributes             schema, jaxsph_version, kind = "sweep", case (what all members share, as TOML),
-                           about (JSON: what else makes it this study, of a search its result and method),
-                           labels (JSON: words of results that brought some with them)
-    one per parameter      its values, a dimension of the rest
-    one per result         over the parameters, NaN where a member has none; `failure`: text
+    attributes             schema, jaxsph_version, kind = "sweep", parameters (their names), case (shared by
+                           all members, as TOML), about (JSON: further settings that identify the study; for a
+                           search its result and method), labels (JSON: labels of non-standard results)
+    one per parameter      its values, a dimension of all other variables
+    one per result         over the parameters, NaN if a member does not have it; `failure`: text
     series                 over the parameters and `time`, padded with NaN
 
-The file is written anew whenever a member has ended, and takes the place of the one before.
+The file is rewritten, atomically, whenever a member has ended.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ from jaxsph.output.hdf5 import (
 
 
 class Meanings(NamedTuple):
-    """Meanings of what members have: of their series, and of the results that brought labels with them."""
+    """Meanings of the members' series, and labels of results outside the package's standard list."""
 
     variables: Mapping[str, Variable] = {}
     """Meaning of each series by name."""
     labels: Mapping[str, Sequence[str]] = {}
-    """Words, unit and meaning of results, by name."""
+    """Text, unit, meaning and group of results, by name."""
 
     def first(self, results: Collection[str]) -> str | None:
-        """Name of the result to show of several: the efficiency, or the first that a problem brought."""
+        """Name of the result to show: "xi", else the first labelled result that is not an energy; or None."""
         own = [name for name in self.labels if not name.startswith(("energy_", "whole_"))]
         return next((name for name in ("xi", *own) if name in results), None)
 
     def joined(self, other: Meanings) -> Meanings:
-        """These and other ones."""
+        """These meanings and other ones, which take precedence."""
         return Meanings({**self.variables, **other.variables}, {**self.labels, **other.labels})
 
 
 class StoredSweep(NamedTuple):
-    """Contents of a sweep's file, named as the arguments of `SweepFile.write`."""
+    """Contents of a sweep's file; the fields are named like the arguments of `SweepFile.write`."""
 
     case_toml: str
     axes: dict[str, np.ndarray]
@@ -64,7 +64,7 @@ class StoredSweep(NamedTuple):
     version: str
 
     def place(self, index: int) -> dict[str, float]:
-        """Value of every parameter of a member, by the parameter's name."""
+        """Values of the parameters of a member, by name; `index`: flat index of the member."""
         if tuple(len(values) for values in self.axes.values()) == self.shape:
             at = np.unravel_index(index, self.shape)
         else:
@@ -73,21 +73,21 @@ class StoredSweep(NamedTuple):
 
 
 class SweepFile:
-    """One HDF5 file of a sweep: scalar results and series of its members over the swept parameters.
+    """HDF5 file of one sweep: scalar results and series of its members over the swept parameters.
 
-    Every parameter is a dimension with its values (of a list of members that is no grid: a variable over
-    the dimension `member`), so that netCDF tools open the file itself for the scalar results and the
-    group `series` for the series, padded with NaN where a member's is shorter or missing.
+    In a grid, every parameter is a dimension with its values; in a list of members, every parameter is a
+    variable over the dimension `member`. netCDF tools find the scalar results in the root group of the file
+    and the series in the group `series`, padded with NaN where a member's series is shorter or missing.
     """
 
     path: Path
 
     def __init__(self, path: str | Path) -> None:
-        """File of a sweep, which need not exist yet."""
+        """Stores the path of a sweep's file, which need not exist yet."""
         self.path = Path(path)
 
     def is_one(self) -> bool:
-        """Whether the file is a sweep's, and not a run's. **Raises** FileError where it is neither."""
+        """Whether the file holds a sweep. **Raises** FileError if it is missing, damaged or not HDF5."""
         check_signature(self.path)
         with open_file(self.path) as file:
             return file.attrs.get("kind") == "sweep"
@@ -101,13 +101,13 @@ class SweepFile:
         meanings: Meanings,
         about: Mapping[str, Any] | None = None,
     ) -> None:
-        """Writes a whole sweep, in the place of the file before.
+        """Writes a whole sweep, and replaces an existing file.
 
-        **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (of a
-        list: all of them over one dimension); `members`: by flat index, "results" (scalars), "series"
-        (arrays `[T]` or `[T, k]` by name, "time" among them) and "failure" (text, empty where it went
-        well); `meanings`: of series and results; `about`: what else makes it this study, in numbers, texts
-        and lists by name. **Raises** FileError where it cannot be written.
+        **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (for a
+        list of members, all over its one dimension); `members`: by flat index, "results" (scalars),
+        "series" (arrays `[T]` or `[T, k]` by name, including "time") and "failure" (text, empty after
+        success); `meanings`: of series and results; `about`: further settings that identify the study, as
+        numbers, texts and lists by name. **Raises** FileError if the file cannot be written.
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -131,7 +131,7 @@ class SweepFile:
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.
 
-        **Raises** FileError where the file is missing, damaged or not a sweep's.
+        **Raises** FileError if the file is missing, damaged or not a sweep's.
         """
         check_signature(self.path)
         with open_file(self.path) as file:
@@ -169,7 +169,7 @@ class SweepFile:
 
 
 def over_members(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """Scalar results over the members of a sweep, by name; NaN where a member has none."""
+    """Scalar results over the members of a sweep, by name; NaN if a member does not have the result."""
     found = {}
     for name in sorted({n for m in members.values() for n in m["results"]}):
         found[name] = np.full(shape, np.nan)
@@ -183,7 +183,7 @@ def _last_dimension(data: h5py.Dataset, axis: int) -> str | None:
 
 
 def _write_axes(group: h5py.Group, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> list[str]:
-    """Coordinates of a sweep; returns the names of its dimensions."""
+    """Writes the coordinates of a sweep, and returns the names of its dimensions."""
     group.attrs["parameters"] = list(axes)
     grid = tuple(len(values) for values in axes.values()) == shape
     for name, values in axes.items():

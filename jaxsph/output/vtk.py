@@ -16,23 +16,23 @@ from jaxsph.output.run_file import RunFile
 def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
     """Writes all snapshots as one VTKHDF file over time, which ParaView opens.
 
-    PolyData of one vertex for each particle, with point data `pressure` (Pa), `velocity` (m/s,
-    three components) and `id`; point k is the same particle at all times. Two-dimensional runs lie
-    in the x-y plane, z up becoming y, which is how ParaView looks at a new scene.
+    The file holds PolyData with one vertex per particle and the point data `pressure` (Pa), `velocity`
+    (m/s, three components) and `id`. Points are in the order of `id`, so point k is the same particle at
+    all times. Two-dimensional runs lie in the x-y plane of ParaView's default view, with z written as y.
 
-    **Raises** FileError where the run has no snapshots, or `path` is a file of another kind.
+    **Raises** FileError if the run has no snapshots, or if `path` exists and is not an earlier export.
     """
     path = Path(path)
     count = run.snapshot_count
     if count == 0:
-        raise FileError(f"{run.path}: holds no snapshots yet; let the run go on, then export again")
+        raise FileError(f"{run.path}: holds no snapshots yet; continue the run, then export again")
     _check_replaceable(path)
     with tell_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path, "w", sealed=False) as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 2], np.int64)
-        # VTK wants a fixed-length string here, and h5py writes variable ones.
+        # VTK needs a fixed-length string here; h5py writes strings of variable length by default.
         root.attrs.create("Type", np.bytes_("PolyData"))
         sizes = []
         for i in range(count):
@@ -49,7 +49,7 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
 
 
 def _check_replaceable(path: Path) -> None:
-    """**Raises** FileError for a file that is no earlier export: no other may be replaced."""
+    """**Raises** FileError if the file exists and is not an earlier export: only those may be replaced."""
     if not path.exists():
         return
     with contextlib.suppress(OSError), h5py.File(path, "r") as file:
@@ -59,7 +59,7 @@ def _check_replaceable(path: Path) -> None:
 
 
 def _three(a: np.ndarray) -> np.ndarray:
-    """`[N, 2]` or `[N, 3]` as `[N, 3]`."""
+    """Array `[N, 2]` or `[N, 3]`, padded with zeros to `[N, 3]`."""
     return np.pad(a, ((0, 0), (0, 3 - a.shape[1])))
 
 
@@ -81,7 +81,7 @@ def _append_rows(root: h5py.Group, name: str, rows: np.ndarray) -> None:
 
 
 def _write_vertices(root: h5py.Group, sizes: np.ndarray) -> None:
-    """One list of vertices serves every step: a step reads as many as it has points."""
+    """Writes one list of vertices for all steps; each step reads as many as it has points."""
     root["NumberOfPoints"] = sizes
     most = int(sizes.max())
     for kind in ("Vertices", "Lines", "Polygons", "Strips"):

@@ -1,7 +1,8 @@
 """Air of a chamber between the water's surface and the power take-off: incompressible, or a spring.
 
-Signs and flows are those of `parts.pto`. The water works P_a q on the air, q being the flow by which its
-surface rises; the power take-off takes `head` times the flow through it, and the air keeps the rest.
+Signs and flows are defined in `parts.pto`. The water does work on the air at the rate P_a q, where q is the
+flow by which the water's surface rises. The power take-off takes `head` times the flow through it, and the
+air stores the rest.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ class AbstractAirLaw(eqx.Module):
 
     @abc.abstractmethod
     def entries(self, whose: str) -> Mapping[str, Entry]:
-        """Energies that the air itself books, by what they are; `whose`: the chamber's name."""
+        """Meaning of the energies that the air books, by short name; `whose`: the chamber's name."""
 
     @abc.abstractmethod
     def readings(self, dim: int) -> Mapping[str, Reading]:
-        """Meaning of the readings of `read`, in so many dimensions."""
+        """Meaning of the readings of `read`, in `dim` dimensions."""
 
     @abc.abstractmethod
     def read(self, air: Air) -> Mapping[str, Scalar]:
-        """Readings of the air that an incompressible one does not have."""
+        """Readings of the air beyond those of incompressible air."""
 
     @abc.abstractmethod
     def press(
@@ -53,35 +54,36 @@ class AbstractAirLaw(eqx.Module):
     ) -> tuple[Scalar, Scalar]:
         """Gauge pressure (Pa) over a step of dt (s), and the flow (m2/s) through the power take-off.
 
-        **Arguments** as of `AbstractPTO.pressure`, and the chamber's `air` at the begin of the step, and
-        the flow `ducted` (m2/s) into its ducts.
+        **Arguments** as for `AbstractPTO.pressure`; also `air`: the chamber's air at the beginning of the
+        step; `ducted`: flow into the chamber's ducts, m2/s.
         """
 
     @abc.abstractmethod
     def divided(self, pressed: Pressed, mean: Scalar) -> tuple[Scalar, Scalar]:
         """Flows through the power take-off and into the ducts in a step, m2/s.
 
-        **Arguments**: the air over the step, and the flow at the water's surface in the `mean` over it.
+        **Arguments**: `pressed`: the air over the step; `mean`: mean flow at the water's surface over the
+        step, m2/s.
         """
 
     @abc.abstractmethod
     def head(self, P_a: Scalar) -> Scalar:
-        """Energy of air at the gauge pressure P_a (Pa) per volume that leaves it for the ambient air, Pa."""
+        """Energy of air at the gauge pressure P_a (Pa) per volume that flows out to the ambient air, Pa."""
 
     @abc.abstractmethod
     def finish(self, air: Air, passed: Scalar, left: Scalar, mean: Scalar, dt: Scalar) -> Any:
         """State of the air after a step of dt (s).
 
-        **Arguments**: the flows (m2/s) that `passed` the power take-off, that `left` by it and by the ducts,
-        and at the water's surface in the `mean`.
+        **Arguments**: `passed`: flow through the power take-off; `left`: flow through the power take-off and
+        the ducts together; `mean`: mean flow at the water's surface; all in m2/s.
         """
 
 
 class IncompressibleAir(AbstractAirLaw):
-    """Incompressible air: all that the water moves goes through the power take-off."""
+    """Incompressible air: all air that the water displaces passes the power take-off or the ducts."""
 
     def start(self, dtype):
-        """See `AbstractAirLaw`: nothing that evolves."""
+        """See `AbstractAirLaw`: there is no state."""
         del dtype
         return ()
 
@@ -124,7 +126,7 @@ class Confined(eqx.Module):
     """State of compressible air in a chamber."""
 
     excess: Tally
-    """Volume of the air at ambient pressure, over that of the room which the water leaves it, m2."""
+    """Volume of the air at ambient pressure minus the volume that the water leaves to it, m2."""
     passed: Scalar
     """Flow through the power take-off in the last step, m2/s."""
 
@@ -132,10 +134,10 @@ class Confined(eqx.Module):
 class IsentropicAir(AbstractAirLaw):
     """Isentropic air of a given volume, (1 + P_a / p0) = (ambient volume / volume)^gamma.
 
-    What goes through the power take-off is counted at ambient density, and what comes in has the ambient
-    air's entropy (Falcao and Justino 1999, Ocean Engineering 26). Over a step the air is a linear spring
-    about its state, which the power take-off's law meets in closed form; state follows from the volumes
-    that came and went, so that nothing drifts.
+    Flow through the power take-off is counted at ambient density, and air that flows in has the ambient
+    entropy (Falcao and Justino 1999, Ocean Engineering 26). Over a step the air is a spring linearised about
+    its state, so that the power take-off's law is solved in closed form. The state follows from the volumes
+    that flowed in and out, so that the pressure does not drift.
     """
 
     volume: Scalar
@@ -156,28 +158,28 @@ class IsentropicAir(AbstractAirLaw):
     def readings(self, dim):
         """See `AbstractAirLaw`."""
         units, width = ("m2 s-1", " per unit width") if dim == 2 else ("m3 s-1", "")
-        return {"flow_pto": Reading(units, f"flow through the power take-off{width}, ambient")}
+        return {"flow_pto": Reading(units, f"flow through the power take-off{width}, at ambient density")}
 
     def read(self, air):
         """See `AbstractAirLaw`."""
         return {"flow_pto": air.confined.passed}
 
     def pressure(self, air: Air) -> Scalar:
-        """Gauge pressure of the air from its amount and room, Pa."""
+        """Gauge pressure of the air, Pa, from its amount and the volume left to it."""
         share = air.confined.excess.total / self._room(air)
-        # a small pressure is a small difference of volumes: by expm1 and log1p single precision holds it
+        # a small pressure is a small difference of volumes: expm1 and log1p resolve it in single precision
         return self.p0 * jnp.expm1(self.gamma * jnp.log1p(jnp.maximum(share, -0.9)))
 
     def _room(self, air: Air) -> Scalar:
-        """Volume that the water leaves to the air, m2: two hundredths of the whole at least."""
+        """Volume that the water leaves to the air, m2: at least 2 % of the volume over still water."""
         return jnp.maximum(self.volume - air.driven.total, 0.02 * self.volume)
 
     def press(self, pto, air, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`.
 
-        The flow at the surface counts in the middle of the step: the spring then neither gains nor loses.
-        Where the air is too stiff for the step, omega^2 dt^2 = dt compliance / give > 1, the end of the step
-        takes over: nothing rings.
+        The flow at the surface is taken in the middle of the step, so that the spring neither gains nor loses
+        energy. Where the air is too stiff for the step, omega^2 dt^2 = dt compliance / give > 1, the flow is
+        taken nearer to the end of the step, which damps oscillations between steps.
         """
         P_n = self.pressure(air)
         give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a
@@ -190,12 +192,12 @@ class IsentropicAir(AbstractAirLaw):
         return P_a, free - softer * P_a
 
     def divided(self, pressed, mean):
-        """See `AbstractAirLaw`: by the power take-off's law, so that a closed one lets nothing through."""
+        """See `AbstractAirLaw`: by the power take-off's law, so that a closed one passes nothing."""
         del mean
         return pressed.passed, pressed.ducted
 
     def head(self, P_a):
-        """See `AbstractAirLaw`: the drop of enthalpy."""
+        """See `AbstractAirLaw`: the drop in enthalpy."""
         power = (self.gamma - 1.0) / self.gamma
         return self.p0 / power * jnp.expm1(power * jnp.log1p(P_a / self.p0))
 
@@ -204,7 +206,7 @@ class IsentropicAir(AbstractAirLaw):
         return Confined(air.confined.excess.add(dt * (mean - left)), passed)
 
     def stored(self, air: Air) -> Scalar:
-        """Energy stored by the air's compression over the ambient air, J/m."""
+        """Energy stored in the air by compression from the ambient pressure, J/m."""
         room = self._room(air)
         excess = air.confined.excess.total
         n = self.gamma - 1.0

@@ -1,8 +1,8 @@
-"""Rigid bodies in the water, which move in the x-z plane under its forces (Yeylaghi et al. 2016, Eq. 18-21).
+"""Rigid bodies that move in the x-z plane under the water's forces (Yeylaghi et al. 2016, Eq. 18-21).
 
-The generalised coordinates are surge (m), heave (m) and pitch (rad) of the pivot, positive along x, upwards
-and, for pitch, from z towards x: landward for a flap. Generalised forces are two forces and a moment: N, N,
-N m (per metre in 2-D).
+The generalised coordinates are surge (m), heave (m) and pitch (rad) of the pivot. Surge is positive along x,
+heave upwards, and pitch from z towards x: landward for a flap. The generalised forces are two forces and a
+moment: N, N, N m (per metre in 2-D).
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ class BodyMotion(eqx.Module):
     """Motion of a rigid body at time t in surge, heave and pitch, and the water's force on it."""
 
     pose: Float[Array, "3"]
-    """Surge (m), heave (m) and pitch (rad) from the place at rest."""
+    """Surge (m), heave (m) and pitch (rad) from the position at rest."""
     velocity: Float[Array, "3"]
     """Velocities of surge, heave and pitch, m/s, m/s, rad/s."""
     force: Float[Array, "3"]
     """Force of the water's pressure in the last step, N, N, N m (per metre in 2-D)."""
     contact: Float[Array, "3"]
-    """Force of the water that touched the body in the last step, N, N, N m (per metre in 2-D).
+    """Contact force of the water in the last step, N, N, N m (per metre in 2-D).
 
-    The body feels it in the next step.
+    It acts on the body in the next step.
     """
     impulse: Tally
     """Impulse `[3]` of the water's force, N s, N s, N m s (per metre in 2-D)."""
 
     @classmethod
     def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyMotion:
-        """Motion before any force of the water, with this velocity (m/s, m/s, rad/s) and pose (m, m, rad)."""
+        """Motion with this velocity (m/s, m/s, rad/s) and pose (m, m, rad), and without water forces."""
         none = jnp.zeros(3, dtype)
         return cls(
             jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), none, none, Tally.zero(dtype, (3,))
@@ -60,23 +60,23 @@ class RigidBody(PosedSolid, AbstractBody):
     """Rigid body whose free motions follow the forces on it; its other motions keep their velocities."""
 
     shape: AbstractShape
-    """Shape in the place at rest."""
+    """Shape in the position at rest."""
     mass: Scalar
     """Mass, kg (kg/m in 2-D)."""
     inertia: Scalar
     """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
     pivot: Float[Array, "2"]
-    """Pivot (x, z) at rest, m: the hinge, or the centre of mass where more than pitch is free."""
+    """Pivot (x, z) at rest, m: the hinge, or the centre of mass if pitch and another motion are free."""
     centre: Float[Array, "2"]
     """Centre of mass (x, z) at rest, m."""
     free: tuple[bool, bool, bool] = eqx.field(static=True)
     """Whether surge, heave and pitch are free."""
     release: Scalar
-    """Time from which the body is free, s."""
+    """Time at which the free motions are released, s."""
     pto: AbstractRotationalPTO
-    """Power take-off, spring and stops on the pitch; `parts.rotational.FreeHinge` for none."""
+    """Power take-off, spring and stops on the pitch; `parts.rotational.FreeHinge` if there are none."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Index of the body's first ghost, and of the one after its last: an entry of `Ghosts.dummies`."""
+    """Index of the body's first ghost, and of the ghost after its last: an entry of `Ghosts.dummies`."""
     initial_velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
     """Velocities of surge, heave and pitch at t = 0, m/s, m/s, rad/s."""
     initial_pitch: float = eqx.field(static=True, default=0.0)
@@ -85,10 +85,10 @@ class RigidBody(PosedSolid, AbstractBody):
     usual_name: ClassVar[str] = "body"
 
     def __check_init__(self) -> None:
-        """Refuses a pivot for which the equations of motion do not hold (ValueError)."""
+        """Checks the pivot. **Raises** ValueError if the equations of motion do not hold for it."""
         if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, Tracer):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
-                raise ValueError("pivot: must be the centre of mass where pitch and another motion are free")
+                raise ValueError("pivot: must be the centre of mass if pitch and another motion are free")
 
     @classmethod
     def of(
@@ -103,11 +103,11 @@ class RigidBody(PosedSolid, AbstractBody):
         name: str = "body",
         dtype: Any = jnp.float32,
     ) -> RigidBody:
-        """Builds a body of even density (kg/m3), at rest.
+        """Builds a body of uniform density (kg/m3), at rest.
 
         **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `free`: any of
-        "surge", "heave" and "pitch"; `pivot` (x, z): the hinge (m), by default the centre of mass; `pto`: on
-        the body's pitch. There is an argument for each property of the body.
+        "surge", "heave" and "pitch"; `pivot`: hinge (x, z), m, by default the centre of mass; `pto`: power
+        take-off on the body's pitch.
         """
         area, centre, second = shape.moments()
         pivot = centre if pivot is None else pivot
@@ -137,7 +137,7 @@ class RigidBody(PosedSolid, AbstractBody):
         """See `AbstractPart`."""
         found = dict(self.pto.entries(self.name))
         if not self.fixed and not all(self.free):
-            found["body_drive"] = Entry(f"work of what moves the {self.name}", Exchange.GIVEN)
+            found["body_drive"] = Entry(f"work of the imposed motion of the {self.name}", Exchange.GIVEN)
         return {self.called(name): entry for name, entry in found.items()}
 
     def readings(self, dim):
@@ -195,11 +195,11 @@ class RigidBody(PosedSolid, AbstractBody):
 
     @property
     def fixed(self) -> bool:
-        """Whether the body does not move: nothing is free, and no velocity is given."""
+        """Whether the body does not move: no motion is free, and no initial velocity is given."""
         return not any((*self.free, *self.initial_velocity))
 
     def _told(self, motion: dict[str, Any], forces: dict[str, Any]) -> dict[str, Any]:
-        """Those of a body's readings that say something: of one that stays where it is its forces."""
+        """Readings of the body that carry information: of a fixed body only the forces."""
         if not self.fixed:
             return motion | forces
         if self.name == self.usual_name:
@@ -220,7 +220,7 @@ class RigidBody(PosedSolid, AbstractBody):
         return jnp.stack([self.mass, self.mass, self.inertia])
 
     def halfway(self, old, new, dt):
-        """See `AbstractMovingSolid`: the motion half a step on, at the velocity of the step's beginning."""
+        """See `AbstractMovingSolid`: the motion half a step on, with the velocity at the step's beginning."""
         del new
         return advance_body(old, jnp.zeros_like(old.velocity), 0.5 * dt)
 
@@ -259,7 +259,7 @@ class RigidBody(PosedSolid, AbstractBody):
 
     def normals(self, motion, x):
         """See `AbstractBody`."""
-        # found at rest, so that no rounding of the pose decides between two faces that are equally near
+        # evaluated at rest: rounding of the pose must not decide between two faces that are equally near
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)

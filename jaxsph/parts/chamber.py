@@ -1,4 +1,4 @@
-"""Chamber of an oscillating water column: trapped air over the water, which drives a power take-off.
+"""Chamber of an oscillating water column: trapped air above the water, which drives a power take-off.
 
 Signs: `P_a` is the gauge pressure of the chamber's air, positive when compressed; `q` is the volume flow of
 air out of the chamber, positive when the water column rises; the PTO takes P_a q from the water.
@@ -26,11 +26,11 @@ __all__ = ["BodyForceGrip", "Chamber", "SurfaceGrip"]
 
 
 class SurfaceGrip(AbstractGrip):
-    """Coupling by the pair sum of the pressure gradient, for a scheme that knows no surface.
+    """Coupling by the pair sum of the pressure gradient, for a scheme that does not detect the surface.
 
     The surface condition p = P_a enters the gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i). The constant
-    drops out where the kernel is full and acts at the surface, so no particle has to be called a surface
-    particle (a switch, in Zhu et al. 2020, Eq. 15-16), and suction in the air puts no tension in the column.
+    cancels where the kernel is full and acts at the surface. So no switch has to detect surface particles (as
+    in Zhu et al. 2020, Eq. 15-16), and suction in the air puts no tension in the column.
     """
 
     def force(self, chamber, x, V, around):
@@ -40,14 +40,14 @@ class SurfaceGrip(AbstractGrip):
         return tuple(w * c for c in s)
 
     def water_pressure(self, weight):
-        """See `AbstractGrip`: zero, since the scheme's pressure is the water's."""
+        """See `AbstractGrip`: zero, since the scheme's pressure is the whole pressure of the water."""
         return jnp.zeros_like(weight)
 
 
 class BodyForceGrip(AbstractGrip):
-    """Coupling by the body force -P_a chi'(z) in the place of the pressure P_a chi(z).
+    """Coupling by the body force -P_a chi'(z), which replaces the pressure P_a chi(z).
 
-    For a scheme whose pressure is zero on the surface.
+    It is for a scheme whose pressure is zero on the surface.
     """
 
     def force(self, chamber, x, V, around):
@@ -62,12 +62,12 @@ class BodyForceGrip(AbstractGrip):
 
 
 class Chamber(AbstractChamber):
-    """Water column under trapped air between two walls, upright or leaning, and the air's power take-off.
+    """Water column below trapped air between two walls, upright or leaning, and the air's power take-off.
 
-    The air acts through a smooth weight chi of position that is 1 in the column and fades to 0 above the
-    wall's tip. The flow is the matching sum, q = -sum_i f_i.u_i with the force f_i per unit of P_a: the
-    volume flux through the fading zone, averaged over it. With it P_a q is exactly the power that the air's
-    force takes from the particles.
+    A smooth function chi of position weights the air's pressure: it is 1 in the column and fades to 0 above
+    the wall's tip. The flow is q = -sum_i f_i.u_i, where f_i is the force on a particle per unit of P_a: the
+    volume flux averaged over the fading zone. P_a q is then exactly the power that the air's force takes from
+    the particles.
     """
 
     pto: AbstractPTO
@@ -102,10 +102,10 @@ class Chamber(AbstractChamber):
     ) -> Chamber:
         """Builds a chamber from plain numbers.
 
-        **Arguments**: `between`: inner faces of its front and back wall, each its x (m) where it is upright,
-        or corners (x, z) (m) from below upwards; `tip`: level below which air would escape, of the front
-        wall's tip, and `level` of still water, m; `dx`: spacing, m; `air`: such as `IsentropicAir`, or
-        incompressible (the default). There is an argument for each property of the chamber.
+        **Arguments**: `between`: inner faces of the front and the back wall, each given by its x (m) if it is
+        upright, or by its corners (x, z) (m) from the bottom up; `tip`: level of the front wall's tip, below
+        which air would escape, m; `level`: still water level, m; `dx`: spacing, m; `air`: for example
+        `IsentropicAir`, by default incompressible.
         """
         fade_high = tip + 0.5 * (level - tip)
         highest = [np.max(np.asarray(face)[:, 1]) for face in between if np.ndim(face)]
@@ -130,7 +130,7 @@ class Chamber(AbstractChamber):
         """See `AbstractPart`."""
         area, flow, width = ("m2", "m2 s-1", " per unit width") if dim == 2 else ("m3", "m3 s-1", "")
         found = {
-            "chamber_level": Reading("m", "mean elevation of the chamber's surface over the still level"),
+            "chamber_level": Reading("m", "mean elevation of the chamber's surface above still water"),
             "chamber_volume": Reading(area, "water in the chamber above the level where flow is measured"),
             "P_a": Reading("Pa", "gauge pressure of the chamber's air, positive when compressed"),
             "flow": Reading(flow, f"flow of air out of the chamber{width}"),
@@ -169,7 +169,7 @@ class Chamber(AbstractChamber):
 
     def inside(self, x: Components) -> Array:
         """Mask of points x (m) between the chamber's walls, True between them."""
-        # A hard cut at the front wall's face cuts no particle: none is inside the wall.
+        # The sharp limit at the front wall's face cuts no particle, because none is inside the wall.
         return self.sides.between(x, 1e-4, self.beyond)
 
     def weight(self, x: Components) -> Float[Array, " N"]:
@@ -196,7 +196,7 @@ class Chamber(AbstractChamber):
             return tables.fluid.sum_at(i, law, scheme.smoothing, {"x": x}, sources)
 
         force = scheme.grip.force(self, x, V, around)
-        # a particle without mass feels no force: whatever it is divided by
+        # a particle without mass feels no force: any divisor will do
         return AirCoupling(index, force, jnp.where(fields["m"] > 0.0, fields["m"], 1.0), slabs)
 
     def press(self, air, q_free, compliance, ducted, t, dt):
@@ -209,7 +209,7 @@ class Chamber(AbstractChamber):
         mean = 0.5 * (before + after)
         passed, ducted = self.air.divided(pressed, mean)
         left, head = passed + ducted, self.air.head(pressed.P_a)
-        # force times mean velocity over the step: exactly the kinetic energy that the force takes
+        # force times the mean velocity of the step is exactly the kinetic energy that the force takes
         amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
         amounts |= {name: dt * (pressed.P_a * mean - head * left) for name in self.air.entries("")}
         kept = self.air.finish(air, passed, left, mean, dt)
@@ -223,13 +223,13 @@ class Chamber(AbstractChamber):
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).
 
-        **Arguments**: positions x (m) and volumes V (m3; m2 in 2-D) of the particles; `smooth`: half the
-        height (m) over which a particle counts in part.
+        **Arguments**: `x`, `V`: positions (m) and volumes (m3; m2 in 2-D) of the particles; `smooth`: half
+        the height (m) over which a particle is counted partially.
         """
         level = self.sides.z[self.sides.start]
         s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)
         return jnp.sum(jnp.where(self.inside(x), V * s, 0.0))
 
     def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
-        """Mean elevation of the chamber's surface over still water, m; arguments as for `volume`."""
+        """Mean elevation of the chamber's surface above still water, m; arguments as for `volume`."""
         return self.sides.level(self.volume(x, V, smooth)) - self.still

@@ -1,4 +1,4 @@
-"""Solids of any shape whose motion is a given function of time: a rocking bed, a plunger, a hinged paddle."""
+"""Solids of any shape that move as a given function of time: a rocking bed, a plunger, a hinged paddle."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Motion(eqx.Module):
     """Motion of a driven solid at time t: surge, heave and pitch about its pivot."""
 
     pose: Float[Array, "3"]
-    """Surge (m), heave (m) and pitch (rad, positive from z towards x) from the place at rest."""
+    """Surge (m), heave (m) and pitch (rad, positive from z towards x) from the position at rest."""
     velocity: Float[Array, "3"]
     """Velocities of surge, heave and pitch, m/s, m/s, rad/s."""
 
@@ -30,7 +30,7 @@ class Motion(eqx.Module):
 class AbstractPath(eqx.Module):
     """Path of a driven solid: its pose as a function of time.
 
-    Write `pose`; velocities and accelerations follow by differentiation.
+    Implement `pose`; velocities and accelerations follow by differentiation.
     """
 
     @abc.abstractmethod
@@ -42,13 +42,13 @@ class DrivenSolid(PosedSolid, AbstractWall):
     """Solid of any shape that follows a given path and does work on the water."""
 
     shape: AbstractShape
-    """Shape in the place at rest."""
+    """Shape in the position at rest."""
     path: AbstractPath
     """Pose as a function of time."""
     pivot: Float[Array, "2"]
-    """Point (x, z) about which the solid turns, at rest, m."""
+    """Point (x, z) at rest about which the solid turns, m."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Index of the solid's first ghost, and of the one after its last: an entry of `Ghosts.dummies`."""
+    """Index of the solid's first ghost, and of the ghost after its last: an entry of `Ghosts.dummies`."""
     name: str = eqx.field(static=True, default="driven", kw_only=True)
 
     def start(self, dtype: Any) -> Motion:
@@ -56,7 +56,7 @@ class DrivenSolid(PosedSolid, AbstractWall):
         return self._at(jnp.zeros((), dtype))
 
     def entries(self):
-        """See `AbstractMovingSolid`."""
+        """See `AbstractPart`."""
         return {self.name: Entry(f"work of the {self.name} on the water", Exchange.GIVEN)}
 
     def move(self, motion, water, depth_volume, t, dt):
@@ -90,6 +90,6 @@ class DrivenSolid(PosedSolid, AbstractWall):
         return (after - before) / dt + self.centripetal(old, x)
 
     def cover(self, motion, x, dx):
-        """See `AbstractWall`: ghosts of other solids bound the water as they are."""
+        """See `AbstractWall`: the solid hides no ghosts of other solids."""
         del motion, dx
         return jnp.ones_like(x[:, 0])

@@ -15,10 +15,10 @@ __all__ = ["Duct"]
 
 
 class Duct(AbstractDuct):
-    """Duct between two chambers: its power take-off's law is between the drop of pressure and the flow.
+    """Duct between two chambers, whose power take-off's law relates the pressure drop to the flow.
 
-    Its air has no volume of its own. The energy that it takes is that which the air of one chamber loses and
-    that of the other does not gain.
+    The air in the duct has no volume. The energy taken in the duct is the energy that the air of one chamber
+    loses minus the energy that the air of the other chamber gains.
     """
 
     between: tuple[str, str] = eqx.field(static=True)
@@ -42,7 +42,7 @@ class Duct(AbstractDuct):
         flow, width = ("m2 s-1", " per unit width") if dim == 2 else ("m3 s-1", "")
         way = f"from the {self.between[0]} to the {self.between[1]}"
         found = {
-            "pressure_drop": Reading("Pa", f"drop of the air's pressure {way}"),
+            "pressure_drop": Reading("Pa", f"air pressure drop {way}"),
             "duct_flow": Reading(flow, f"flow of air {way}{width}"),
             "duct_flow_mean": Reading(flow, f"flow of air {way}{width}, mean since the last sample"),
         }
@@ -50,7 +50,7 @@ class Duct(AbstractDuct):
 
     def oscillations(self, dim):
         """See `AbstractPart`."""
-        drop = Oscillation(self.called("pressure_drop"), f"drop of pressure in the {self.name}", "Pa")
+        drop = Oscillation(self.called("pressure_drop"), f"pressure drop in the {self.name}", "Pa")
         flow = Oscillation(
             self.called("duct_flow_mean"), f"air flow in the {self.name}", "m2/s" if dim == 2 else "m3/s"
         )
@@ -75,8 +75,8 @@ class Duct(AbstractDuct):
         """See `AbstractDuct`."""
         drop, q = pressed.P_a, pressed.passed
         amounts = {name: dt * drop * part for name, part in pressed.pto.flows(drop, q).items()}
-        # the chambers' own means over the step are a rounding of time off the duct's flow at its end
-        first, rest = next(iter(amounts)), sum(amounts.values()) - work
-        amounts[first] = amounts[first] - rest
+        # the chambers' mean flows over the step differ slightly from the duct's flow at its end: book `work`
+        for first in (*amounts,)[:1]:  # a closed duct has no amounts
+            amounts[first] = amounts[first] - (sum(amounts.values()) - work)
         air = Air(drop, q, air.driven.add(dt * q))
         return air, {self.called(name): amount for name, amount in amounts.items()}

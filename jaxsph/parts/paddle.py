@@ -1,4 +1,4 @@
-"""Piston wavemaker: the moving wall at the tank's near end, and the motions that it can be given."""
+"""Piston wavemaker: the moving wall at the tank's near end, and the laws of its motion."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Piston(eqx.Module):
     U: Scalar
     """Velocity, m/s."""
     error: Scalar
-    """Filtered error of the elevation at the gauge, m, which active absorption answers; zero without it."""
+    """Filtered error of the elevation at the gauge, m, which active absorption corrects; else zero."""
     mean: Scalar
-    """Slow mean of `error`, m."""
+    """Slowly varying mean of `error`, m."""
 
 
 class AbstractMotion(eqx.Module):
@@ -48,15 +48,15 @@ class AbstractMotion(eqx.Module):
     def move(self, motion: Piston, x: Components, V: Float[Array, " N"], t: Scalar, dt: Scalar) -> Piston:
         """Motion of the piston at t + dt (s), from its `motion` at t.
 
-        **Arguments**: positions x (m) of the water's particles at t, and their volumes V per metre of the
-        tank's width (m2), for a motion that answers the water.
+        **Arguments**: `x`, `V`: positions (m) of the water's particles at t, and their volumes per metre of
+        the tank's width (m2), for a motion that reacts to the water.
         """
 
 
 class AbstractGivenMotion(AbstractMotion):
     """Motion of a piston as a function of time alone.
 
-    Write `displacement`; the velocity follows by differentiation.
+    Implement `displacement`; the velocity follows by differentiation.
     """
 
     @abc.abstractmethod
@@ -71,10 +71,10 @@ class AbstractGivenMotion(AbstractMotion):
 
 
 class WaveMotion(AbstractGivenMotion):
-    """Motion of a piston that makes waves, without absorption (Zhu et al. 2020, Eq. 22)."""
+    """Motion of a piston that generates waves, without absorption (Zhu et al. 2020, Eq. 22)."""
 
     waves: AbstractWaves
-    """Waves that the motion makes."""
+    """Waves that the motion generates."""
 
     def displacement(self, t):
         """See `AbstractGivenMotion`."""
@@ -82,10 +82,10 @@ class WaveMotion(AbstractGivenMotion):
 
 
 class AbsorbingMotion(AbstractMotion):
-    """Motion of a piston that makes waves and absorbs those coming back (Zhu et al. 2020, Eq. 23)."""
+    """Motion of a piston that generates waves and absorbs reflected ones (Zhu et al. 2020, Eq. 23)."""
 
     waves: AbstractWaves
-    """Waves that the motion makes."""
+    """Waves that the motion generates."""
     absorption: ActiveAbsorption
     """Law of the absorption."""
     gauge: Scalar
@@ -98,12 +98,12 @@ class AbsorbingMotion(AbstractMotion):
     def move(self, motion, x, V, t, dt):
         """See `AbstractMotion`."""
         elevation = column_depth(x, V, motion.X + self.gauge, self.width) - self.still
-        # The filter's lag makes up for the gauge's distance from the paddle, and its noise is filtered out.
+        # The filter removes noise, and its lag compensates for the gauge's distance from the paddle.
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
         error = motion.error + dt / (lag + dt) * (expected - elevation - motion.error)
-        # Standing waves lower the mean level by a fraction of a millimetre: that is nothing to absorb, and
-        # the paddle would creep after it.
+        # Standing waves lower the mean level by a fraction of a millimetre. This must not be absorbed: the
+        # paddle would drift.
         mean = motion.mean + dt * self.absorption.drift_rate * (error - motion.mean)
         eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
         U = self.absorption.velocity(self.waves, motion.X, t + dt, eta)
@@ -116,7 +116,7 @@ class Paddle(AbstractWall):
     motion: AbstractMotion
     """Law of the piston's motion."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Index of the paddle's first ghost, and of the one after its last."""
+    """Index of the paddle's first ghost, and of the ghost after its last."""
     face: float = eqx.field(static=True, default=0.0)
     """Position x of the paddle's face at rest, m."""
     name: str = eqx.field(static=True, default="paddle", kw_only=True)
@@ -126,12 +126,12 @@ class Paddle(AbstractWall):
         return Piston(*(jnp.zeros((), dtype) for _ in range(4)))
 
     def entries(self):
-        """See `AbstractMovingSolid`."""
+        """See `AbstractPart`."""
         return {self.name: Entry(f"work of the {self.name} on the water", Exchange.GIVEN)}
 
     def outline(self, far):
         """See `AbstractSolid`."""
-        return box_corners((-far, -far), (0.0, far))
+        return box_corners((-far, -far), (self.face, far))
 
     def pose(self, motion):
         """See `AbstractMovingSolid`."""
@@ -188,17 +188,17 @@ class Paddle(AbstractWall):
         return self.gap(motion, x) < TOUCH * dx
 
     def cover(self, motion, x, dx):
-        """See `AbstractWall`: the bed behind the paddle bounds no water."""
+        """See `AbstractWall`: ghosts of the bed behind the paddle bound no water."""
         return jnp.clip(self.gap(motion, x) / dx + 0.5, 0.0, 1.0).at[slice(*self.rows)].set(1.0)
 
 
 def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar) -> Scalar:
-    """Depth of water (m) at x = `at` (m): the volume of a water column, averaged over a width.
+    """Depth of water (m) at x = `at` (m), from the volume of water in a column around it.
 
-    A cosine bell of half-width `width` (m) weighs the particles' volumes V per metre of the tank's width
-    (m2), which is smooth in their positions and conserves volume. With a whole number of spacings as `width`
-    a lattice reads the same wherever the gauge stands on it. A wave of wavenumber k is damped by
-    0.065 (k width)^2: 0.1 % at k width = 0.12.
+    A cosine bell of half-width `width` (m) weights the particles' volumes V per metre of the tank's width
+    (m2). The depth is smooth in the positions `x` and conserves volume. If `width` is a whole number of
+    spacings, the depth of a lattice does not depend on the gauge's position. A wave of wavenumber k is damped
+    by 0.065 (k width)^2: 0.1 % at k width = 0.12.
     """
     s = (x[0] - at) / width
     bell = jnp.where(jnp.abs(s) < 1.0, 0.5 * (1.0 + jnp.cos(jnp.pi * s)), 0.0) / width

@@ -1,4 +1,4 @@
-"""Solids that turn and move as a whole in the x-z plane: what rigid bodies and driven solids share."""
+"""Solids that translate and rotate in the x-z plane: common base of rigid bodies and driven solids."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class PosedSolid(AbstractMovingSolid):
     """
 
     shape: eqx.AbstractVar[AbstractShape]
-    """Shape in the place at rest."""
+    """Shape in the position at rest."""
     pivot: eqx.AbstractVar[Float[Array, "2"]]
-    """Point (x, z) about which the solid turns, at rest, m."""
+    """Point (x, z) at rest about which the solid turns, m."""
 
     def carry(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Present positions (m) of points that stand at x (m) on the solid at rest."""
+        """Present positions (m) of points of the solid that are at x (m) when it is at rest."""
         return turn(x - spread(x, self.pivot), motion.pose[2]) + self._place_of_pivot(motion, x)
 
     def place(self, motion, x, nodes):
@@ -37,7 +37,7 @@ class PosedSolid(AbstractMovingSolid):
         return there, there
 
     def lever(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Positions of points x (m) relative to the pivot's present one, m."""
+        """Positions of points x (m) relative to the present position of the pivot, m."""
         return x - self._place_of_pivot(motion, x)
 
     def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
@@ -76,7 +76,7 @@ class PosedSolid(AbstractMovingSolid):
 
 
 def spread(x: Float[Array, "N D"], at: Float[Array, "2"]) -> Float[Array, " D"]:
-    """Vector (x, z) of the plane of motion, with as many components as positions x have."""
+    """Vector `at` (x, z) in the plane of motion, with as many components as the positions x."""
     return jnp.zeros(x.shape[1], x.dtype).at[jnp.array([0, -1])].set(at)
 
 

@@ -1,11 +1,11 @@
-"""Power take-offs of a chamber's air: pressure against flow.
+"""Power take-offs of a chamber's air: laws between pressure and flow.
 
 Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
-out of the chamber, at the density of the ambient air, positive when the water column rises; the PTO takes
-P_a q, which for a turbine is never negative.
+out of the chamber, at the density of the ambient air, positive when the water column rises. The PTO takes the
+power P_a q, which for a turbine is never negative.
 
 A law is solved in closed form together with the response of water and air over the step, q = q_free -
-compliance P_a: so it is stable for every damping.
+compliance P_a, and is therefore stable for every damping.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class AbstractTurbine(AbstractPTO):
-    """Power take-off whose pressure follows from the flow, and the flow from the pressure."""
+    """Power take-off whose flow and pressure each follow from the other."""
 
     @abc.abstractmethod
     def flow(self, P_a: Scalar) -> Scalar:
@@ -58,7 +58,7 @@ class PneumaticPTO(AbstractTurbine):
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`."""
         del t
-        # The root needs a positive argument for a finite derivative at q = 0: 1e-12 m2/s is no flow.
+        # 1e-12 m2/s, a negligible flow, keeps the derivative finite at q = 0.
         size = jnp.abs(q_free) + 1e-12
         root = jnp.sqrt(1.0 + 4.0 * compliance * self.K_dm**2 * size)
         scaled = 2.0 * self.K_dm / (1.0 + root)  # the ratio first: it is small where K_dm^2 overflows
@@ -70,25 +70,25 @@ class PneumaticPTO(AbstractTurbine):
 
 
 class Constriction(PneumaticPTO):
-    """Narrow place in a duct, whose energy is lost: P_a = K_dm^2 |q| q."""
+    """Constriction in a duct, where energy is lost: P_a = K_dm^2 |q| q."""
 
     def entries(self, whose):
         """See `AbstractPTO`."""
-        return {"duct": Entry(f"loss in the duct {whose}")}
+        return {"duct": Entry(f"loss in the constriction of the {whose}")}
 
 
 def orifice_damping(area: float, discharge: float, density: float = 1.2) -> float:
     """Damping coefficient K_dm (kg^0.5 m^-2.5) of an orifice, sqrt(density / 2) / (discharge area).
 
     From Bernoulli's P_a = (density / 2) (q / (discharge area))^2. **Arguments**: `area`, m2 per metre of the
-    chamber's width; `discharge`: coefficient of discharge (-), about 0.6 of a sharp edge; `density` of air,
-    kg/m3.
+    chamber's width; `discharge`: discharge coefficient (-), about 0.6 for a sharp edge; `density`: density
+    of air, kg/m3.
     """
     return float(np.sqrt(0.5 * density) / (discharge * area))
 
 
 class LinearTurbine(AbstractTurbine):
-    """Linear turbine, such as of Wells' type: P_a = resistance q."""
+    """Linear turbine, for example a Wells turbine: P_a = resistance q."""
 
     resistance: Scalar
     """Resistance, Pa s/m2 (flow per unit width)."""
@@ -104,18 +104,18 @@ class LinearTurbine(AbstractTurbine):
 
 
 class CharacteristicCurve(AbstractTurbine):
-    """Turbine of a given characteristic curve: points of flow and pressure, and straight lines between them.
+    """Turbine with a characteristic curve, given by points of flow and pressure joined by straight lines.
 
-    Beyond its ends the curve goes on as it ends. Through (0, 0) and rising it never drives the water.
+    Beyond its ends the curve is extrapolated linearly. A rising curve through (0, 0) never drives the water.
     """
 
     q: Float[Array, " n"]
-    """Flows, m2/s, rising."""
+    """Flows, m2/s, in ascending order."""
     P_a: Float[Array, " n"]
-    """Gauge pressures at these flows, Pa, rising."""
+    """Gauge pressures at these flows, Pa, in ascending order."""
 
     def pressure(self, q_free, compliance, t):
-        """See `AbstractPTO`: q + compliance P_a rises along the curve, so that one place has q_free."""
+        """See `AbstractPTO`: q + compliance P_a rises along the curve and equals q_free at one point."""
         del t
         return _on_lines(q_free, self.q + compliance * self.P_a, self.P_a)
 
@@ -125,18 +125,18 @@ class CharacteristicCurve(AbstractTurbine):
 
 
 def _on_lines(x: Scalar, nodes: Float[Array, " n"], values: Float[Array, " n"]) -> Scalar:
-    """Value at x on the straight lines through `values` at the rising `nodes`, and on beyond their ends."""
+    """Value at x, interpolated linearly from `values` at ascending `nodes` and extrapolated beyond them."""
     i = jnp.clip(jnp.searchsorted(nodes, x) - 1, 0, nodes.shape[0] - 2)
     share = (x - nodes[i]) / (nodes[i + 1] - nodes[i])
     return values[i] + share * (values[i + 1] - values[i])
 
 
 class PhasedPTO(AbstractPTO):
-    """Quadratic turbine whose damping follows the waves' phase, by Fourier coefficients of its logarithm.
+    """Quadratic turbine whose damping follows the waves' phase, by a Fourier series of its logarithm.
 
         ln(K_dm(t)/K_dm) = sum_n a_n cos(n omega t) + b_n sin(n omega t).
 
-    It stays positive, so the turbine never drives the water.
+    The damping stays positive, so that the turbine never drives the water.
     """
 
     K_dm: Scalar
@@ -154,7 +154,7 @@ class PhasedPTO(AbstractPTO):
         return self.K_dm * jnp.exp(jnp.sum(a * jnp.cos(angle) + b * jnp.sin(angle)))
 
     def at(self, air, t):
-        """See `AbstractPTO`: the turbine of the moment t."""
+        """See `AbstractPTO`: the turbine with the damping at t."""
         del air
         return PneumaticPTO(self.damping(t))
 
@@ -164,23 +164,23 @@ class PhasedPTO(AbstractPTO):
 
 
 class ControlledPTO(AbstractPTO):
-    """Power take-off that a function of the chamber's state sets anew in every step.
+    """Power take-off that a function of the chamber's state sets in every step.
 
-    `control(own, t)` returns the power take-off of the step, such as a turbine of another damping, from the
-    chamber's `own` air at the step's begin (pressure `air.P_a`, flow `air.q`, volume `air.driven.total` that
-    the water has risen by) and the time t (s).
+    `control(air, t)` returns the power take-off for the step, for example a turbine with another damping. Its
+    arguments are the chamber's `air` at the beginning of the step (pressure `air.P_a`, flow `air.q`, volume
+    `air.driven.total` displaced by the rise of the water) and the time t (s).
     """
 
     control: jax.tree_util.Partial
-    """The function, with the parameters that derivatives are taken over."""
+    """Control function, bound to the parameters with respect to which it can be differentiated."""
 
     @classmethod
     def of(cls, control: Callable[..., AbstractPTO], *parameters: Any) -> ControlledPTO:
-        """Builds the power take-off of `control(*parameters, own, t)`; `parameters` are trees of arrays."""
+        """Builds the power take-off from `control(*parameters, air, t)`; `parameters` are trees of arrays."""
         return cls(jax.tree_util.Partial(control, *parameters))
 
     def entries(self, whose):
-        """See `AbstractPTO`: those of the power take-off that the function returns for air at rest."""
+        """See `AbstractPTO`: entries of the power take-off that `control` returns for air at rest."""
         return self._at_rest(0.0).entries(whose)
 
     def at(self, air, t):
@@ -188,7 +188,7 @@ class ControlledPTO(AbstractPTO):
         return self.control(air, t).at(air, t)
 
     def pressure(self, q_free, compliance, t):
-        """See `AbstractPTO`: of a chamber whose air is at rest."""
+        """See `AbstractPTO`: for air at rest."""
         return self._at_rest(t).pressure(q_free, compliance, t)
 
     def _at_rest(self, t: Scalar | float) -> AbstractPTO:
@@ -199,17 +199,17 @@ class ControlledPTO(AbstractPTO):
 
 
 class ReliefValve(AbstractPTO):
-    """Valve beside a turbine that holds the air between two pressures.
+    """Relief valve beside a turbine, which keeps the air between two pressures.
 
-    It lets out, or in, as much as that needs; what the valve takes is booked apart from the turbine's.
+    The valve lets out, or in, the flow that this requires. Its energy is booked apart from the turbine's.
     """
 
     turbine: AbstractTurbine | PhasedPTO
-    """Turbine beside the valve, in every step an `AbstractTurbine`."""
+    """Turbine beside the valve; in every step it must be an `AbstractTurbine`."""
     over: Scalar
-    """Gauge pressure that the air does not go over, Pa; inf for none."""
+    """Upper limit of the gauge pressure, Pa; inf for no limit."""
     under: Scalar
-    """Suction that the air does not go beyond, Pa, as a positive number; inf for none."""
+    """Upper limit of the suction, Pa, a positive number; inf for no limit."""
 
     def entries(self, whose):
         """See `AbstractPTO`."""
@@ -224,8 +224,8 @@ class ReliefValve(AbstractPTO):
         return jnp.clip(self.turbine.pressure(q_free, compliance, t), -self.under, self.over)
 
     def flows(self, P_a, q):
-        """See `AbstractPTO`: the valve passes what the turbine does not pass at the valve's pressure."""
-        # A limit that is not there is never reached: any finite number in its place keeps slopes finite.
+        """See `AbstractPTO`: at a limiting pressure the valve passes what exceeds the turbine's flow."""
+        # An infinite limit is never reached: any finite number in its place keeps derivatives finite.
         over, under = (jnp.where(jnp.isfinite(limit), limit, 1.0) for limit in (self.over, self.under))
         turbine = _turbine(self.turbine)
         out = jnp.maximum(q - turbine.flow(over), 0.0)
@@ -236,17 +236,17 @@ class ReliefValve(AbstractPTO):
 
 
 def _turbine(pto: AbstractPTO) -> AbstractTurbine:
-    """Power take-off beside a valve. **Raises** TypeError where its flow does not follow from pressure."""
+    """Turbine beside a valve. **Raises** TypeError if its flow does not follow from the pressure."""
     if not isinstance(pto, AbstractTurbine):
-        raise TypeError(f"turbine = {type(pto).__name__}: beside a valve it must be an AbstractTurbine")
+        raise TypeError(f"turbine = {type(pto).__name__}: beside a valve, use an AbstractTurbine")
     return pto
 
 
 class ClosedPTO(AbstractPTO):
-    """No opening to the ambient air: what moves the air leaves through ducts, or compresses it."""
+    """No opening to the ambient air: displaced air leaves through ducts or is compressed."""
 
     def entries(self, whose):
-        """See `AbstractPTO`: none."""
+        """See `AbstractPTO`: there are no entries."""
         del whose
         return {}
 
@@ -256,7 +256,7 @@ class ClosedPTO(AbstractPTO):
         return {}
 
     def divided(self, mean, ducted):
-        """See `AbstractPTO`: all goes into the ducts."""
+        """See `AbstractPTO`: the whole flow goes into the ducts."""
         del ducted
         return jnp.zeros_like(mean), mean
 
@@ -267,7 +267,7 @@ class ClosedPTO(AbstractPTO):
 
 
 class PrescribedPressure(AbstractPTO):
-    """Air pressure given as a function of time: a linear rise to P_a, which then stays."""
+    """Air pressure given as a function of time: a linear rise to P_a, then constant."""
 
     P_a: Scalar
     """Gauge pressure at the end of the rise, Pa."""

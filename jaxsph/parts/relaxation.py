@@ -1,4 +1,4 @@
-"""Relaxation zone at the tank's near end, which makes the asked waves and swallows those that come back."""
+"""Relaxation zone at the tank's near end, which generates given waves and absorbs reflected ones."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["FlowMotion", "RelaxationZone"]
 
 
 class FlowMotion(AbstractGivenMotion):
-    """Motion of the wall behind a relaxation zone: the mean flow of the waves over the depth."""
+    """Motion of the wall behind a relaxation zone, which follows the waves' depth-averaged flow."""
 
     waves: AbstractWaves
-    """Waves that the zone makes."""
+    """Waves that the zone generates."""
 
     def displacement(self, t):
         """See `AbstractGivenMotion`."""
@@ -27,28 +27,29 @@ class FlowMotion(AbstractGivenMotion):
 
 
 class RelaxationZone(AbstractDamper):
-    """Relaxation zone: the water's velocities are drawn towards those of the asked waves.
+    """Relaxation zone: the water's velocities are relaxed towards those of given waves.
 
-    The rate falls smoothly from the near end to none at the zone's end. Waves that come back are a difference
-    from the asked ones, and the zone damps them as a sponge does. After Jacobsen, Fuhrman and Fredsoe (2012)
-    and Altomare et al. (2018), with a rate in the place of a mixture, so that it does not depend on the time
-    step, and a wall behind it that moves with the waves' mean flow.
+    The rate falls smoothly from the near end to zero at the zone's end. Reflected waves are a deviation from
+    the given waves, and the zone damps them as a sponge does. The method follows Jacobsen, Fuhrman and
+    Fredsoe (2012) and Altomare et al. (2018), with two differences: a rate replaces the mixing of velocities,
+    so that the result does not depend on the time step, and the wall behind the zone moves with the waves'
+    mean flow.
     """
 
     waves: AbstractWaves
-    """Waves that the zone makes."""
+    """Waves that the zone generates."""
     length: Scalar
     """Length of the zone from the wall at rest, m."""
     strength: Scalar
-    """Rate at which velocities are drawn towards the waves' at the near end, 1/s."""
+    """Rate at the near end at which velocities are relaxed towards those of the waves, 1/s."""
     x: Float[Array, " X"]
-    """Places along the tank of the lattice on which the waves' velocities are evaluated, m, evenly spaced."""
+    """Positions along the tank of the grid on which the waves' velocities are evaluated, m, evenly spaced."""
     z: Float[Array, " Z"]
-    """Heights of that lattice over the bed, m, evenly spaced."""
+    """Heights of this grid above the bed, m, evenly spaced."""
     name: str = eqx.field(static=True, default="zone", kw_only=True)
 
     def entries(self):
-        """See `AbstractDamper`."""
+        """See `AbstractPart`."""
         return {self.name: Entry("energy given by the relaxation zone", Exchange.GIVEN)}
 
     def weight(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
@@ -57,7 +58,7 @@ class RelaxationZone(AbstractDamper):
         return s * s * (3.0 - 2.0 * s)
 
     def asked(self, x: Float[Array, "N D"], t: Scalar) -> Float[Array, "N D"]:
-        """Velocities of the asked waves at x (m) and the time t (s), m/s."""
+        """Velocities of the given waves at x (m) and the time t (s), m/s."""
         found = self.waves.velocity(self.x, self.z, t)
         at = [(x[:, axis] - nodes[0]) / (nodes[1] - nodes[0]) for axis, nodes in ((0, self.x), (-1, self.z))]
         u, w = (jax.scipy.ndimage.map_coordinates(a, at, order=1, mode="nearest") for a in found)

@@ -1,4 +1,4 @@
-"""Open rim of a tank: water that splashes over the top of its walls leaves, and is counted."""
+"""Open rim of a tank: water that splashes over the top of the walls leaves and is counted."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ class Spill(eqx.Module):
     """Water that has left a tank over its rim."""
 
     mass: Tally
-    """kg (kg/m in 2-D)."""
+    """Mass of this water, kg (kg/m in 2-D)."""
 
 
 class Rim(AbstractOutlet):
     """Top of a tank's walls, over which water leaves for good.
 
-    A particle above the rim at a search loses its mass, and with it all part in the flow, and rests in a
-    corner over the tank: the number of particles stays, as the shapes of arrays want it.
+    A particle above the rim at a neighbour search loses its mass, and with it all effect on the flow. It then
+    rests in a corner above the tank, so that the number of particles and the shapes of arrays stay the same.
     """
 
     corner: tuple[float, ...] = eqx.field(static=True)
-    """Place over the tank where particles without mass rest, m; its height is the rim's."""
+    """Position above the tank where particles without mass rest, m; its height is that of the rim."""
     name: str = eqx.field(static=True, default="rim", kw_only=True)
     usual_name: ClassVar[str] = "rim"
 
     def start(self, dtype: Any) -> Spill:
-        """See `AbstractOutlet`: nothing has left."""
+        """See `AbstractOutlet`: no water has left yet."""
         return Spill(Tally.zero(dtype))
 
     def entries(self):
-        """See `AbstractOutlet`."""
+        """See `AbstractPart`."""
         return {self.name: Entry(f"energy of the water that leaves over the {self.name}")}
 
     def readings(self, dim):
@@ -75,7 +75,7 @@ class Rim(AbstractOutlet):
 
 
 def energy(model: Model, state: State) -> Scalar:
-    """Energy of the water, kinetic, of compression and over its initial height, J (J/m in 2-D)."""
+    """Energy of the water, J (J/m in 2-D): kinetic, compression, and potential above the initial heights."""
     p = state.particles
     lifted = -model.g[-1] * (p.x[:, -1] - model.z0[p.id])
     return jnp.sum(p.m * (0.5 * jnp.sum(p.u**2, axis=1) + lifted)) + model.scheme.compression(p)

@@ -1,4 +1,4 @@
-"""Power take-offs of a body's pitch: moment against angle and angular velocity."""
+"""Power take-offs on a body's pitch: moment as a function of angle and angular velocity."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["AbstractRotationalPTO", "FreeHinge", "RotationalPTO"]
 
 
 class AbstractRotationalPTO(eqx.Module):
-    """Power take-off of a body's pitch: the moments about its pivot of dampers, springs and stops."""
+    """Power take-off on a body's pitch: moments of dampers, springs and stops about the pivot."""
 
     @abc.abstractmethod
     def entries(self, whose: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, by what they are; `whose`: the body's name."""
+        """Meaning of the energies that the power take-off books, by short name; `whose`: the body's name."""
 
     @abc.abstractmethod
     def moment(self, angle: Scalar, omega: Scalar) -> Scalar:
-        """Moment at the pitch `angle` (rad) and its velocity `omega` (rad/s), N m (per metre in 2-D).
+        """Moment at the pitch `angle` (rad) and pitch velocity `omega` (rad/s), N m (per metre in 2-D).
 
-        The linear damping is not in it.
+        It does not include the linear damping.
         """
 
     @abc.abstractmethod
@@ -71,7 +71,7 @@ class FreeHinge(AbstractRotationalPTO):
 
 
 class RotationalPTO(AbstractRotationalPTO):
-    """Power take-off of a flap's pitch: linear and Coulomb damping, a spring, and end stops.
+    """Power take-off on a flap's pitch: linear and Coulomb damping, a spring, and end stops.
 
     Yeylaghi et al. 2016, Eq. 21.
     """
@@ -79,11 +79,11 @@ class RotationalPTO(AbstractRotationalPTO):
     damping: Scalar
     """Linear damping coefficient, N m s/rad."""
     coulomb: Scalar
-    """Moment of the Coulomb damping, N m, reached smoothly within a hundredth of a rad/s."""
+    """Moment of the Coulomb damping, N m; it builds up smoothly over about 0.01 rad/s."""
     spring: Scalar
-    """Stiffness of the spring about the upright, N m/rad."""
+    """Stiffness of the spring, N m/rad; its moment is zero at zero pitch."""
     stop: Scalar
-    """Angle to either side at which the end stops begin, rad."""
+    """Pitch angle to either side at which the end stops begin, rad."""
     stop_stiffness: Scalar
     """Stiffness of the end stops, N m/rad."""
 
@@ -99,7 +99,7 @@ class RotationalPTO(AbstractRotationalPTO):
         return {"pto": Entry(f"power take-off of the {whose}", Exchange.HARVESTED)}
 
     def friction(self, omega: Scalar) -> Scalar:
-        """Moment of the Coulomb damping at the pitch's velocity omega (rad/s), N m."""
+        """Moment of the Coulomb damping at the pitch velocity `omega` (rad/s), N m."""
         return -self.coulomb * jnp.tanh(omega / 0.01)
 
     def restoring(self, angle: Scalar) -> Scalar:

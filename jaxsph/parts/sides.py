@@ -1,4 +1,4 @@
-"""Walls at both sides of a chamber: their inner faces, upright or leaning, and the water between them."""
+"""Walls on both sides of a chamber: their inner faces, upright or inclined, and the water between them."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar
 __all__ = ["Face", "Sides"]
 
 Face = float | Sequence[Sequence[float]] | np.ndarray
-"""Inner face of a wall: its x (m) where it is upright, or its corners (x, z) (m) from below upwards."""
+"""Inner face of a wall: its x (m) if it is upright, or its corners (x, z) (m) from the bottom up."""
 
 
 class Sides(eqx.Module):
-    """Inner faces of a chamber's two walls, each a line through its x at the same levels.
+    """Inner faces of a chamber's two walls, each a line through its x at common levels.
 
-    Below the lowest level and above the highest the faces go on upright.
+    Below the lowest level and above the highest the faces are upright.
     """
 
     z: Float[Array, " K"]
-    """Levels, rising, m."""
+    """Levels, in ascending order, m."""
     x0: Float[Array, " K"]
-    """Inner face of the front wall at these levels, m."""
+    """Position x of the front wall's inner face at these levels, m."""
     x1: Float[Array, " K"]
-    """Inner face of the back wall, m."""
+    """Position x of the back wall's inner face at these levels, m."""
     start: int = eqx.field(static=True)
-    """Index of the level from which water between the walls is counted."""
+    """Index of the level above which water between the walls is counted."""
 
     @classmethod
     def of(cls, front: Face, back: Face, low: float, start: float, high: float, dtype: Any) -> Sides:
-        """Builds the sides of two faces between the levels `low` and `high` (m), counted from `start` (m)."""
+        """Builds the sides from two faces, for levels from `low` to `high` (m); counts from `start` (m)."""
         corners = [np.atleast_2d(np.asarray(f, float)) for f in (front, back) if np.ndim(f)]
         between = [c[(c[:, 1] > low) & (c[:, 1] < high), 1] for c in corners]
         z = np.sort(np.concatenate([[low, start, high], *between]))
@@ -49,25 +49,25 @@ class Sides(eqx.Module):
         return cls(*leaves, start=int(np.searchsorted(z, start)))
 
     def at(self, z: Array) -> tuple[Array, Array]:
-        """Inner faces (m) of front and back wall at levels z (m)."""
+        """Positions x (m) of the inner faces of the front and the back wall at levels z (m)."""
         height = jnp.maximum(jnp.diff(self.z), 1e-9)
         share = jnp.clip((z[..., None] - self.z[:-1]) / height, 0.0, 1.0)
         x0, x1 = (x[0] + jnp.sum(share * jnp.diff(x), axis=-1) for x in (self.x0, self.x1))
         return x0, x1
 
     def between(self, x: Components, before: Scalar | float, behind: Scalar) -> Array:
-        """Mask of points x (m) between the walls, True up to `before` and `behind` (m) in front and back."""
+        """Mask of points x (m) between the walls, extended by `before` and `behind` (m) at front and back."""
         x0, x1 = self.at(x[-1])
         return (x[0] > x0 - before) & (x[0] < x1 + behind)
 
     def ends(self) -> tuple[Scalar, Scalar]:
-        """Least x (m) of the front wall's face and largest of the back wall's."""
+        """Smallest x (m) of the front wall's face, and largest x (m) of the back wall's face."""
         return jnp.min(self.x0), jnp.max(self.x1)
 
     def level(self, volume: Scalar) -> Scalar:
-        """Level (m) of a flat surface with this volume of water (m2) below it, down to the level `start`.
+        """Level (m) of a flat surface with this volume of water (m2) between it and the level `start`.
 
-        Between two levels the walls are straight, and the volume a quadratic of the height.
+        Between two levels the walls are straight, and the volume is a quadratic function of the height.
         """
         wide = self.x1 - self.x0
         cells = 0.5 * (wide[1:] + wide[:-1]) * jnp.diff(self.z)

@@ -24,7 +24,7 @@ class Sponge(AbstractDamper):
     name: str = eqx.field(static=True, default="sponge", kw_only=True)
 
     def entries(self):
-        """See `AbstractDamper`."""
+        """See `AbstractPart`."""
         return {self.name: Entry(f"energy taken by the {self.name}")}
 
     def damp(self, x, u, t, dt):

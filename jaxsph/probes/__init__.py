@@ -1,1 +1,1 @@
-"""Probes of a run: gauges, sensors, devices, energies, noise."""
+"""Probes of a run: gauges, sensors, readings of parts, energies, noise."""

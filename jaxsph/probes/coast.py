@@ -1,4 +1,4 @@
-"""Probes of waves at a solid that does not move: the water that goes over its crest, and up its face."""
+"""Probes of waves at a fixed solid: overtopping of its crest and run-up on its face."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from jaxsph.model.probe import AbstractProbe
 __all__ = ["OvertoppingProbe", "RunUpProbe"]
 
 HALF_WIDTH = 2.0
-"""Half the width over the spacing of the stretch in which water that goes over a crest is measured."""
+"""Half-width over the spacing (-) of the stretch in which the flow over a crest is measured."""
 
 
 class OvertoppingProbe(AbstractProbe):
-    """Probe of the water that waves throw over the crest of a solid, per metre of the crest.
+    """Probe of the water that overtops the crest of a solid, per metre of crest.
 
-    `overtopped` is what is behind the crest beyond that at the start: what has gone over it, less what has
-    come back or left the tank. `overtopping` is the flow above the crest at the sample.
+    `overtopped` is the increase of the water behind the crest since the start: the water that has gone over
+    it, less the water that has come back or left the tank. `overtopping` is the flow above the crest at the
+    sample.
     """
 
     crest: Scalar
-    """Place x of the crest's landward end, m."""
+    """Position x of the crest's landward end, m."""
     top: Scalar
     """Level of the crest, m."""
     still: Scalar
@@ -32,10 +33,10 @@ class OvertoppingProbe(AbstractProbe):
     """Name of the solid."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         del tables
         x, V = columns(state.particles.x), model.scheme.volume(state.particles) / model.walls.width
-        # half a spacing wide, as a gauge's ends: one particle's passage is no jump
+        # the edge is one spacing wide, so that the passage of one particle causes no jump
         share = jnp.clip((x[0] - self.crest) / model.dx + 0.5, 0.0, 1.0)
         near = jnp.clip(HALF_WIDTH - jnp.abs(x[0] - self.crest) / model.dx + 0.5, 0.0, 1.0)
         above = jnp.where(x[-1] > self.top - 0.5 * model.dx, near, 0.0)
@@ -46,8 +47,8 @@ class OvertoppingProbe(AbstractProbe):
         }
 
     def describe(self):
-        """See `AbstractProbe`."""
-        behind = f"water behind the crest of the {self.solid} beyond that at the start, per metre of it"
+        """See `AbstractProbe.describe`."""
+        behind = f"increase of the water behind the crest of the {self.solid}, per metre of crest"
         return {
             f"overtopped_{self.solid}": Reading("m2", behind),
             f"overtopping_{self.solid}": Reading("m2 s-1", f"flow over the crest of the {self.solid}"),
@@ -55,31 +56,31 @@ class OvertoppingProbe(AbstractProbe):
 
 
 class RunUpProbe(AbstractProbe):
-    """Probe of the level up to which water wets the seaward face of a solid, over still water (m).
+    """Probe of the highest level of water on the seaward face of a solid, above still water (m).
 
-    Water wets it within a spacing of its surface.
+    Water within a spacing of the face wets it.
     """
 
     crest: Scalar
-    """Place x of the crest's landward end, m, where the face ends."""
+    """Position x of the crest's landward end, where the face ends, m."""
     still: Scalar
-    """Level of still water, m."""
+    """Still water level, m."""
     solid: str = eqx.field(static=True)
     """Name of the solid, one of the model's bodies."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         del tables
         (body,) = (body for body in model.bodies if body.name == self.solid)
         x = state.particles.x
         wets = body.distance(state.parts[self.solid], x) < model.dx
         wets &= (x[:, 0] < self.crest) & (state.particles.m > 0.0)
         highest = jnp.max(jnp.where(wets, x[:, -1], -jnp.inf))
-        # half of a particle is above its middle; a dry face is wet down to its foot
+        # half of a particle is above its centre; for a dry face the level is z = 0
         level = jnp.where(jnp.isfinite(highest), highest + 0.5 * model.dx, 0.0)
         return {f"run_up_{self.solid}": level - self.still}
 
     def describe(self):
-        """See `AbstractProbe`."""
-        words = f"highest level of water on the face of the {self.solid}, over still water"
+        """See `AbstractProbe.describe`."""
+        words = f"highest level of water on the face of the {self.solid}, above still water"
         return {f"run_up_{self.solid}": Reading("m", words)}

@@ -1,4 +1,4 @@
-"""Default probes of a model, which follow from its parts."""
+"""Default probes of a model, chosen by its parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DEFAULT = (EnergyProbe, NoiseProbe, PartProbe)
 
 
 def default_probes(model: Model, state: State, sample_dt: float) -> tuple[AbstractProbe, ...]:
-    """Probes of a model's energies, noise and parts; energies count from `state`.
+    """Default probes: energies relative to `state`, noise, and the readings of the model's parts.
 
     `sample_dt`: time between samples, s.
     """

@@ -1,4 +1,4 @@
-"""Probe of a run's energy budget: energies stored in the water and in bodies, powers exchanged and lost."""
+"""Probe of a run's energy budget: energy stored in water and bodies, power exchanged, and power lost."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["EnergyProbe", "per_metre"]
 
 
 class EnergyProbe(AbstractProbe):
-    """Probe of the energies stored since the initial state, powers, largest speed and limiters at work.
+    """Probe of the energy stored since the initial state, powers, the largest speed and active limiters.
 
-    Powers of the ledger are means over every step since the last sample; those of viscosity and density
-    diffusion are taken at the sample. The energy that a power take-off takes is read by its device's probe.
+    Powers from the ledger are means over all steps since the last sample. The powers of viscosity and density
+    diffusion are values at the sample. The power of a power take-off is in the probe of its part.
     """
 
     sample_dt: Scalar
@@ -26,9 +26,9 @@ class EnergyProbe(AbstractProbe):
     compression0: Scalar
     """Compression energy of the initial state, J (J/m in 2-D)."""
     potential0: Scalar
-    """Potential energy of the initial state in the body forces and of the bodies, J (J/m in 2-D)."""
+    """Potential energy of the initial state: of water in the body forces, and of bodies, J (J/m in 2-D)."""
     entries: tuple[tuple[str, Entry], ...] = eqx.field(static=True)
-    """Energies of the model's ledger: names and meanings."""
+    """Energies in the model's ledger: names and meanings."""
     limiters: tuple[tuple[str, str], ...] = eqx.field(static=True)
     """Limiters of the model's scheme: names, and what each does to a particle."""
     dim: int = eqx.field(static=True, default=2)
@@ -36,7 +36,7 @@ class EnergyProbe(AbstractProbe):
 
     @classmethod
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
-        """Builds the probe of energies counted from `state`, for samples `sample_dt` (s) apart."""
+        """Builds the probe with energies relative to `state`, for samples `sample_dt` (s) apart."""
         entries, limiters = tuple(model.entries().items()), tuple(model.scheme.limiters().items())
         compression0 = model.scheme.compression(state.particles)
         potential0 = jnp.asarray(cls.held(model, state)[1], model.dt.dtype)
@@ -46,7 +46,7 @@ class EnergyProbe(AbstractProbe):
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
         """Kinetic energy of the bodies, and potential energy of water and bodies, J (J/m in 2-D).
 
-        The water's is that in the body forces beside gravity.
+        The potential energy of the water is that in the body forces, without gravity.
         """
         kinetic = potential = 0.0
         for force in model.forces:
@@ -57,7 +57,7 @@ class EnergyProbe(AbstractProbe):
         return kinetic, potential
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         p = state.particles
         speed2 = dot(columns(p.u), columns(p.u))
         lost = model.scheme.dissipation(model, state, tables)
@@ -85,10 +85,10 @@ class EnergyProbe(AbstractProbe):
         }
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         energy, power = per_metre("J", self.dim), per_metre("W", self.dim)
         mean = "mean since the last sample"
-        given = "power of paddles, driven bodies and body forces on the water"
+        given = "power given to the water by paddles, driven bodies and body forces"
         return {
             "kinetic": Reading(energy, "kinetic energy", group="energy"),
             "potential": Reading(energy, "potential energy over the initial state", group="energy"),
@@ -110,5 +110,5 @@ class EnergyProbe(AbstractProbe):
 
 
 def per_metre(units: str, dim: int) -> str:
-    """Units of an amount of the whole tank, which in two dimensions is per metre of its width."""
+    """Units of a quantity of the whole tank, which in two dimensions is per metre of width."""
     return f"{units} m-1" if dim == 2 else units

@@ -1,4 +1,4 @@
-"""Gauges of the surface elevation: by a column's volume, a wire's wet length or interpolated density."""
+"""Gauges of the surface elevation: by column volume, wet length of a wire, or interpolated density."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from jaxsph.parts.paddle import column_depth
 
 
 class WaveGauge(AbstractProbe):
-    """Gauge of the surface elevation (m) at any x, by the volume of a water column across the tank."""
+    """Gauge of the surface elevation (m) at any x, from the volume of a water column across the tank."""
 
     x: Float[Array, " k"]
     """Positions of the gauges along the tank, m."""
     still: Float[Array, " k"]
-    """Depth (m) that the gauge reads where the elevation is zero."""
+    """Depth that the gauge reads at zero elevation, m."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         x, V = columns(state.particles.x), model.scheme.volume(state.particles) / model.walls.width
         period = model.scheme.smoothing.period
 
@@ -33,30 +33,30 @@ class WaveGauge(AbstractProbe):
         return {"eta": depth - self.still}
 
     def describe(self):
-        """See `AbstractProbe`."""
-        return {"eta": Reading("m", "surface elevation over the still water level", "gauge")}
+        """See `AbstractProbe.describe`."""
+        return {"eta": Reading("m", "surface elevation above the still water level", "gauge")}
 
     def coordinates(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.coordinates`."""
         return places(self.x[:, None], "gauge", "gauge, from the paddle at rest", "x")
 
 
 class InterpolatedGauge(AbstractProbe):
-    """Gauge of the surface elevation (m) at points, by the density along a vertical line of them.
+    """Gauge of the surface elevation (m), from the density along a vertical line of points.
 
     The surface is at the highest level at which the density is half the water's (Yeylaghi et al. 2016,
-    section 4.3.2, which does not say which share of it).
+    section 4.3.2, which does not specify this share).
     """
 
     x: Float[Array, "k H"]
     """Horizontal coordinates of the gauges, m."""
     levels: Float[Array, " L"]
-    """Heights of the interpolation points, m, upwards."""
+    """Heights of the interpolation points, m, in ascending order."""
     still: Scalar
-    """Height (m) from which the elevation counts."""
+    """Height that counts as zero elevation, m."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         p, V = state.particles, model.scheme.volume(state.particles)
         smoothing, dim = model.scheme.smoothing, state.particles.x.shape[1]
 
@@ -74,45 +74,45 @@ class InterpolatedGauge(AbstractProbe):
             above = jnp.minimum(top + 1, self.levels.shape[0] - 1)
             on = (share[top] - 0.5) / jnp.maximum(share[top] - share[above], 1e-6)
             z = self.levels[top] + on * (self.levels[above] - self.levels[top])
-            return jnp.where(jnp.any(wet), z, 0.0)  # a dry bed: the surface is on it
+            return jnp.where(jnp.any(wet), z, 0.0)  # a dry bed: the surface is at z = 0
 
         return {"eta_interpolated": jax.lax.map(at, self.x) - self.still}
 
     def describe(self):
-        """See `AbstractProbe`."""
-        what = "surface elevation at the point, by interpolated density"
+        """See `AbstractProbe.describe`."""
+        what = "surface elevation at the point, from interpolated density"
         return {"eta_interpolated": Reading("m", what, "surface_point")}
 
     def coordinates(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.coordinates`."""
         return places(self.x, "surface_point", "point", "xy"[: self.x.shape[1]])
 
 
 class WireGauge(AbstractProbe):
-    """Gauge of the surface elevation (m) at points, by the length of a vertical wire that is wet.
+    """Gauge of the surface elevation (m) at points, from the wet length of a vertical wire.
 
-    A resistance gauge reads that length: a splash counts by the water in it, not by its top, and a dry bed
-    reads a depth of zero. The share of water along the wire is sum_j V_j W(x - x_j), whose integral over the
-    height is sum_j V_j W'(x - x_j), with a Gaussian W' of the horizontal distance, of the smoothing length
-    1.2 dx. A plane surface reads exactly, and a wave of wavenumber k less its share 0.36 (k dx)^2. Beside
-    a wall the wire reads the surface as it is up to 0.7 dx away from it, and within 2.5 dx of a plate it sees
-    the water behind the plate too.
+    A resistance gauge reads this length: a splash counts by the water in it, not by its top, and a dry bed
+    reads a depth of zero. The share of water along the wire is sum_j V_j W(x - x_j). Its integral over the
+    height is sum_j V_j W'(x - x_j), where W' is a Gaussian of the horizontal distance with a smoothing length
+    of 1.2 dx. A plane surface is read exactly; a wave of wavenumber k is read too low by the share
+    0.36 (k dx)^2. Beside a wall the wire reads the elevation at up to 0.7 dx from the wall. Within 2.5 dx of
+    a plate it also sees the water behind the plate.
     """
 
     x: Float[Array, "k H"]
     """Horizontal coordinates of the wires, m."""
     still: Float[Array, " k"]
-    """Depth (m) that a wire reads where the elevation is zero."""
+    """Depth that a wire reads at zero elevation, m."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         x, V = columns(state.particles.x)[:-1], model.scheme.volume(state.particles)
         walls, period, h = model.walls, model.scheme.smoothing.period, 1.2 * model.dx
 
         def depth(point):
             away = nearest_image(tuple(a - b for a, b in zip(x, point, strict=True)), period)
             near = jnp.exp(-sum((a / h) ** 2 for a in away)) / (jnp.sqrt(jnp.pi) * h) ** len(x)
-            inside = jnp.ones_like(h)  # the share of the Gaussian that is not behind a wall
+            inside = jnp.ones_like(h)  # share of the Gaussian that is not behind a wall
             for b, low, high, side in zip(point, walls.low, walls.high, walls.sides, strict=False):
                 if side != "periodic":
                     inside = inside * 0.5 * (jax.lax.erf((high - b) / h) - jax.lax.erf((low - b) / h))
@@ -121,10 +121,10 @@ class WireGauge(AbstractProbe):
         return {"eta_wire": jax.lax.map(depth, self.x) - self.still}
 
     def describe(self):
-        """See `AbstractProbe`."""
-        what = "surface elevation at the point, by the wet length of a wire"
+        """See `AbstractProbe.describe`."""
+        what = "surface elevation at the point, from the wet length of a wire"
         return {"eta_wire": Reading("m", what, "surface_point")}
 
     def coordinates(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.coordinates`."""
         return places(self.x, "surface_point", "point", "xy"[: self.x.shape[1]])

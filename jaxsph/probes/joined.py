@@ -1,4 +1,4 @@
-"""Readings of several probes as one: no two may share a name."""
+"""Readings of several probes in one mapping; their names must differ."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ V = TypeVar("V")
 def measured(
     probes: Sequence[AbstractProbe], model: Model, state: State, tables: Tables
 ) -> dict[str, jax.Array]:
-    """Readings of all probes, by name, with "time" (s). **Raises** ValueError for a name that two have."""
+    """Readings of all probes, by name, with "time" (s). **Raises** ValueError if two have the same name."""
     found = (probe.measure(model, state, tables) for probe in probes)
     return _joined({"time": model.time(state)}, probes, found)
 
@@ -38,8 +38,8 @@ def _joined(
         for name, value in readings.items():
             if name in joined:
                 raise ValueError(
-                    f"the reading {name!r} is of two probes, {owner[name]} and {type(probe).__name__}: give "
-                    "the parts that they read names of their own, or leave one of the probes out"
+                    f"the reading {name!r} belongs to two probes, {owner[name]} and {type(probe).__name__}: "
+                    "give the parts that they read different names, or leave out one of the probes"
                 )
             joined[name], owner[name] = value, type(probe).__name__
     return joined

@@ -1,4 +1,4 @@
-"""Probe of the particles' own noise: what a velocity differs by from the flow of its neighbours."""
+"""Probe of the particles' noise: the difference of each velocity from the flow of the neighbours."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from jaxsph.model.state import State, Tables
 __all__ = ["NoiseProbe"]
 
 REACH = 3.0
-"""Distance over the spacing within which neighbours take part in a fit (-)."""
+"""Distance over the spacing within which neighbours are used in a fit (-)."""
 
 
 WIDTH = 1.5
@@ -32,18 +32,18 @@ WIDTH = 1.5
 class NoiseProbe(AbstractProbe):
     """Probe of the noise of the particles: RMS of their velocities less the flow around them, m/s.
 
-    The flow around a particle is a linear function of position, fitted by least squares to the velocities of
-    its neighbours within 3 dx and its own, with weights exp(-(r/(1.5 dx))^2). Neighbours are those of the
-    scheme's tables: where the kernel's support is less than 3 dx, that is as far as the fit goes.
+    The flow around a particle is a linear function of position, fitted by least squares to its own velocity
+    and those of its neighbours within 3 dx, with weights exp(-(r/(1.5 dx))^2). The neighbours are those of
+    the scheme's tables: a kernel with a support of less than 3 dx limits the fit to this support.
 
-    Only water counts, without what has left over a rim. A particle whose neighbours are too few, or on a line
-    (in three dimensions on a plane), has no fit and takes no part in the noise; it does so at once, where
-    the determinant of the neighbours' covariance over dx^2, about 1 in the water and 0.2 or 0.1 in a corner,
-    is `pairs.LEAST_DETERMINANT` or less.
+    Only water inside the tank counts, not water that has left over a rim. A particle with too few neighbours,
+    or with all of them on a line (in three dimensions a plane), has no fit and is left out of the noise. This
+    is a sharp criterion: the determinant of the neighbours' covariance over dx^2 is at most
+    `pairs.LEAST_DETERMINANT`. It is about 1 in the water and 0.2 or 0.1 in a corner.
     """
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         p = state.particles
         water = p.m > 0.0
         away, fitted = deviation(model, state, tables)
@@ -51,7 +51,7 @@ class NoiseProbe(AbstractProbe):
         return {"noise": _rms(away, water & fitted), "rms_speed": _rms(u, water)}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         fit = "a linear fit over their neighbours"
         return {
             "noise": Reading("m s-1", f"noise: RMS of the particles' velocities less {fit}"),
@@ -60,7 +60,7 @@ class NoiseProbe(AbstractProbe):
 
 
 def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, Bool[Array, " N"]]:
-    """Velocity of every particle less the fit to its neighbours', m/s, and where there is such a fit."""
+    """Velocity of every particle less the fit to its neighbours, m/s, and mask of particles with a fit."""
     p, dx, smoothing = state.particles, model.dx, model.scheme.smoothing
     reach2 = jnp.minimum(REACH * dx, smoothing.radius) ** 2
     water = {"x": columns(p.x), "u": columns(p.u), "counts": (p.m > 0.0).astype(p.m.dtype)}
@@ -69,14 +69,14 @@ def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, B
         w = jnp.where(pair.r2 < reach2, j["counts"] * jnp.exp(-pair.r2 / (WIDTH * dx) ** 2), 0.0)
         there = tuple(-r / dx for r in pair.r)
         first = tuple(w * a for a in there)
-        # differences to the particle's own velocity: the fit of a fast flow would lose its noise to rounding
+        # relative to the particle's own velocity: in a fast flow the noise would be lost to rounding
         faster = tuple(b - a for a, b in zip(i["u"], j["u"], strict=True))
         carried = tuple((w * f, tuple(a * f for a in first)) for f in faster)
         return w, first, outer_upper(first, there), carried
 
     sources = Sources(water, {})
     weight, first, second, carried = tables.fluid.of_water().sum(moments, smoothing, water, sources)
-    weight = weight + 1.0  # the particle's own, which adds nothing to the other moments
+    weight = weight + 1.0  # the particle itself, which contributes nothing to the other moments
     centre = tuple(a / weight for a in first)
     spread = tuple(a / weight - b for a, b in zip(second, outer_upper(centre, centre), strict=True))
     inverse = symmetric_inverse(spread)
@@ -92,7 +92,7 @@ def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, B
 
 
 def _rms(vector: Components, counted: Bool[Array, " N"]) -> Scalar:
-    """RMS of a vector field over the particles that are counted, in its unit; 0 where none is."""
+    """RMS of a vector field over the `counted` particles, in its unit; 0 if there are none."""
     square = jnp.sum(jnp.where(counted, dot(vector, vector), 0.0)) / jnp.maximum(jnp.sum(counted), 1)
-    moves = square > 0.0  # the root has no slope at zero, and at rest a derivative must be a number
+    moves = square > 0.0  # the root has no derivative at zero; at rest derivatives must be finite
     return jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)

@@ -1,4 +1,4 @@
-"""Probe of any part of a model: what the part reads of itself, and the power of its power take-off."""
+"""Probe of any part of a model: the part's readings, and the power of its power take-off."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["PartProbe"]
 
 
 class PartProbe(AbstractProbe):
-    """Probe of a part, such as a chamber or a body: its readings, and the power that is taken from it."""
+    """Probe of a part, for example a chamber or a body: its readings, and the power that its PTO absorbs."""
 
     sample_dt: Scalar
     """Time between samples, s."""
@@ -23,17 +23,17 @@ class PartProbe(AbstractProbe):
     meanings: tuple[tuple[str, Reading], ...] = eqx.field(static=True)
     """Readings of the part: names and meanings."""
     harvest: tuple[str, ...] = eqx.field(static=True)
-    """Names in the ledger of the energies that its power take-off takes."""
+    """Ledger names of the energies that its power take-off absorbs."""
     dim: int = eqx.field(static=True)
     """Number of dimensions."""
 
     @classmethod
     def of(cls, part: AbstractPart, sample_dt: Scalar, dim: int) -> PartProbe:
-        """Builds the probe of a part, for samples `sample_dt` (s) apart in so many dimensions."""
+        """Builds the probe of a part, for samples `sample_dt` (s) apart in `dim` dimensions."""
         return cls(sample_dt, part.name, tuple(part.readings(dim).items()), part.harvest(), dim)
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         del tables
         part = next(part for part in model.parts if part.name == self.part)
         p, scheme = state.particles, model.scheme
@@ -42,7 +42,7 @@ class PartProbe(AbstractProbe):
         return {**part.read(state.parts.get(part.name), sampled), **powers}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         what = "power taken by the PTO, mean since the last sample"
         power = Reading(per_metre("W", self.dim), what)
         return {**dict(self.meanings), **{f"power_{name}": power for name in self.harvest}}

@@ -1,4 +1,4 @@
-"""Sensors of the water's pressure and velocity at points, by interpolation between its particles."""
+"""Sensors of the water's pressure and velocity at points, interpolated between the particles."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from jaxsph.model.state import State
 
 
 class PressureProbe(AbstractProbe):
-    """Sensor of the water's gauge pressure (Pa) at fixed points, interpolated; zero away from the water."""
+    """Sensor of the water's gauge pressure (Pa) at fixed points, interpolated; zero outside the water."""
 
     x: Float[Array, "k D"]
     """Positions of the sensors, m."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         pressure = model.pressure(state)
 
         def carried(r):
-            # each particle's pressure is first carried to the sensor's height, with the hydrostatic slope
+            # first extrapolate each particle's pressure to the sensor with the hydrostatic gradient
             return pressure[:, None] + model.scheme.rho0 * (r @ model.g)[:, None]
 
         return {"pressure": _interpolated(self.x, model, state, carried)[:, 0]}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         return {"pressure": Reading("Pa", "gauge pressure at the sensor", "sensor")}
 
     def coordinates(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.coordinates`."""
         return places(self.x, "sensor", "sensor", _axes(self.x))
 
 
 class BodyPressureProbe(AbstractProbe):
-    """Sensor of the water's gauge pressure (Pa) at points that move with a body, as `PressureProbe`."""
+    """Sensor of the water's gauge pressure (Pa) at points that move with a body, see `PressureProbe`."""
 
     x: Float[Array, "k D"]
     """Positions of the sensors on the body at rest, m."""
@@ -48,45 +48,45 @@ class BodyPressureProbe(AbstractProbe):
     """Index of the body in `Model.bodies`."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         body = model.bodies[self.which]
         moved = PressureProbe(body.carry(state.parts[body.name], self.x))
         return {"body_pressure": moved.measure(model, state, tables)["pressure"]}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         return {"body_pressure": Reading("Pa", "gauge pressure at the body's sensor", "body_sensor")}
 
     def coordinates(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.coordinates`."""
         return places(self.x, "body_sensor", "sensor on the body at rest", _axes(self.x))
 
 
 class VelocityProbe(AbstractProbe):
-    """Sensor of the water's velocity (m/s) at fixed points, interpolated; zero away from the water."""
+    """Sensor of the water's velocity (m/s) at fixed points, interpolated; zero outside the water."""
 
     x: Float[Array, "k D"]
     """Positions of the sensors, m."""
 
     def measure(self, model, state, tables):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.measure`."""
         found = _interpolated(self.x, model, state, lambda _: state.particles.u)
         return {f"velocity_{axis}": found[:, k] for k, axis in enumerate(_axes(self.x))}
 
     def describe(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.describe`."""
         return {
-            f"velocity_{a}": Reading("m s-1", f"velocity of the water at the point along {a}", "point")
+            f"velocity_{a}": Reading("m s-1", f"velocity of the water along {a} at the point", "point")
             for a in _axes(self.x)
         }
 
     def coordinates(self):
-        """See `AbstractProbe`."""
+        """See `AbstractProbe.coordinates`."""
         return places(self.x, "point", "point", _axes(self.x))
 
 
 def _axes(x: Float[Array, "k D"]) -> str:
-    """Letters of the axes of points."""
+    """Letters of the coordinate axes of points."""
     return "xz" if x.shape[1] == 2 else "xyz"
 
 
@@ -104,5 +104,5 @@ def _interpolated(points: Float[Array, "k D"], model: Model, state: State, field
         near = jnp.sum(w)
         return jnp.where(near > 0.2, (w @ field(r)) / jnp.maximum(near, 0.2), 0.0)
 
-    # one point after the other: side by side they would take an array of points times particles
+    # one point after the other: all at once would need an array of points times particles
     return jax.lax.map(at, points)

@@ -1,1 +1,1 @@
-"""What is run, whoever made it: a model with its readings and results, and how it is made again."""
+"""Problems to run: a model with its readings and results, and the source from which it can be rebuilt."""

@@ -1,4 +1,4 @@
-"""Problem: what is run, whoever made it."""
+"""Problem to run: a model with its initial state, probes and results."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from jaxsph.problem.trouble import Remedies
 class Problem:
     """Problem to run: a model, its initial state, its probes, when they sample, and the results to compute.
 
-    `Case.problem()` makes one, and so may any function of yours: `jaxsph run FILE:FUNCTION` runs it, with
-    a file, `resume`, `sweep` and a page, as it does a case.
+    `Case.problem()` builds one, and so can any function of yours: `jaxsph run FILE:FUNCTION` runs it like a
+    case, with a file, `resume`, `sweep` and a page.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class Problem:
         results: Sequence[Result] = (),
         **more: Any,
     ) -> None:
-        """**Arguments**: `model`, `state` as `assemble` gives them for samples `sample_dt` (s) apart; `t1`:
-        end of the run, s; `probes`: by default those of the model's parts; `results`: those to compute from
-        the record beside its energy balance and noise. By name, too: `snapshot_dt`, time between two
-        snapshots, s, by default five samples; `name`, after which files are called; `description`;
-        `averaging`, which part of the record means are taken over; `mean_of_power`, results that slopes may
-        be taken of; `remedies`, what to change where a run of it fails.
-        **Raises** CaseError for times that do not fit, and for two probes with a reading of one name.
+        """**Arguments**: `model` and `state`, from `assemble` with the same `sample_dt`; `sample_dt`: time
+        between samples, s; `t1`: end of the run, s; `probes`: by default those of the model's parts;
+        `results`: results to compute in addition to the energy balance and noise. Also, by name:
+        `snapshot_dt`, time between snapshots, s, by default five samples; `name`, used for names of files;
+        `description`; `averaging`, part of the record over which means are taken; `mean_of_power`, results
+        that can be differentiated; `remedies`, what to change if a run fails.
+        **Raises** CaseError for times that do not fit, and if two probes have a reading of the same name.
         """
         self.model, self.state = model, state
         self.sample_dt, self.t1 = float(sample_dt), float(t1)
@@ -80,7 +80,7 @@ class Problem:
         steps = self.sample_dt / float(self.model.dt)
         if abs(steps - round(steps)) > 1e-3 * steps:
             raise CaseError(
-                f"sample_dt = {self.sample_dt:g} s: is {steps:.4g} time steps of the model, and must be a "
+                f"sample_dt = {self.sample_dt:g} s: is {steps:.4g} time steps of the model, but must be a "
                 "whole number of them: give assemble and Problem the same sample_dt"
             )
         try:
@@ -96,12 +96,12 @@ class Problem:
         t1: float | None = None,
         **parts: Any,
     ) -> Problem:
-        """The same problem with other parts of its model, and with further probes and results.
+        """The same problem with some parts of its model replaced, and with further probes and results.
 
-        **Arguments**: `parts`: whole fields of `Model` by name, such as `chambers`, `dampers`, `moving` or
-        `scheme`; the water begins with the pressures that it had. `t1`: another end, s.
-        **Raises** CaseError for no such field, parts that do not go together, and a scheme that is not stable
-        at the model's time step.
+        **Arguments**: `parts`: new values of whole fields of `Model`, by name, for example `chambers`,
+        `dampers`, `moving` or `scheme`; the water keeps its initial pressures. `t1`: new end of the run, s.
+        **Raises** CaseError for an unknown field, parts that do not fit together, or a scheme that is not
+        stable at the model's time step.
         """
         changed = copy.copy(self)
         changed.model = _with_parts(self.model, parts)
@@ -115,13 +115,13 @@ class Problem:
 
     @property
     def results(self) -> tuple[Result, ...]:
-        """Results to compute from the record: those that every problem has, and its own."""
+        """Results to compute from the record: those of every problem, and those added to this one."""
         energy = energy_result(self.model, not isinstance(self.averaging, WholeRecord))
         return energy, noise_result, *self._results, oscillation_result(self.model, self.averaging)
 
     @property
     def sample_every(self) -> int:
-        """Number of time steps between two samples; the time step divides the sampling interval."""
+        """Number of time steps between two samples: a whole number, as the constructor checks."""
         return round(self.sample_dt / float(self.model.dt))
 
     @property
@@ -131,18 +131,22 @@ class Problem:
 
     @property
     def labels(self) -> dict[str, Label]:
-        """Labels that the results bring with them, by name."""
+        """Labels of the results, by name."""
         return {name: label for one in self.results for name, label in one.labels.items()}
 
     def summary(
         self, solution: Solution, seconds: float, steps: int, since: float = 0.0
     ) -> tuple[dict[str, float], tuple[str, ...]]:
-        """Scalars of a run that has ended, and notices: see `summary_of`."""
+        """Scalar results and notices of a completed run: see `summary_of`."""
         return summary_of(solution, self.results, self.averaging, seconds, steps, since)
 
     def _energy_of(self, of: str) -> MeanOfRecord:
-        """Energy that the power take-offs take from the start to t1, J (J/m in 2-D)."""
+        """Energy absorbed by the power take-offs from the start to t1, J (J/m in 2-D)."""
         known = [*self.labels, "energy_pto"]
+        if of in self.labels:
+            raise CaseError(
+                f"of = {of!r}: one run gives the derivative of energy_pto only; use method=js.Ensemble()"
+            )
         if of != "energy_pto":
             raise CaseError(f"of = {of!r}: must be one of {', '.join(known)}")
         if not harvested(self.model):
@@ -151,14 +155,14 @@ class Problem:
 
 
 def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
-    """The model with some of its parts exchanged.
+    """The model with some of its parts replaced.
 
-    **Raises** CaseError for a name that a model does not have, and for parts that do not go together.
+    **Raises** CaseError for an unknown field, parts that do not fit together, or an unstable time step.
     """
     fields = [field.name for field in dataclasses.fields(Model)]
     for name in parts:
         if name not in fields:
-            raise CaseError(f"{name}: is no part of a model, which has {', '.join(fields)}")
+            raise CaseError(f"{name}: is not a field of the model, which has {', '.join(fields)}")
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in parts.items()}
     changed = dataclasses.replace(model, **given)
     try:
@@ -169,17 +173,17 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
     stable = changed.scheme.stable_dt(g, len(changed.g))
     if dt > 1.001 * stable:
         raise CaseError(
-            f"scheme: is stable with steps of at most {stable:.3g} s, and the model's are {dt:.3g} s: make "
+            f"scheme: is stable with time steps up to {stable:.3g} s, but the model's are {dt:.3g} s: build "
             "the problem with shorter time steps"
         )
     return changed
 
 
 def _begun(model: Model, before: Model, state: State) -> State:
-    """The state that a model begins with, from that of the model before."""
+    """Initial state of a changed model, from the state of the model `before` the change."""
     dtype = state.particles.x.dtype
     old, new = part_states(before, dtype), part_states(model, dtype)
-    # a part that begins as it did keeps what the problem made of its beginning
+    # a part whose own initial state is unchanged keeps the state that the problem gave it
     same = [name for name in new if name in old and eqx.tree_equal(new[name], old[name]) is True]
     parts = new | {name: state.parts[name] for name in same}
     ledger = {name: state.ledger.get(name, Tally.zero(dtype)) for name in model.entries()}
@@ -192,8 +196,8 @@ def _begun(model: Model, before: Model, state: State) -> State:
 
 
 def energy_of_power(sample_dt: float) -> MeanOfRecord:
-    """Energy (J, J/m in 2-D) of a whole record of power with samples `sample_dt` (s) apart."""
-    # a reading is the mean since the one before it: none for the first
+    """Energy (J, J/m in 2-D) from a whole record of power with samples `sample_dt` (s) apart."""
+    # a reading is the mean since the previous one; the first has no interval
     total = PowerMean(lambda power: float(np.sum(power)) * sample_dt)
     return lambda *_: total
 
@@ -206,10 +210,10 @@ def summary_of(
     steps: int,
     since: float = 0.0,
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Scalars of a run that has ended, and notices: what they mean, and why some could not be made.
+    """Scalar results of a completed run, and notices: on their meaning, and on results that failed.
 
-    **Arguments**: wall time (s) and the steps that it took; `since`: see `Record`. A result that cannot be
-    made is absent: nothing here may cost a run its end.
+    **Arguments**: wall time `seconds` (s) for the last `steps`; `since`: see `Record`. A result that fails is
+    left out, so that nothing here can prevent a run from completing.
     """
     series = solution.series
     results = {
@@ -225,7 +229,7 @@ def summary_of(
     for one in made:
         try:
             new = {name: float(value) for name, value in one.make(record).items()}
-        except Exception as error:  # whatever it is: the series are worth more than any scalar
+        except Exception as error:  # any error: the series must be kept even if a scalar fails
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             notices.append(f"no result for the {one.what}: {kind}{error}")
         else:

@@ -1,4 +1,4 @@
-"""Program: a function of a user's file that makes a problem, with values for its arguments."""
+"""Program: a function in a user's file that builds a problem, with values for its arguments."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import difflib
 import hashlib
 import importlib.util
 import inspect
+import marshal
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -18,19 +19,19 @@ from jaxsph.problem.problem import Problem
 from jaxsph.problem.toml import toml_text
 
 _loaded: dict[str, ModuleType] = {}
-"""Files that were imported already, by their path."""
+"""Modules of the files imported so far, by path."""
 
 VALUES = bool | int | float | str
-"""Types that an argument may have, or a list of them: those that a file can keep."""
+"""Types that an argument, or an element of a list, may have: those that a file can store."""
 
 
 class Program:
     """Function that returns a `Problem`, and values for its arguments: `jaxsph run FILE:FUNCTION`."""
 
     def __init__(self, function: Callable[..., Problem], arguments: Mapping[str, Any] | None = None) -> None:
-        """**Arguments**: values by name for those of the function's arguments that are not to have their
-        defaults. **Raises** CaseError for an argument that there is not, has no value, or cannot be kept in
-        a file (numbers, texts, and lists of them can).
+        """**Arguments**: `arguments`: values by name; the function's other arguments have their defaults.
+        **Raises** CaseError for an unknown argument, one without a value, or one that a file cannot store
+        (it stores numbers, booleans, strings and lists of these).
         """
         self.name = function.__name__
         self._function, self._place = function, _place_of(function)
@@ -38,22 +39,22 @@ class Program:
 
     @classmethod
     def load(cls, place: str, arguments: Mapping[str, Any] | None = None) -> Program:
-        """Program of "FILE.py:FUNCTION". **Raises** CaseError where there is none, or importing it fails."""
+        """Program of "FILE.py:FUNCTION". **Raises** CaseError if it does not exist or cannot be imported."""
         return cls(_function_at(place), arguments)
 
     def __repr__(self) -> str:
-        """The call that makes the problem."""
+        """The function call that builds the problem."""
         return f"{self.place}({', '.join(f'{k}={v!r}' for k, v in self.arguments.items())})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A worker elsewhere imports the file anew."""
+        """Pickles the place, so that a worker process imports the file itself."""
         if self._place:
             return Program.load, (self._place, self.arguments)
         return Program, (self._function, self.arguments)
 
     @property
     def place(self) -> str:
-        """Where the function is, "FILE.py:FUNCTION"; its name alone for one that no file can be asked for."""
+        """Place of the function, "FILE.py:FUNCTION"; its name alone if it cannot be imported from a file."""
         return self._place or self.name
 
     @property
@@ -63,7 +64,7 @@ class Program:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the file that the function is in, or of its own text; empty where there is none."""
+        """SHA-256 of the function's file, or of its own source text; empty if the file cannot be read."""
         try:
             text = (
                 Path(self._place.rpartition(":")[0]).read_bytes() if self._place else _text_of(self._function)
@@ -73,7 +74,7 @@ class Program:
         return hashlib.sha256(text).hexdigest()
 
     def problem(self) -> Problem:
-        """Calls the function. **Raises** CaseError where it raises, or returns no `Problem`."""
+        """Calls the function. **Raises** CaseError if the function fails or does not return a `Problem`."""
         try:
             made = self._function(**self.arguments)
         except CaseError as error:
@@ -84,33 +85,33 @@ class Program:
             raise CaseError(f"{self}: raised {type(error).__name__}: {error} ({where})") from error
         if not isinstance(made, Problem):
             raise CaseError(
-                f"{self}: returned {_kind(made)}: must be a js.Problem, such as js.Problem(model, state, "
-                "sample_dt, t1)"
+                f"{self}: returned {_kind(made)}: must be a js.Problem, for example js.Problem(model, "
+                "state, sample_dt, t1)"
             )
         if made.name == "assembled":
             made.name = self.name
         return made
 
     def replace(self, changes: Mapping[str, Any]) -> Program:
-        """A copy with arguments changed, by name; None gives one its default back. **Raises** CaseError."""
+        """Copy with arguments changed, by name; None restores defaults. **Raises** CaseError as `Program`."""
         wanted = {k: v for k, v in {**self.arguments, **changes}.items() if v is not None}
         return Program(self._function, wanted)
 
     def value(self, name: str) -> Any:
-        """Value of an argument. **Raises** CaseError where the function has none of this name."""
+        """Value of an argument. **Raises** CaseError if the function has no argument `name`."""
         if name not in self.arguments:
             raise CaseError(_unknown(self, name, self.arguments))
         return self.arguments[name]
 
     def to_toml(self) -> str:
-        """Name of the file and the function, digest and arguments of the program, as TOML text."""
+        """Names of file and function, digest and arguments of the program, as TOML text."""
         place = self.place.replace("\\", "/").rpartition("/")[2]
         words = (inspect.getdoc(self._function) or "").partition("\n")[0]
         about = {"name": self.name, "description": words, "program": place, "digest": self.digest}
         return toml_text(about | {"arguments": self.arguments})
 
     def roughness(self, name: str) -> str:
-        """See `Source`: whether an argument moves the lattice is seen when it is tried."""
+        """See `Source.roughness`: unknown until it is tried, hence empty."""
         del name
         return ""
 
@@ -118,11 +119,11 @@ class Program:
 def _arguments(
     program: Program, function: Callable[..., Problem], given: Mapping[str, Any]
 ) -> dict[str, bool | int | float | str | list[Any]]:
-    """Values of all arguments of a function by name. **Raises** CaseError, see `Program`."""
+    """Values of all arguments of a function, by name. **Raises** CaseError: see `Program`."""
     known = inspect.signature(function).parameters
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     if unnamed := [name for name, one in known.items() if one.kind not in kinds]:
-        raise CaseError(f"{program.place}: {', '.join(unnamed)}: every argument must have a name of its own")
+        raise CaseError(f"{program.place}: {', '.join(unnamed)}: every argument must be one passed by name")
     for name in given:
         if name not in known:
             raise CaseError(_unknown(program, name, known))
@@ -136,21 +137,22 @@ def _arguments(
 
 
 def _plain(program: Program, name: str, value: Any, default: Any) -> Any:
-    """A value as a file keeps it; a whole number for an argument whose default is no whole one is a float."""
+    """Value in the form in which a file stores it; an integer becomes a float if the default is a float."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
         return [_plain(program, name, part, None) for part in value]
     if not isinstance(value, VALUES):
         raise CaseError(
-            f"{program.place}: {name} = {value!r}: must be a number, a text, true or false, or a list of them"
+            f"{program.place}: {name} = {value!r}: must be a number, a string, true or false, or a list of "
+            "these"
         )
     whole = isinstance(value, int) and not isinstance(value, bool)
     return float(value) if whole and isinstance(default, float) else value
 
 
 def _unknown(program: Program, name: str, known: Mapping[str, Any]) -> str:
-    """Words for an argument that a function does not have."""
+    """Message for an argument that a function does not have."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     meant = f"; did you mean {near[0]!r}?" if near else ""
     return f"{program.place}: has no argument {name!r}{meant} (it has {', '.join(known) or 'none'})"
@@ -161,15 +163,16 @@ def _kind(value: Any) -> str:
 
 
 def _text_of(function: Callable[..., Problem]) -> bytes:
-    """Text of a function, empty where Python does not know it."""
+    """Source text of a function, or its compiled code if Python cannot find the text."""
     try:
         return inspect.getsource(function).encode()
     except (OSError, TypeError):
-        return b""
+        code = getattr(function, "__code__", None)
+        return b"" if code is None else marshal.dumps(code)
 
 
 def _place_of(function: Callable[..., Problem]) -> str:
-    """Where another process finds a function, "FILE.py:FUNCTION"; empty where it cannot."""
+    """Place where another process can import a function, "FILE.py:FUNCTION"; empty if it cannot."""
     file = inspect.getsourcefile(function) if inspect.isfunction(function) else None
     if file is None or not Path(file).is_file() or function.__qualname__ != function.__name__:
         return ""
@@ -177,11 +180,11 @@ def _place_of(function: Callable[..., Problem]) -> str:
 
 
 def _function_at(place: str) -> Callable[..., Problem]:
-    """Function of "FILE.py:FUNCTION", its file imported once. **Raises** CaseError."""
+    """Function at "FILE.py:FUNCTION"; its file is imported once. **Raises** CaseError as `Program.load`."""
     text, _, name = place.rpartition(":")
     file = Path(text).resolve()
     if not text.endswith(".py") or not name.isidentifier():
-        raise CaseError(f"{place!r}: must be FILE.py:FUNCTION, such as buoy.py:buoy")
+        raise CaseError(f"{place!r}: must be FILE.py:FUNCTION, for example buoy.py:buoy")
     if not file.is_file():
         raise CaseError(f"{text}: there is no such file")
     try:
@@ -202,10 +205,10 @@ def _function_at(place: str) -> Callable[..., Problem]:
 
 
 def _import(file: Path) -> ModuleType:
-    """Module of a file; it finds the files beside it, as a script does."""
+    """Module of a file, which can import files in its folder, as a script can."""
     if str(file.parent) not in sys.path:
         sys.path.insert(0, str(file.parent))
-    # a name of its own: `buoy.py` may not hide a module called buoy that is installed
+    # a unique name: `buoy.py` must not hide an installed module called buoy
     name = f"jaxsph_program_{hashlib.sha256(str(file).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None, "a .py file has a loader"

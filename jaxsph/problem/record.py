@@ -1,4 +1,4 @@
-"""Record of a run, the part of it that means are taken over, and the scalars made from it."""
+"""Record of a run, the window over which means are taken, and the scalar results computed from it."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ Scalars = Mapping[str, float]
 
 
 class Window(NamedTuple):
-    """Part of a record over which every mean of a run is taken."""
+    """Part of a record over which all means of a run are taken."""
 
     over: NDArray[np.bool_]
-    """Mask of its samples; the first begins the window, and the means before it are not in it."""
+    """Mask of the samples. The first one starts the window; its reading, the mean before it, is not in it."""
     periods: int = 0
-    """Whole periods in the window; 0 where none has settled, and the window is all of the record."""
+    """Number of whole periods in the window; 0 if none has settled and the window is the whole record."""
     left_out: int = 0
-    """Periods before the window that the waves had reached, and in which the record still had a trend."""
+    """Number of periods left out before the window: the waves had arrived, but the record had a trend."""
 
 
 class Record(NamedTuple):
-    """Record of a run: what its results are made from."""
+    """Record of a run, from which its results are computed."""
 
     solution: Solution
     """Series of the whole run, its model and its last state."""
     window: Window
     """Part of the series over which means are taken."""
     since: float
-    """Time of the last change of the problem in the course of its run, s."""
+    """Time of the last change of the problem during its run, s."""
     results: Scalars = MappingProxyType({})
-    """Results that were made before this one."""
+    """Results computed before this one, by name."""
 
     @property
     def t(self) -> NDArray[np.float64]:
@@ -48,23 +48,23 @@ class Record(NamedTuple):
         return self.solution.t
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Series of the reading called `name`, over the whole run."""
+        """Series of the reading `name` over the whole run."""
         return self.solution[name]
 
 
 class Result(NamedTuple):
-    """Scalars made from a run's record, such as a period or an efficiency."""
+    """Scalars computed from a run's record, for example a period or an efficiency."""
 
     make: Callable[[Record], Scalars]
-    """Results by name. What it raises is told in a notice, and costs no other result."""
+    """Function that returns results by name. If it fails, a notice says so; other results remain."""
     labels: Mapping[str, Label] = MappingProxyType({})
-    """Label of each result: its words, unit and meaning."""
+    """Label of each result: text, unit and meaning."""
     what: str = "result"
-    """What is made, in the words of the notice that says why it could not be."""
+    """Name of what is computed, for the notice that explains a failure."""
 
 
 class RegularWave(NamedTuple):
-    """Regular waves that were asked for."""
+    """Regular waves as specified."""
 
     T: float
     """Period, s."""
@@ -76,41 +76,41 @@ class AbstractAveraging(eqx.Module):
     """Choice of the part of a record over which means are taken."""
 
     def regular_wave(self) -> RegularWave | None:
-        """Regular waves whose whole periods the window holds; None for a sea, or no waves."""
+        """Regular waves of which the window holds whole periods; None for a sea or without waves."""
         return None
 
     @abc.abstractmethod
     def window(self, t: NDArray[np.float64], powers: Sequence[np.ndarray], since: float) -> Window:
-        """Window of a record; `powers`: series that must have settled in it; `since`: see `Record`."""
+        """Window of a record with times t (s); `powers`: series that must settle; `since`: see `Record`."""
 
     def notices(self, record: Record, results: Scalars) -> list[str]:
-        """What a reader of the means should know."""
+        """Notices that a reader of the means should see."""
         del record, results
         return []
 
 
 class WholeRecord(AbstractAveraging):
-    """Means over the whole record, from the run's last change on."""
+    """Means over the whole record after the last change during the run."""
 
     def window(self, t, powers, since):
-        """See `AbstractAveraging`."""
-        # a sample is a mean over the interval before it: `since` is a sample
+        """See `AbstractAveraging.window`."""
+        # a sample is the mean over the interval before it, so the sample at `since` starts the window
         return Window(t >= since - 1e-9)
 
 
 class PowerMean(NamedTuple):
-    """A result that is linear in the power, over a part of a record that does not depend on the slope."""
+    """Result that is linear in the power, over a window of the record that is kept fixed for slopes."""
 
     of_power: Callable[[np.ndarray], float]
-    """The result of the power take-offs' power (W; W/m in 2-D) at the record's times."""
+    """Function from the power of the power take-offs (W; W/m in 2-D) at the record's times to the result."""
     incident: Callable[..., float] = lambda _: 1.0
-    """Incident power (W/m) over the same time of what is run, changed; an efficiency is over it."""
+    """Function from a changed source to its incident power (W/m) over the same time, for an efficiency."""
 
 
 MeanOfRecord = Callable[[np.ndarray, np.ndarray], PowerMean]
-"""Mean of a record's power, by its times (s) and its power (W; W/m in 2-D)."""
+"""Function from the times (s) and the power (W; W/m in 2-D) of a record to a `PowerMean`."""
 
 
 def harvested(model: Model) -> list[str]:
-    """Names of the series of the powers that power take-offs take, by the model's ledger."""
+    """Names of the series of power absorbed by power take-offs, from the model's ledger."""
     return [f"power_{n}" for n, entry in model.entries().items() if entry.exchange is Exchange.HARVESTED]

@@ -1,5 +1,5 @@
-"""Results that every problem has: its energy balance, the noise of its particles, and in regular waves the
-amplitudes of what its parts let swing."""
+"""Results that every problem has: its energy balance, the noise of its particles and, in regular waves, the
+amplitudes of its oscillating parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jaxsph.problem.record import AbstractAveraging, Record, RegularWave, Result
 
 
 def energy_result(model: Model, averaged: bool) -> Result:
-    """Energy balance of a model over the window, and of the whole record where means are `averaged`."""
+    """Energy balance of a model over the window and, if means are `averaged`, also over the whole record."""
     unit = "J/m" if len(model.g) == 2 else "J"
     words = {n: f"  {entry.long_name}" for n, entry in model.entries().items()}
     labels = {f"energy_{n}": Label(text, unit, "", Group.NUMERICS) for n, text in words.items()}
@@ -26,7 +26,7 @@ def energy_result(model: Model, averaged: bool) -> Result:
 
 
 def _energy(averaged: bool, record: Record) -> Scalars:
-    """Energy balance: a paddle gives and takes back far more than its waves keep, hence whole periods."""
+    """Energy balance over the window: whole periods, as a paddle takes back most of the energy it gives."""
     names, series = harvested(record.solution.model), record.solution.series
     over = {name: values[record.window.over] for name, values in series.items()}
     results = {f"energy_{name}": value for name, value in analysis.energy_budget(over, names).items()}
@@ -37,20 +37,20 @@ def _energy(averaged: bool, record: Record) -> Scalars:
 
 
 def _noise(record: Record) -> Scalars:
-    """Noise of the particles over their speed, both RMS over settled whole periods where there are some, or
-    over the last tenth of the record; none for water that does not move."""
+    """Noise of the particles over their speed, both RMS over the settled whole periods, or over the last
+    tenth of the window if there are none; empty for water at rest."""
     series, window = record.solution.series, record.window
     if "noise" not in series:
         return {}
     last = slice(-max(int(np.sum(window.over)) // 10, 1), None)
     over = window.over if window.periods else last
-    # in double precision: the squares of small speeds are nothing in single
+    # in double precision: squares of small speeds underflow in single precision
     noise, speed = (np.linalg.norm(np.float64(series[name][over])) for name in ("noise", "rms_speed"))
     return {"noise": float(noise / speed)} if speed > 0.0 else {}
 
 
 noise_result = Result(_noise, what="noise")
-"""Noise of the particles over their speed."""
+"""Noise of the particles over their speed (-)."""
 
 
 def amplitude(name: str) -> str:
@@ -59,19 +59,19 @@ def amplitude(name: str) -> str:
 
 
 LINEAR = "linear_"
-"""Beginning of the name of a result by linear theory."""
+"""Prefix of the names of results by linear theory."""
 
 
 def linear(name: str) -> str:
-    """Name of the result of linear theory beside the one called `name`."""
+    """Name of the result of linear theory that corresponds to the result `name`."""
     return f"{LINEAR}{name}"
 
 
 def oscillation_result(model: Model, averaging: AbstractAveraging) -> Result:
-    """Amplitudes of what a model's parts let swing in regular waves, over whole settled periods.
+    """Amplitudes of a model's oscillating parts in regular waves, over whole settled periods.
 
-    An amplitude is that of the first harmonic, by least squares. It is over that of the incident waves as the
-    gauges measured them, or as they were asked for where no gauges tell them from the reflected ones.
+    An amplitude is that of the first harmonic, by least squares. Ratios are to the amplitude of the incident
+    waves as measured by the gauges, or as specified if no gauges separate incident and reflected waves.
     """
     wave = averaging.regular_wave()
     if wave is None:
@@ -82,7 +82,7 @@ def oscillation_result(model: Model, averaging: AbstractAveraging) -> Result:
 
 
 def _swinging(model: Model) -> Iterator[tuple[str, Oscillation]]:
-    """What a model's parts let swing, by name."""
+    """Oscillations of the model's parts, by name."""
     for part in model.parts:
         yield from part.oscillations(len(model.g)).items()
 
@@ -90,7 +90,7 @@ def _swinging(model: Model) -> Iterator[tuple[str, Oscillation]]:
 def _asked_of(
     name: str, one: Oscillation, size: float = 0.0, mean: float = 0.0, wave: float = 1.0
 ) -> dict[str, tuple[Label, float]]:
-    """Results of what swings: label and value, from its amplitude, its mean and the waves' amplitude."""
+    """Results of an oscillation, label and value by name, from its amplitude, mean and the wave amplitude."""
     found = {amplitude(name): (Label(f"{one.text}: amplitude", one.unit, "first harmonic"), size)}
     if one.over_waves:
         unit = "" if one.unit == "m" else f"{one.unit} per m"
@@ -101,7 +101,7 @@ def _asked_of(
 
 
 def _oscillations(wave: RegularWave, record: Record) -> Scalars:
-    """Amplitudes, means and ratios to the waves' amplitude; none without a whole period."""
+    """Amplitudes, means and ratios to the wave amplitude; empty without a whole period."""
     window, results = record.window, {}
     if not window.periods:
         return results

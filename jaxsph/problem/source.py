@@ -1,4 +1,4 @@
-"""Source of a problem: what it is made of, so that it can be made again with other values."""
+"""Source of a problem, from which it can be rebuilt with other values."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from jaxsph.problem.problem import Problem
 
 @runtime_checkable
 class Source(Protocol):
-    """What a problem is made of: a case's keys, or a function and its arguments."""
+    """Source of a problem: a case with its keys, or a function with its arguments."""
 
     @property
     def name(self) -> str:
-        """Name, after which files are called."""
+        """Name of the source, used for names of files."""
         ...
 
     def problem(self) -> Problem:
-        """Makes the problem. **Raises** CaseError where it cannot be made."""
+        """Builds the problem. **Raises** CaseError if it cannot be built."""
         ...
 
     def replace(self, changes: dict[str, Any]) -> Self:
-        """A copy with values changed, by name; None removes one. **Raises** CaseError."""
+        """Copy with values changed, by name; None removes a value. **Raises** CaseError if it is refused."""
         ...
 
     def value(self, name: str) -> Any:
-        """Value called `name`; None where it is not given. **Raises** CaseError where there is none."""
+        """Value called `name`; None if it is not given. **Raises** CaseError if there is no such name."""
         ...
 
     def to_toml(self) -> str:
-        """All that makes the problem, as TOML text, which a file keeps."""
+        """All that defines the problem, as TOML text to store in a file."""
         ...
 
     def roughness(self, name: str) -> str:
-        """Why the model may not depend smoothly on a value; empty where it does, or where that is not known
-        before it is tried."""
+        """Reason why the model may not depend smoothly on a value; empty if it does, or if only a test can
+        tell."""
         ...
 
 
 def identity(text: str) -> dict[str, Any]:
-    """Values of a source by dotted name, from its TOML text: two are the same where these are."""
+    """Values of a source by dotted name, from its TOML text; equal values mean equal sources."""
     return _flat(tomllib.loads(text))
 
 

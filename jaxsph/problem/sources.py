@@ -1,4 +1,4 @@
-"""Sources of what users give in the place of a problem: a case, a function, or a problem itself."""
+"""Sources of all that a user may run: a case, a function that returns a problem, or a problem."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jaxsph.problem.toml import toml_text
 
 
 class Assembled:
-    """Source of a problem that was put together in a program: it is what it is, and is not made again."""
+    """Source of a problem that is already built; its values can no longer be changed."""
 
     def __init__(self, problem: Problem) -> None:
         """**Arguments**: the problem."""
@@ -29,24 +29,27 @@ class Assembled:
         return self._problem
 
     def replace(self, changes: dict[str, Any]) -> Assembled:
-        """See `Source`: **raises** CaseError, for a value that has been spent cannot change."""
-        raise CaseError(f"{', '.join(changes)}: the problem {self.name!r} is made already: give its function")
+        """See `Source.replace`: always **raises** CaseError, since the problem is built."""
+        raise CaseError(
+            f"{', '.join(changes)}: the problem {self.name!r} is already built and cannot change: give the "
+            "function that builds it"
+        )
 
     def value(self, name: str) -> Any:
-        """See `Source`."""
+        """See `Source.value`."""
         return self.replace({name: None})
 
     def to_toml(self) -> str:
-        """See `Source`."""
+        """See `Source.to_toml`."""
         return toml_text({"name": self.name, "program": ""})
 
     def roughness(self, name: str) -> str:
-        """See `Source`."""
-        return f"the problem {self.name!r} is made already"
+        """See `Source.roughness`."""
+        return f"the problem {self.name!r} is already built"
 
 
 def source_of(given: Any) -> Source:
-    """Source of a case, a problem, or a function that returns one. **Raises** CaseError for anything else."""
+    """Source of a case, a problem, or a function that returns a problem. **Raises** CaseError otherwise."""
     if isinstance(given, Problem):
         return Assembled(given)
     if isinstance(given, Source):
@@ -54,5 +57,6 @@ def source_of(given: Any) -> Source:
     if callable(given):
         return Program(cast(Callable[..., Problem], given))
     raise CaseError(
-        f"{type(given).__name__}: cannot be run: give a js.Case, a js.Problem, or a function that returns one"
+        f"{type(given).__name__}: cannot be run: give a js.Case, a js.Problem, or a function that returns a "
+        "js.Problem"
     )

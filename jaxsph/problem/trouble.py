@@ -1,4 +1,4 @@
-"""What stops a run, and what its problem's maker can change about it."""
+"""Reasons why a run stops, and what to change in its problem."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from collections.abc import Mapping
 
 @enum.unique
 class Trouble(enum.Enum):
-    """Why a run had to stop. The values say what to change in a problem that someone has put together; a case
-    knows its keys for it."""
+    """Reason why a run had to stop.
+
+    The value is the advice for a problem built in Python; a case names its own keys instead (`Remedies`).
+    """
 
     OVER_RIM = "make the tank higher"
-    """A particle has left over the tank's rim."""
+    """A particle has left the tank over its rim."""
     THROUGH_WALL = "take shorter time steps, or a smaller spacing"
     """A particle is inside a solid."""
     TOO_FAST = "build the scheme for a higher speed, or take shorter time steps"
@@ -22,11 +24,11 @@ class Trouble(enum.Enum):
     NOT_CONVERGED = "take shorter time steps, or give the scheme a solver with a larger tolerance"
     """A solution for the pressure did not converge."""
     TOO_DENSE = "build the walls with another filling, such as MirrorNodes"
-    """The images of the water at a wall have no room."""
+    """There are more images of the water at a wall than rows for them."""
     NO_TABLES = "take a smaller spacing, or shorter time steps"
     """The neighbour tables cannot be kept."""
 
 
 Remedies = Mapping[Trouble, str]
-"""What to change about some troubles; for others the values of `Trouble` hold. `{higher}` in a remedy of
-`OVER_RIM` stands for a sufficient height, m."""
+"""What to change, by trouble; the default is the value of `Trouble`. In the remedy of `OVER_RIM`, `{higher}`
+stands for a sufficient height, m."""

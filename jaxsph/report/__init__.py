@@ -1,1 +1,1 @@
-"""Pages of runs and sweeps for a browser: a file with everything in it, and a page of a run that goes on."""
+"""Pages of runs and sweeps for a browser: self-contained files, and a live page of a run in progress."""

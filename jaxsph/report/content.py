@@ -1,4 +1,4 @@
-"""Contents of a page about a run: what was run, its results in words, warnings, series over time, spectra."""
+"""Contents of a page about a run: its description, labelled results, warnings, series over time, spectra."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from jaxsph.report.labels import in_order, in_words, is_flat, label_of, short
 from jaxsph.report.pack import Pack
 
 MOST_SAMPLES = 6000
-"""Samples of a line above which it is drawn through the extremes of every few of them."""
+"""Number of samples above which a line is drawn only through the extremes of groups of samples."""
 NOISY, UNBOOKED, FEW = 0.15, 0.03, 5
-"""Noise of the particles (-), share of the energy not accounted for (-), and periods averaged, beyond and
-below which a page warns."""
+"""Limits for warnings on a page: largest noise of the particles (-), largest share of the energy that is not
+accounted for (-), and smallest number of averaged periods."""
 EXTREMES = {"chamber_level": "level", "flow": "q", "P_a": "P_a_peak"}
-"""Series of a chamber, and the amplitude that linear theory has for each."""
+"""Series of a chamber, and for each the name of its amplitude in `LinearOWC`."""
 PANELS = {
     "eta": "Elevation at the gauges",
     "chamber_level": "Level in the chamber",
@@ -42,13 +42,13 @@ PANELS = {
     "surge": "Surge of the body",
     "heave": "Heave of the body",
     "pitch": "Pitch of the body, positive landward",
-    "body_force": "The water's force on the body, and its moment",
+    "body_force": "Force and moment of the water on the body",
     "pressure": "Pressure at the sensors",
     "velocity": "Velocity at the sensors",
     "surface": "Free surface",
     "paddle": "Displacement of the paddle",
     "max_speed": "Largest speed of a particle",
-    "noise": "Noise of the particles, and their RMS speed",
+    "noise": "Noise of the particles and their RMS speed",
 }
 """Titles of the panels over time, by the series that each shows, in the order of the page."""
 UNSHOWN = (
@@ -61,13 +61,13 @@ UNSHOWN = (
     "rms_speed",
     "limited",
 )
-"""Series without a panel: what another one shows as well, and counts of the scheme's limiters."""
+"""Series without a panel: those that another panel shows, and counts of the scheme's limiters."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
-"""Series whose values run along with the particles."""
+"""Series whose current values are shown while the particles are played back."""
 
 
 def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[str, Any]:
-    """What a page shows of a run, finished or not. **Raises** FileError where it cannot be read."""
+    """Contents of a page about a run, finished or not. **Raises** FileError if the run cannot be read."""
     keys, series = run.case_keys(), run.series()
     case = _case_of(keys)
     results = run.results()
@@ -92,7 +92,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
 
 
 def _case_of(keys: dict[str, Any]) -> Case | None:
-    """Case of a run's file; None where this version does not know all of it."""
+    """Case of a run's file; None if this version does not know all its keys."""
     try:
         return Case.from_dict(keys)
     except CaseError:
@@ -101,9 +101,9 @@ def _case_of(keys: dict[str, Any]) -> Case | None:
 
 def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) -> list[tuple[str, str]]:
     numbers = run.numbers()
-    rows = [("spacing of the particles", f"{numbers['dx'][0]:g} m")] if "dx" in numbers else []
+    rows = [("particle spacing", f"{numbers['dx'][0]:g} m")] if "dx" in numbers else []
     if "particles" in numbers:
-        rows.append(("particles of water", f"{numbers['particles'][0]:.0f}"))
+        rows.append(("water particles", f"{numbers['particles'][0]:.0f}"))
     if "dt" in numbers:
         rows.append(("time step", f"{numbers['dt'][0]:.4g} s"))
     scheme = keys.get("scheme", {}).get("kind")
@@ -122,22 +122,22 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
 
 
 def _theory(case: Case | None) -> list[tuple[str, str]]:
-    """Row that says why no linear theory of a case's chambers is drawn; none where it is."""
+    """Row that explains why no linear theory is drawn for a case's chambers; empty if it is drawn."""
     why = "" if case is None else why_no_theory(case)
-    return [("linear theory", f"none is drawn: {why}")] if why else []
+    return [("linear theory", f"not drawn: {why}")] if why else []
 
 
 def _warnings(
     keys: dict[str, Any], case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> list[str]:
-    """What a reader should know before a number of the page is believed."""
+    """Warnings about the reliability of the numbers on a page."""
     reached = series["time"][-1] if len(series.get("time", ())) else 0.0
     noise, residual = results.get("noise", 0.0), results.get("energy_residual_share", 0.0)
     periods = results.get("periods", FEW)
     rules = [
         (
             str(keys.get("description", "")).startswith(COARSE),
-            "This run is coarse, for a first look: its numbers are not for a design.",
+            "This run is coarse, for a first look: do not use its numbers for a design.",
         ),
         (
             not results,
@@ -145,19 +145,19 @@ def _warnings(
         ),
         (
             noise > NOISY,
-            f"The particles are noisy: their velocities scatter by {noise:.2g} of their speed about their "
-            f"neighbours' ({NOISY:g} is much). Take a smaller dx, or look where it comes from: colour the "
-            "particles by noise.",
+            f"The particles are noisy: their velocities deviate from those of neighbours by {noise:.2g} of "
+            f"their speed (limit: {NOISY:g}). Reduce dx, or colour the particles by noise to see where it "
+            "comes from.",
         ),
         (
             abs(residual) > UNBOOKED,
             f"The energy budget does not close: {100 * residual:+.1f} % of the work is not accounted for "
-            f"({100 * UNBOOKED:g} % is much).",
+            f"(limit: {100 * UNBOOKED:g} %).",
         ),
         (
-            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice of the run says so
-            f"Results are averaged over {periods:.0f} periods only: raise t1, so that the waves have settled "
-            "for longer.",
+            0 < periods < FEW and not results.get("periods_left_out"),  # otherwise a notice says so
+            f"Results are averaged over {periods:.0f} periods only: raise t1, so that more settled periods "
+            "can be averaged.",
         ),
         (
             bool(results and keys.get("waves")) and not {"periods", "E_inc"} & set(results),
@@ -191,7 +191,7 @@ def _result_rows(
 
 
 def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
-    """What a page begins with: the first result of the device, and linear theory's; None without any."""
+    """Main result at the top of a page: the first of the device, with linear theory; None without results."""
     if not rows or rows[0]["group"] != Group.DEVICE:
         return None
     expected = next((row["value"] for row in rows if row["name"] == linear(rows[0]["name"])), "")
@@ -199,7 +199,7 @@ def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
 
 
 def _standard_error(results: dict[str, float]) -> float | None:
-    """Standard error of the efficiency: a sea's own, or that of a mean over regular waves' periods."""
+    """Standard error of the efficiency: of the mean over periods of regular waves, or as given for a sea."""
     if "xi_scatter" in results and "periods" in results:
         return results["xi_scatter"] / max(results["periods"], 1.0) ** 0.5
     return results.get("xi_error")
@@ -214,7 +214,7 @@ def panels(
 ) -> list[dict[str, Any]]:
     """Panels over time: title, unit, and lines with their names, times and values.
 
-    **Arguments**: `expected`: levels that linear theory has for a series, drawn dashed.
+    **Arguments**: `expected`: levels predicted by linear theory, by series, drawn as dashed lines.
     """
     if len(series.get("time", ())) < 2:
         return []
@@ -237,8 +237,8 @@ def panels(
 
 
 def _titles(series: Iterable[str], variables: Mapping[str, Variable]) -> dict[str, str]:
-    """Titles of the panels by series: those that the page knows, those of parts with names of their own, and
-    what else is read."""
+    """Titles of the panels by series: the series of `PANELS`, the same series of a named part, and any other
+    reading with its long name."""
     found = {name: title for name, title in PANELS.items() if name in series}
     for name in series:
         if name in found or name == "time" or variables[name].group != "series" or _is_of(name, UNSHOWN):
@@ -254,7 +254,7 @@ def _titles(series: Iterable[str], variables: Mapping[str, Variable]) -> dict[st
 
 
 def _is_of(name: str, names: Iterable[str]) -> bool:
-    """Whether a series is one of those named, or that of a part with a name of its own."""
+    """Whether a series has one of these names, also if the name of a part follows."""
     return any(name == one or name.startswith(f"{one}_") for one in names)
 
 
@@ -285,7 +285,7 @@ def _columns(
 
 
 def _line(label: str, t: np.ndarray, values: np.ndarray, pack: Pack) -> dict[str, Any]:
-    """Line of a panel; a long one is drawn through the extremes of every few samples."""
+    """Line of a panel; a long line is reduced to the extremes of groups of samples."""
     every = -(-2 * len(t) // MOST_SAMPLES)
     if every > 2:
         t, values = extremes_of(t, values, every)
@@ -293,7 +293,7 @@ def _line(label: str, t: np.ndarray, values: np.ndarray, pack: Pack) -> dict[str
 
 
 def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of the least and the largest of every so many samples, in the order of time."""
+    """Times and values of the smallest and largest of every `every` samples, in the order of time."""
     whole = len(t) // every * every
     groups = values[:whole].reshape(-1, every)
     pick = np.sort(np.stack([np.argmin(groups, axis=1), np.argmax(groups, axis=1)], axis=1), axis=1)
@@ -305,7 +305,7 @@ def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarr
 def _extremes(
     case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> dict[str, list[float]]:
-    """Levels of linear theory by series: extremes of a chamber in regular waves, its mean power in any."""
+    """Levels of linear theory by series: mean power of a chamber; in regular waves also its extremes."""
     if case is None or "chamber_level" not in series:
         return {}
     try:
@@ -321,7 +321,7 @@ def _extremes(
 def _spectrum(
     case: Case | None, series: dict[str, np.ndarray], coordinates: dict[str, Any], pack: Pack
 ) -> list[dict[str, Any]]:
-    """Spectra of a sea's incident and reflected waves with the one asked for; of others at the gauges."""
+    """Spectra of incident, reflected and target waves of a sea; for other waves, of gauges and chamber."""
     if len(series.get("time", ())) < 64:
         return []
     of_sea = None if case is None else _of_sea(case, series, pack)
@@ -342,12 +342,12 @@ def _spectrum(
 
 
 def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, Any] | None:
-    """Spectrum of an irregular sea; None for other waves, and where gauges do not tell its parts apart."""
+    """Spectrum of an irregular sea; None for other waves, or if incident waves cannot be separated."""
     if case.waves is None or case.waves.kind != "irregular" or "eta" not in series:
         return None
     try:
         t = series["time"]
-        # a whole repetition, or what there is of it, since the run's last change: there the series begin
+        # one repetition, or its recorded part, after the run's last change, where the series begin
         over = settled_window(case, t, (), float(t[0])).over
         sea = two_way_sea(case, t[over], series["eta"][over], Geometry.of(case).depth)
     except ValueError:
@@ -357,7 +357,7 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
     lines = [
         {"name": "incident", "f": f, "S": sea.incident.S},
         {"name": "reflected", "f": f, "S": sea.reflected.S},
-        {"name": "asked for", "f": f, "S": asked.density(np.maximum(f, 1e-9)), "dash": True},
+        {"name": "target spectrum", "f": f, "S": asked.density(np.maximum(f, 1e-9)), "dash": True},
     ]
     band = {"f": pack.array(f), "low": pack.array(low), "high": pack.array(high)}
     about = f"Hm0 = {sea.incident.Hm0:.3g} m, reflection {sea.coefficient:.2g}; {100 * WITHIN:g} % band"
@@ -365,7 +365,7 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
 
 
 def _spectral(title: str, lines: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
-    """Spectrum of a page up to the frequency beyond which a thousandth of the variance lies."""
+    """Spectrum for a page, up to a frequency slightly above 99.9 % of the variance."""
     top = 0.0
     for line in lines:
         share = np.cumsum(line["S"]) / max(float(np.sum(line["S"])), 1e-300)

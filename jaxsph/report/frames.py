@@ -1,7 +1,7 @@
-"""Particles of a run for playback: places and fields of its snapshots, in few bytes.
+"""Particles of a run for playback: positions and fields of its snapshots, in a compact form.
 
-Places are whole numbers from 0 to 65534 over the tank, 65535 where a particle is not seen; fields are whole
-numbers from 0 to 255 over their range. Between two frames differences are kept, which compress well.
+Positions are integers from 0 to 65534 over the tank, or 65535 for a particle that is not shown. Fields are
+integers from 0 to 255 over their range. Differences between frames are stored, because they compress well.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.report.pack import Pack
 
 MOST = 1_200_000
-"""Largest number of particles times frames in a page: some 5 MB."""
+"""Largest number of particles times frames in a page, about 5 MB."""
 LEAST_FRAMES = 24
-"""Number of frames below which a page does not go to save room: it shows fewer particles then."""
+"""Smallest number of frames to which a page is reduced; beyond that it shows fewer particles."""
 UNSEEN = 65535
 
 
 class LocalFlow(NamedTuple):
-    """Velocities about each particle of a plane, as a linear field over its neighbours."""
+    """Flow around each particle, from a linear fit to the velocities of its neighbours."""
 
     vorticity: np.ndarray
     """Vorticity across the picture, du/dz - dw/dx, 1/s, positive clockwise with x to the right."""
     noise: np.ndarray
-    """Distance of the particle's velocity from the field, m/s."""
+    """Difference between the particle's velocity and the fit, m/s."""
 
 
 def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> LocalFlow:
     """Least-squares linear fit of velocities `[N, D]` (m/s) of the particles at x `[N, D]` (m).
 
-    **Arguments**: `rows`: particles about which it is fitted; by default each of them.
+    **Arguments**: `rows`: indices of the particles at which the fit is made; by default all.
     """
     at, own = (x, u) if rows is None else (x[rows], u[rows])
     if len(x) < x.shape[1] + 2:
@@ -49,7 +49,7 @@ def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> 
 
 @dataclass(frozen=True)
 class Field:
-    """Quantity by which a page colours particles: its label with the unit, and matplotlib's colours."""
+    """Quantity by which a page colours particles: label with unit, and matplotlib colour map."""
 
     label: str
     colours: str
@@ -57,7 +57,7 @@ class Field:
     signed: bool = False
 
     def limits(self, values: list[np.ndarray]) -> tuple[float, float]:
-        """Range of colours: all but the outermost values, from zero or about it."""
+        """Range of the colours up to the 99.5th percentile, from zero, or symmetric about zero if signed."""
         joined = np.abs(np.concatenate([v[np.isfinite(v)] for v in values]))
         high = float(np.percentile(joined, 99.5)) if joined.size else 0.0
         high = high or 1.0
@@ -73,15 +73,15 @@ FIELDS = {
 
 
 class Frames:
-    """Snapshots of a run as a page plays them back; remembers those that it has read."""
+    """Snapshots of a run for playback on a page; each snapshot is read only once."""
 
     def __init__(self, run: RunFile) -> None:
-        """**Arguments**: the run, which may go on."""
+        """**Arguments**: `run`: the run, which may still be in progress."""
         self.run = run
         self._known: dict[int, dict[str, Any]] = {}
 
     def content(self, pack: Pack) -> dict[str, Any] | None:
-        """What a page needs to play the run; None for a run without snapshots."""
+        """Data that a page needs to play back the run; None for a run without snapshots."""
         if self.run.snapshot_count == 0:
             return None
         tank = Tank.of(self.run)
@@ -137,12 +137,12 @@ class Frames:
 
 
 def _scattered(ids: np.ndarray) -> np.ndarray:
-    """Numbers from 0 to 1, scattered over particles and the same in every frame."""
+    """Pseudo-random numbers from 0 to 1 by particle id, the same in every frame."""
     return (ids.astype(np.uint64) * np.uint64(2654435761) % np.uint64(2**32)) / 2.0**32
 
 
 def _places_in_bytes(places: np.ndarray) -> np.ndarray:
-    """Differences from frame to frame, of small size whatever their sign, low bytes before high ones."""
+    """Zigzag-coded differences between frames, small for both signs; low bytes before high bytes."""
     step = np.diff(places, axis=0, prepend=np.zeros_like(places[:1])).astype(np.int16)
     small = ((step << 1) ^ (step >> 15)).astype(np.uint16)
     return np.stack([small & 0xFF, small >> 8], axis=2).astype(np.uint8)
@@ -168,7 +168,7 @@ def _field(
 
 
 def _scene(tank: Tank, frames: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
-    """What stands around the water, and the first view: the device, where it is small in the whole tank."""
+    """Walls and solids around the water, and the first view: the device if it is small in the whole tank."""
     zoom = tank.zoom()
     solids = []
     for one in tank.solids:

@@ -1,4 +1,4 @@
-"""Results in words: the label, the unit and the meaning of every scalar that a run ends with."""
+"""Labels of results: text, unit and meaning of the standard scalar results of a run."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ _DEVICE = {
     "xi": Label(
         "hydrodynamic efficiency",
         "",
-        "absorbed over incident power, or a group's energy, of the waves asked for, ± its standard error",
+        "absorbed over incident power of the target waves (energies for a wave group), ± standard error",
     ),
     "xi_error": Label(
-        "  efficiency: standard error", "", "of the mean over a sea, from the spread of its groups"
+        "  efficiency: standard error", "", "of the mean over a sea, from the fluctuations of the power"
     ),
     "xi_scatter": Label(
-        "  efficiency: from period to period", "", "standard deviation of the efficiency of each period"
+        "  efficiency: scatter between periods", "", "standard deviation of the efficiency of each period"
     ),
     "xi_measured": Label(
-        "  efficiency: of the measured incident power", "", "over the waves that were there"
+        "  efficiency: of the measured incident power", "", "over the incident power at the gauges"
     ),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
     "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
     "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
 }
 _WAVES = {
-    "periods": Label("periods averaged", "", "whole ones at the end of the run"),
+    "periods": Label("periods averaged", "", "number of whole periods at the end of the run"),
     "periods_left_out": Label(
-        "  left out before them", "", "settled by the waves' travel, while the record still had a trend"
+        "  left out before them", "", "waves had arrived, but the record still had a trend"
     ),
-    "P_inc": Label("incident power", "W/m", "of the waves asked for, by theory"),
-    "E_inc": Label("energy of the group", "J/m", "of the waves asked for, by theory"),
+    "P_inc": Label("incident power", "W/m", "of the target waves, by theory"),
+    "E_inc": Label("energy of the group", "J/m", "of the target waves, by theory"),
     "incident_height": Label("incident wave height", "m", "measured by the gauges"),
     "Hm0": Label("significant height of the incident waves", "m", "measured by the gauges"),
     "Te": Label("energy period of the incident waves", "s", "measured by the gauges"),
@@ -42,35 +42,35 @@ _WAVES = {
 }
 _NUMERICS = {
     "energy_paddle": Label(
-        "work of the paddle", "J/m", "what the wavemaker gave the water while results were averaged"
+        "work of the paddle", "J/m", "energy given to the water by the wavemaker while results were averaged"
     ),
     "energy_stored": Label("  stored in the water", "J/m", "kinetic, potential and compression energy"),
     "energy_pto": Label("  taken by the PTO", "J/m"),
     "energy_sponge": Label("  taken by the sponge", "J/m"),
     "energy_viscous": Label("  viscous loss", "J/m"),
     "energy_diffusive": Label(
-        "  loss by density diffusion", "J/m", "numerical: the price of a smooth density"
+        "  loss by density diffusion", "J/m", "numerical loss that keeps the density smooth"
     ),
     "energy_hyperviscosity": Label(
-        "  loss by hyperviscosity", "J/m", "numerical: the price of quiet particles"
+        "  loss by hyperviscosity", "J/m", "numerical loss that damps the noise of the particles"
     ),
-    "energy_separation": Label("  lost where pairs of particles part", "J/m", "numerical"),
-    "energy_contact": Label("  lost by water that meets a solid", "J/m"),
+    "energy_separation": Label("  lost in separating clumped particles", "J/m", "numerical"),
+    "energy_contact": Label("  lost in contact with solids", "J/m"),
     "energy_projection": Label(
         "  lost in the projection",
         "J/m",
-        "numerical: work of the pressure that the water's motion does not receive; negative where it gains",
+        "numerical: work of the pressure that does not become motion of the water; negative for a gain",
     ),
     "energy_residual": Label(
-        "  not accounted for", "J/m", "work less all that is booked; zero in an exact budget"
+        "  not accounted for", "J/m", "work minus all energies booked; zero in an exact budget"
     ),
     "energy_residual_share": Label(
-        "  not accounted for, share", "", "a few hundredths at most in a good run"
+        "  not accounted for, share", "", "at most a few hundredths in a good run"
     ),
     "noise": Label(
-        "noise of the particles, of their speed",
+        "noise of the particles, relative to their speed",
         "",
-        "how far velocities scatter about their neighbours': below 0.1 in a good run",
+        "deviation of velocities from those of neighbours: below 0.1 in a good run",
     ),
     "t_end": Label("end of the run", "s"),
     "steps": Label("time steps"),
@@ -78,7 +78,7 @@ _NUMERICS = {
     "particle_steps_per_second": Label("particle steps per second", "1/s"),
 }
 _NUMERICS |= {
-    f"whole_{name}": label._replace(text=f"{label.text}, whole run", meaning="from the start of the run on")
+    f"whole_{name}": label._replace(text=f"{label.text}, whole run", meaning="from the start of the run")
     for name, label in _NUMERICS.items()
     if name.startswith("energy_")
 }
@@ -94,13 +94,13 @@ PER_METRE = ("P_inc", "E_inc", "P_inc_measured")
 
 
 def in_order(results: Collection[str], own: Mapping[str, Sequence[str]] | None = None) -> list[str]:
-    """Names of results in the order of a table: by group, those of linear theory behind their namesakes.
+    """Names of results in the order of a table: by group, each followed by its value in linear theory.
 
-    `own`: labels of results that brought some with them, in their own order.
+    `own`: labels of results outside `LABELS`, in their order in a table.
     """
     known, own = list(LABELS), own or {}
     for name in own:
-        if name not in LABELS:  # an energy stands with the others, before what is not accounted for
+        if name not in LABELS:  # an energy is placed with the others, before the residual
             whole, energy, _ = name.partition("energy_")
             rest = f"{whole}energy_residual"
             known.insert(known.index(rest) if energy and rest in known else len(known), name)
@@ -118,7 +118,7 @@ def in_order(results: Collection[str], own: Mapping[str, Sequence[str]] | None =
 def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = None) -> Label:
     """Label of a result; bodies and energies are per metre of width only in two dimensions (`flat`).
 
-    `own`: words, unit, meaning and group of results that brought labels with them.
+    `own`: text, unit, meaning and group of results outside `LABELS`.
     """
     if name.startswith(LINEAR) and name not in (own or {}):
         of = label_of(name.removeprefix(LINEAR), flat, own)
@@ -131,18 +131,18 @@ def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = No
 
 
 def is_flat(keys: Mapping[str, Any]) -> bool:
-    """Whether a case, by its keys, is two-dimensional, and its results are per metre of width."""
+    """Whether a case with these keys is two-dimensional, with results per metre of width."""
     return keys.get("tank", {}).get("width") is None
 
 
 def short(label: Label) -> str:
-    """Text of a label in a table, under the row that it is a part of: what follows its colon."""
+    """Text of a label in a table; if it belongs to the row above, only what follows its colon."""
     text = label.text
     return f"  {text.rsplit(': ', 1)[-1].strip()}" if text.startswith(" ") else text
 
 
 def in_words(value: float) -> str:
-    """A result's value as a table shows it: four digits, or a whole number."""
+    """Value of a result as shown in a table: four digits, or a whole number."""
     if float(value).is_integer() and abs(value) < 1e9:
         return f"{int(value)}"
     return f"{value:.4g}"

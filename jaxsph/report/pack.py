@@ -1,8 +1,8 @@
-"""Contents of a page as bytes: text and arrays in one compressed record, which the page reads.
+"""Contents of a page as bytes: text and arrays in one compressed record.
 
 uint32          length of the text, little-endian
 text            JSON, in which an array is {"at": offset, "n": count, "type": "f4"}
-arrays          one after another, each from a multiple of four bytes on
+arrays          one after another, each padded to a multiple of eight bytes
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 
 KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
-"""Types of arrays that a page reads, by the name in the text."""
+"""Types of arrays that a page can read, by their names in the text."""
 
 
 class Pack:
     """Arrays of a page, collected while its contents are made."""
 
     def __init__(self) -> None:
-        """A record without arrays."""
+        """Begins without arrays."""
         self._parts: list[bytes] = []
         self._size = 0
 
     def array(self, values: np.ndarray, kind: str = "f4") -> dict[str, Any]:
-        """Adds an array and returns what stands for it in the text."""
+        """Adds an array and returns its reference for the text."""
         data = np.ascontiguousarray(values, KINDS[kind]).tobytes()
         found = {"at": self._size, "n": int(np.size(values)), "type": kind}
         data += bytes(-len(data) % 8)
@@ -35,7 +35,7 @@ class Pack:
         return found
 
     def compress(self, content: Any) -> bytes:
-        """The record of a content whose arrays are in this pack, compressed by gzip."""
+        """Record of `content` and of the arrays in this pack, compressed by gzip."""
         text = json.dumps(content, allow_nan=False).encode()
         text += b" " * (-(len(text) + 4) % 8)
         whole = len(text).to_bytes(4, "little") + text + b"".join(self._parts)

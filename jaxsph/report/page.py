@@ -1,4 +1,4 @@
-"""`report`: one file for a browser, with everything in it, of a run, a sweep or several side by side."""
+"""`report`: one self-contained HTML file of a run, a sweep, or several of them side by side."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from jaxsph.report.pack import Pack
 from jaxsph.report.sweeps import sweep_content
 
 SCRIPTS = ("record.js", "player.js", "charts.js", "sweep.js", "page.js")
-"""Scripts of the page, in the order in which they stand in it."""
+"""Scripts of the page, in their order."""
 
 
 MARK = b"Made by jaxsph."
-"""Words that every page has, by which a page may be replaced and another file may not."""
+"""Text that every page contains: an existing file without it is not replaced unless asked."""
 
 
 def report(
     files: str | Path | Sequence[str | Path], out: str | Path | None = None, overwrite: bool = False
 ) -> Path:
-    """Page of runs and sweeps, finished or not, as one file that any browser opens without a network.
+    """Writes a page of runs and sweeps, finished or not, as one file that needs a browser but no network.
 
-    **Arguments**: one file or several, which are shown side by side; `out`: by default the first file's path
-    with the suffix .html; `overwrite`: replace `out` also where it is no page of jaxsph. **Returns** the
-    page's path. **Raises** FileError where a file cannot be read or written.
+    **Arguments**: `files`: one file, or several that are shown side by side; `out`: by default the first
+    file's path with the suffix .html; `overwrite`: replace `out` even if it is not a page of jaxsph.
+    **Returns** the page's path. **Raises** FileError if a file cannot be read or written.
     """
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     if not paths:
@@ -58,7 +58,7 @@ def report(
 
 
 def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -> bytes:
-    """Contents of a page about these files, compressed; `frames`: snapshots that are known already."""
+    """Contents of a page about these files, compressed; `frames`: snapshots read before, by path."""
     pack, runs, sweeps = Pack(), [], []
     for path in paths:
         try:
@@ -70,16 +70,16 @@ def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -
             runs.append(run_content(run, pack, known))
         except JaxsphError:
             raise
-        except Exception as error:  # whatever is made of contents that nobody wrote
+        except Exception as error:  # damaged contents raise errors of many kinds
             raise FileError(
-                f"{path}: cannot be shown ({type(error).__name__}: {error}): it is damaged, or was made by a "
-                "version that wrote something else"
+                f"{path}: cannot be shown ({type(error).__name__}: {error}): it is damaged, or was written "
+                "by another version of jaxsph"
             ) from error
     return pack.compress({"runs": _told_apart(runs), "sweeps": sweeps})
 
 
 def _told_apart(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Runs with labels of their own: the case's name, or the file's where two have one name."""
+    """Runs with distinct labels: the case's name, or the file's name if several runs share the former."""
     names = [run["name"] for run in runs]
     return [run | {"label": run["name"] if names.count(run["name"]) == 1 else run["file"]} for run in runs]
 
@@ -90,7 +90,7 @@ def title_of(paths: Sequence[Path]) -> str:
 
 
 def render_page(record: bytes | None, title: str) -> str:
-    """Text of a page with its contents in it; without contents it asks the server that it comes from."""
+    """HTML text of a page with its contents; a page without contents requests them from its server."""
     folder = resources.files("jaxsph.report") / "page"
     read = {
         name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", "style.css", *SCRIPTS)

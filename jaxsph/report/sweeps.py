@@ -1,4 +1,4 @@
-"""Contents of a page about a sweep, a power matrix or a search: results over what was varied, and members."""
+"""Contents of a page about a sweep, a power matrix or a search: results over the parameters, and members."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from jaxsph.report.labels import in_order, in_words, is_flat, label_of
 from jaxsph.report.pack import Pack
 
 MOST_LINEAR = 100
-"""Members above which linear theory is not evaluated for each."""
+"""Number of members above which linear theory is not evaluated."""
 FIRST = ("P_owc", "xi", "P_pto", "capture_width")
-"""Results of which the first that is there is shown first, and then a problem's own."""
+"""Results to show first, in order of preference: "P_owc" in a matrix only, a problem's own after "xi"."""
 
 
 def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
-    """What a page shows of a sweep, ended or not. **Raises** FileError where it cannot be read."""
+    """Contents of a page about a sweep, ended or not. **Raises** FileError if the sweep cannot be read."""
     stored = sweep.read()
     keys = tomllib.loads(stored.case_toml)
     flat = is_flat(keys)
@@ -57,7 +57,7 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
 
 
 def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str, Any]:
-    """One run of a sweep: where it is, what it gave, and its series."""
+    """Member of a sweep: its parameter values, results and series."""
     one = stored.members[index]
     at = stored.place(index)
     results = {name: float(value) for name, value in one["results"].items()}
@@ -82,7 +82,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:
-    """Efficiency and absorbed power of a member by linear theory; none where it does not cover the case."""
+    """Efficiency and absorbed power of a member by linear theory; empty if it does not cover the case."""
     if int(np.prod(stored.shape)) > MOST_LINEAR:
         return {}
     try:

@@ -22,30 +22,31 @@ Cell = str | float | None
 
 
 class Table(NamedTuple):
-    """Table with a head and rows below it."""
+    """Table with column titles and rows."""
 
     name: str
-    """Name of the sheet, and of the file beside others."""
+    """Name of the sheet in a workbook, and suffix of the name of a CSV file."""
     head: list[str]
     """Names of the columns, with their units."""
     rows: Sequence[Sequence[Cell]]
-    """Rows, a cell for each column."""
+    """Rows, with one cell per column."""
 
 
 def tables(path: str | Path) -> list[Table]:
-    """Tables of a file: of a run its results and its series, of a sweep a row for each member.
+    """Tables of a file: results and series of a run, or one row per member of a sweep.
 
-    **Raises** FileError for a file that is none of jaxsph's.
+    **Raises** FileError if the file was not written by jaxsph.
     """
     return [_members(SweepFile(path))] if SweepFile(path).is_one() else list(_of_run(RunFile.open(path)))
 
 
 def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[Path]:
-    """Writes the tables of a run or a sweep as CSV or as an Excel workbook, by the ending of `out`.
+    """Writes the tables of a run or a sweep as CSV or as an Excel workbook, depending on the suffix of `out`.
 
-    A run's results and series are two CSV files, `out` with `_results` in its name and `out` itself, or two
-    sheets. **Returns** the files. **Raises** FileError for another ending, for a file that exists, and where
-    openpyxl is missing for a workbook.
+    For a run, the series go to the CSV file `out` and the results to a file with `_results` added to the
+    name, or both to one workbook with two sheets. **Returns** the files. **Raises** FileError if the suffix
+    is another one, if a file exists and `overwrite` is not set, or if a workbook needs openpyxl and it is
+    missing.
     """
     out = Path(out)
     if out.suffix not in (".csv", ".xlsx"):
@@ -66,7 +67,7 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[P
 
 
 def _of_run(run: RunFile) -> Iterator[Table]:
-    """Results of a run, each with its words, and its series over time, a column for each component."""
+    """Tables of a run: results with their labels, and series over time with one column per component."""
     results, labels = run.results(), run.labels()
     flat = is_flat(run.case_keys())
     rows: list[list[Cell]] = []
@@ -93,13 +94,13 @@ def _of_run(run: RunFile) -> Iterator[Table]:
 
 
 def _unit(units: str, component: int) -> str:
-    """Unit of a component of a reading, whose units may be several with commas between them."""
+    """Unit of a component of a reading; `units` may be a list, separated by commas."""
     each = units.split(", ")
     return each[component] if len(each) > component else units
 
 
 def _members(sweep: SweepFile) -> Table:
-    """A row for each member of a sweep: its parameters, its results, and why it failed."""
+    """Table with one row per member of a sweep: parameters, results, and reason of failure."""
     stored = sweep.read()
     names = {name for one in stored.members.values() for name in one["results"]}
     ordered = in_order(names, stored.meanings.labels)
@@ -131,6 +132,6 @@ def _write_book(path: Path, content: Sequence[Table]) -> None:
         sheet.freeze_panes = "A2"
         sheet.append(table.head)
         for row in table.rows:
-            # a workbook has no cell for numbers that are not finite
+            # a workbook cannot store numbers that are not finite
             sheet.append([None if isinstance(v, float) and not np.isfinite(v) else v for v in row])
     book.save(path)

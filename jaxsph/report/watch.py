@@ -1,7 +1,7 @@
-"""`watch`: the page of a run that goes on, from a server that only this machine reaches.
+"""`watch`: live page of a run in progress, from a server that only this machine can reach.
 
-A page of another site can send requests to this machine too, and by a name that changes its address (DNS
-rebinding) read the answers. So the server answers to its own name only, and to those who know its token.
+A page of another site can also send requests to this machine and, by a host name that changes its address
+(DNS rebinding), read the answers. The server therefore requires its own host name and a secret token.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ HOST = "127.0.0.1"
 
 
 class Watch:
-    """Server of a run's page, which is renewed after every chunk; a context that ends it.
+    """Server of a run's page, updated after every chunk; its context starts and ends the server.
 
-    Snapshots are read once. Whatever fails while the file changes is told on the page, and tried again.
+    Each snapshot is read only once. If reading fails while the file changes, the page shows the error and
+    tries again.
     """
 
     def __init__(self, file: str | Path, port: int = 0) -> None:
-        """**Arguments**: the file of a run or a sweep; `port`: 0 takes one that is free.
+        """**Arguments**: `file`: the file of a run or a sweep; `port`: 0 chooses any free port.
 
-        **Raises** FileError where the file cannot be read, CaseError where the port is taken.
+        **Raises** FileError if the file cannot be read, CaseError if the port is in use.
         """
         self.path = Path(file)
         self._frames: dict[Path, Frames] = {}
@@ -40,20 +41,20 @@ class Watch:
         self._token = secrets.token_urlsafe(16)
         self._stamp: tuple[float, ...] = ()
         self._record = b""
-        self.latest()  # a file that is no run's is refused at once
+        self.latest()  # refuses a file of another kind at once
         try:
             self._server = ThreadingHTTPServer((HOST, port), _answers_of(self))
         except OSError as error:
-            raise CaseError(f"--port {port}: {error.strerror or error}; give another, or none") from None
+            raise CaseError(f"--port {port}: {error.strerror or error}; give another port, or none") from None
         self._server.daemon_threads = True
 
     @property
     def address(self) -> str:
-        """Address of the page, with the token without which nothing is answered."""
+        """Address of the page, including the token that every request needs."""
         return f"http://{HOST}:{self._server.server_address[1]}/{self._token}/"
 
     def place(self, host: str, path: str) -> str | None:
-        """Place below the address that a request asks for; None without the token, or by another name."""
+        """Path of a request relative to the address; None without the token or for another host name."""
         port = self._server.server_address[1]
         token, slash, place = path.removeprefix("/").partition("/")
         knows = hmac.compare_digest(token.encode(), self._token.encode())
@@ -65,7 +66,7 @@ class Watch:
         return title_of([self.path])
 
     def __enter__(self) -> Self:
-        """Serves in the background."""
+        """Starts the server in the background."""
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
         return self
 
@@ -75,7 +76,7 @@ class Watch:
         self._server.server_close()
 
     def latest(self) -> tuple[str, bytes]:
-        """Mark and contents of the page as the file is now, compressed. **Raises** JaxsphError."""
+        """Hash and compressed contents of the page for the file's current state. **Raises** JaxsphError."""
         with self._lock:
             stamp = _stamp(self.path)
             if stamp != self._stamp or not self._record:
@@ -85,7 +86,7 @@ class Watch:
 
 
 def _stamp(path: Path) -> tuple[float, ...]:
-    """Times of the last change of a run's file and of its checkpoint."""
+    """Modification times of a run's file and of its checkpoint."""
     times = []
     for one in (path, checkpoint_path(path)):
         try:
@@ -133,6 +134,6 @@ def _answers_of(watch: Watch) -> type[BaseHTTPRequestHandler]:
             self.wfile.write(body)
 
         def log_message(self, *_: object) -> None:
-            """Requests are nobody's news."""
+            """Requests are not logged."""
 
     return Answers

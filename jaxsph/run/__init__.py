@@ -1,1 +1,1 @@
-"""Runs: the pure `simulate`, the host's `run`, `resume` and `march` around it, chunks, results."""
+"""Runs: the pure function `simulate`, the host functions around it, chunks and results."""

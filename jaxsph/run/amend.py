@@ -1,4 +1,4 @@
-"""Changes of a case in the course of its run: those that leave lattice, state and series as they are."""
+"""Changes of a case during its run that keep the lattice, the state's arrays and the series."""
 
 from __future__ import annotations
 
@@ -42,36 +42,36 @@ CHANGEABLE = (
     "scheme.relaxation",
     "scheme.shifting",
 )
-"""Keys of a case that `resume` may change. The tank's walls are built anew; particles, solids and what they
-have exchanged are kept. Another time step counts from the last sample on."""
+"""Keys of a case that `resume` may change. The tank's walls are rebuilt; particles, solids and the energies
+exchanged are kept. A new time step applies from the last sample on."""
 
 REASONS = {
-    "dx": "it is the spacing of the particles that are there",
-    "g": "energies are counted over it from the start",
-    "precision": "the checkpoint's numbers have another",
-    "fluid.c0": "the water's density holds its pressure, by this speed of sound",
-    "fluid": "the particles' masses and pressures hold it",
-    "tank": "it moves the walls that the water stands against",
+    "dx": "it is the spacing of the existing particles",
+    "g": "the energies have been counted with it from the start",
+    "precision": "the checkpoint's arrays have the previous precision",
+    "fluid.c0": "the density of the water represents its pressure by this speed of sound",
+    "fluid": "the particles' masses and pressures depend on it",
+    "tank": "it moves the walls around the water",
     "waves": "the paddle would jump",
-    "air": "the air that is in the chamber follows from it",
-    "chamber": "what the chamber's air has exchanged follows from it",
-    "duct": "what has flowed through it follows from it",
-    "device": "it moves the walls that the water stands against",
-    "solid": "it moves the walls that the water stands against",
-    "body": "it moves the body, or its mass, under the water's forces",
-    "probes": "the series in the file have the columns of its probes",
-    "start": "it is of the initial state",
-    "scheme": "the state is that of the scheme as it was",
+    "air": "the air in the chamber depends on it",
+    "chamber": "the energy that the chamber has exchanged depends on it",
+    "duct": "the energy that the duct has exchanged depends on it",
+    "device": "it moves the walls around the water",
+    "solid": "it moves the walls around the water",
+    "body": "it changes the place or the mass of a body on which the water acts",
+    "probes": "the series in the file have the columns of the present probes",
+    "start": "it describes the initial state",
+    "scheme": "the checkpoint's state belongs to the present scheme",
 }
-"""Reasons why a run cannot change a value in its course, by key or section."""
+"""Reasons why a value cannot change during a run, by key or section."""
 
 
 UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
-"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples: results count on."""
+"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples; averages of results go on."""
 
 
 class Change(NamedTuple):
-    """Change of a run's file that has been checked and is still to be written by `RunFile.amend`."""
+    """Checked change of a run's file, to be written by `RunFile.amend`."""
 
     case_toml: str
     settings: dict[str, int]
@@ -81,14 +81,14 @@ class Change(NamedTuple):
 
 
 def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Start, Change]:
-    """The start with values of its case changed from its checkpoint on, and what then is to be written.
+    """Start with values of the case changed from the checkpoint on, and the change to be written to the file.
 
-    **Raises** CaseError for a value that a run cannot change in its course.
+    **Raises** CaseError for a value that cannot change during a run.
     """
     before = start.source
     if not isinstance(before, Case):
         raise CaseError(
-            f"{', '.join(changes)}: a program's arguments cannot change in the course of a run: run it anew "
+            f"{', '.join(changes)}: a program's arguments cannot change during a run: start a new run "
             "with --set"
         )
     case = amended_case(before, changes)
@@ -99,13 +99,13 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     t = int(start.state.step) / old_every * old_dt
     samples = t / dt
     if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
-        raise CaseError(f"output.sample_dt = {dt:g} s: the run is at {t:g} s, no multiple of it")
+        raise CaseError(f"output.sample_dt = {dt:g} s: the run is at {t:g} s, which is not a multiple of it")
     known, found = search_settings(start.model), search_settings(model)
     model = with_settings(
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
     state = _carry_over(start.state, initial)
-    # What was exchanged since the last sample belongs to the old interval, and a probe divides it by the new.
+    # Energies since the last sample belong to the old interval; a probe divides them by the new interval.
     parts, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.parts, state.ledger))
     limits = map_tallies(lambda tally: tally.over(every / old_every), state.limits)
     # time is counted in steps: the same time, in steps of the new length
@@ -124,25 +124,25 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
 
 
 def _check_readings(before: Problem, now: Problem) -> None:
-    """**Raises** CaseError where the changed case reads other series than the file holds."""
+    """**Raises** CaseError if the changed case records other series than the file holds."""
     old, new = set(before.units), set(now.units)
     if old != new:
         raise CaseError(
-            f"the changed case has other readings than the run ({', '.join(sorted(old ^ new))}): run it anew "
-            "with --set"
+            f"the changed case records other series than the run ({', '.join(sorted(old ^ new))}): start a "
+            "new run with --set"
         )
 
 
 def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
-    """The case with values changed. **Raises** CaseError for those that a run must keep."""
+    """The case with changed values. **Raises** CaseError for keys that a run must keep."""
     for key in changes:
         if any_name(key) not in CHANGEABLE:
             _refuse_unknown(case, key, changes[key])
             reason = REASONS.get(
-                key, REASONS.get(key.partition(".")[0], "the run depends on it from its start")
+                key, REASONS.get(key.partition(".")[0], "the run depends on it from the start")
             )
             raise CaseError(
-                f"{key}: cannot change in the course of a run: {reason}. Run the case anew with --set, or "
+                f"{key}: cannot change during a run: {reason}. Start a new run with --set, or "
                 f"change one of {', '.join(CHANGEABLE)}"
             )
     new = case.replace(dict(changes))
@@ -151,13 +151,13 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
     if "tank.height" in changes and not height > before:
         raise CaseError(
             f"tank.height = {changes['tank.height']!r}: must be higher than the {before:g} m of the run, "
-            "up to which there may be water"
+            "because water may reach that height"
         )
     return new
 
 
 def _check_laws(case: Case, new: Case) -> None:
-    """**Raises** CaseError for power take-offs that book other energies than those of the run."""
+    """**Raises** CaseError for power take-offs with other entries in the energy budget than the run's."""
     for before, after in ((case.chambers, new.chambers), (case.duct, new.duct)):
         for name in before.keys() & after.keys():
             old, now = before[name].pto, after[name].pto
@@ -165,17 +165,15 @@ def _check_laws(case: Case, new: Case) -> None:
                 continue
             of = "pto" if case.pto is old else f"{name}: pto"
             if old.is_turbine != now.is_turbine:
-                raise CaseError(
-                    f"{of}: cannot change from a turbine to a pressure in the course of a run, nor back"
-                )
+                raise CaseError(f"{of}: cannot change from a turbine to a pressure during a run, nor back")
             if old.has_relief != now.has_relief:
                 raise CaseError(
-                    f"{of}.relief: cannot be added in the course of a run, nor removed: it books energy"
+                    f"{of}.relief: cannot be added or removed during a run: the energy budget contains it"
                 )
 
 
 def _refuse_unknown(case: Case, key: str, value: Any) -> None:
-    """Raises CaseError where a case has no such key, with the nearest one that it has."""
+    """**Raises** CaseError if a case has no such key, and suggests the nearest key."""
     try:
         case.replace({key: value})
     except CaseError as error:
@@ -184,15 +182,15 @@ def _refuse_unknown(case: Case, key: str, value: Any) -> None:
 
 
 def _carry_over(state: State, initial: State) -> State:
-    """The state, where one of the amended case has the same arrays."""
+    """The state of the run. **Raises** CaseError if the state of the amended case has other arrays."""
     old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
     if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:
-        raise CaseError("the changed case has another state than the run: run it anew with --set")
+        raise CaseError("the changed case has other state arrays than the run: start a new run with --set")
     return state
 
 
 def _told(text: str, before: Case, case: Case, changes: Mapping[str, Any], t: float) -> str:
-    """The case's text, with what was changed and since when on top."""
+    """The case's text, headed by comments with every change and its time."""
     notes = [line for line in text.splitlines() if line.startswith("# since t = ")]
     for key in changes:
         old, new = _value(before, key), _value(case, key)

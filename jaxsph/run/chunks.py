@@ -1,4 +1,4 @@
-"""Chunks of a run: advancing them, growing the neighbour tables, failures in words."""
+"""Chunks of a run: advancing them, resizing the neighbour tables, messages of failures."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from jaxsph.model.state import Failure, State, Status
 from jaxsph.problem.trouble import Remedies, Trouble
 
 REPLAYS = 6
-"""Times that one chunk is replayed with larger tables before the run gives up."""
+"""Largest number of replays of one chunk with larger tables before the run stops."""
 EARLY = 20
-"""Steps within which a particle inside a wall was put there, rather than driven there by the water."""
+"""Number of first steps in which a particle inside a wall is attributed to the set-up, not to the flow."""
 FASTER = 1.25
-"""Factor on the largest speed so far, by which tables that went stale are then searched often enough."""
+"""Factor on the largest speed so far, from which the steps between searches follow after a stale table."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
-    """Sizes of a model's neighbour tables and the steps between searches, by name, as `build` takes them."""
+    """Sizes of a model's neighbour tables and number of steps between searches, by name, as for `build`."""
     s = model.search
     names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
     return {name: int(getattr(s, name)) for name in names}
 
 
 def slab_sizes(model: Model) -> dict[str, int]:
-    """Sizes of a model's slabs, by name; they are no part of a run's file, which any number may resume."""
+    """Sizes of a model's slabs, by name; not stored, as any number of devices may resume a run's file."""
     return {name: int(getattr(model.search.slabs, name)) for name in ("halo", "points")}
 
 
 def sample_times(like: np.ndarray, every: float) -> np.ndarray:
-    """Times of samples (s) in float64, from the loop's own, which are float32."""
+    """Times of samples (s) in float64, from the float32 times of the loop."""
     first = np.round(float(like[0]) / every) * every
     return first + np.arange(len(like)) * every
 
@@ -50,11 +50,12 @@ def advance_chunk(
     name: str,
     remedies: Remedies,
 ) -> tuple[Model, State, Any]:
-    """Advances a run by one chunk, replayed with larger neighbour tables where those were too small.
+    """Advances a run by one chunk, replayed with larger neighbour tables if they were too small.
 
-    **Arguments**: `advance(model)` gives the new state and whatever else; `say` tells of a replay; `name` of
-    the problem and its `remedies`, for the error. **Returns** the model with the tables that the chunk took,
-    and what `advance` gave. **Raises** SimulationError for a failure that no larger table mends.
+    **Arguments**: `advance(model)` returns the new state and other results; `say` reports a replay; `name`
+    of the problem and its `remedies`, for the error. **Returns** the model with the tables that the chunk
+    needed, and the results of `advance`. **Raises** SimulationError for a failure that larger tables do not
+    remedy.
     """
     model, new, found = replay_chunk(model, advance, say)
     if int(new.status.bits):
@@ -65,7 +66,7 @@ def advance_chunk(
 def replay_chunk(
     model: Model, advance: Callable[[Model], tuple[State, Any]], say: Callable[[str], None]
 ) -> tuple[Model, State, Any]:
-    """Advances one state or a batch as `advance_chunk`, and leaves other failures in the status."""
+    """Advances one state or a batch like `advance_chunk`; other failures remain in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
         changed = better_settings(model, new.status)
@@ -78,10 +79,10 @@ def replay_chunk(
 
 
 def better_settings(model: Model, status: Status) -> dict[str, int] | None:
-    """Settings of the neighbour tables with which a failed chunk may pass; None where none can help.
+    """Settings of the neighbour tables with which a failed chunk may succeed; None if no setting can help.
 
-    They follow from what the chunk needed by its status, which may be that of a batch, with some spare: every
-    change compiles the step again.
+    They follow from the sizes that the chunk needed according to its status, which may be that of a batch.
+    A reserve is added, because every change compiles the step again.
     """
     now = search_settings(model) | slab_sizes(model)
     failed = Failure(int(np.bitwise_or.reduce(np.ravel(status.bits))))
@@ -92,10 +93,10 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
         spare = dict.fromkeys(needed, SPARE) | {"points": SPREADING}
         grown = {k: needed_capacity(most, spare[k]) for k, most in needed.items() if most > now[k]}
         return grown or None
-    # lost neighbours can cause every other failure: mend the tables first
+    # lost neighbours can cause every other failure: correct the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
         step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))
-        # divisors, so that particles are regularised when they were before
+        # divisors, so that particles are regularised at the same steps as before
         smaller = [n for n in range(1, now["rebuild_every"]) if now["rebuild_every"] % n == 0]
         enough = [n for n in smaller if n * step <= 0.5 * model.search.skin]
         return {"rebuild_every": max(enough, default=1)}
@@ -115,9 +116,9 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
 
 
 def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> SimulationError:
-    """Error for a run's first failure: what it was, where (m) and when (s), and what to change.
+    """Error for a run's first failure: kind, place (m) and time (s) of the failure, and what to change.
 
-    **Arguments**: `name` of the problem, and what its maker can change.
+    **Arguments**: `name` of the problem, and its `remedies`.
     """
     step = int(state.status.step)
     t = float(model.t0) + step * float(model.dt)
@@ -138,7 +139,7 @@ def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> 
 
 
 def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
-    """What has failed, and the trouble of the problem's maker, or what else to do."""
+    """Description of the failure, and the `Trouble` whose remedy applies, or the remedy itself."""
     failed = Failure(int(status.bits))
     top = float(model.walls.high[-1])
     if failed & Failure.THROUGH_WALL and float(status.where[-1]) >= top:
@@ -146,7 +147,7 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
     if failed & Failure.THROUGH_WALL:
         if int(status.step) <= EARLY:
             return f"a particle was inside a wall within the first {EARLY} steps", (
-                "the set-up is the likely cause: look at the place named for water, walls and bodies that "
+                "the set-up is the likely cause: look at this place for water, walls and bodies that "
                 "overlap, or for a gap between them narrower than the spacing"
             )
         return "a particle has gone through a wall", Trouble.THROUGH_WALL
@@ -161,12 +162,12 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
     if int(status.most["halo"]) >= NARROW:
         return (
             f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
-            "go on with fewer devices: jaxsph resume FILE --devices N",
+            "continue with fewer devices: jaxsph resume FILE --devices N",
         )
     if failed & Failure.NEIGHBOUR_OVERFLOW and better_settings(model, status) is None:
-        # images are the only table whose needs are not counted, and which does not grow
-        return "water at a wall is denser than its images have room for", Trouble.TOO_DENSE
+        # the table of images is the only one whose required size is not counted and which does not grow
+        return "water at a wall is too dense for the table of its images", Trouble.TOO_DENSE
     if failed & Failure.STALE_TABLE:
-        # they are searched at every step by now, and a particle still leaves them within one
+        # tables are searched at every step by now, and a particle still leaves them within one step
         return "a particle outruns its neighbour table in a single step", Trouble.TOO_FAST
-    return f"the neighbour tables cannot be kept ({failed.name})", Trouble.NO_TABLES
+    return f"the neighbour tables keep overflowing ({failed.name})", Trouble.NO_TABLES

@@ -1,4 +1,4 @@
-"""Devices of one run: a slab of the tank's particles on each, and back to one state for files and results."""
+"""Devices of one run: each holds a slab of the tank's particles; files and results need one state."""
 
 from __future__ import annotations
 
@@ -22,47 +22,47 @@ from jaxsph.model.state import Particles, State
 from jaxsph.run.processes import whole
 
 WORTHWHILE = 8000
-"""Number of particles in a slab from which a further core of a CPU is well used.
+"""Number of particles per slab from which a further core of a CPU is worthwhile.
 
-Two cores gain 1.05 (incompressible) and 1.3 (weakly compressible) with 4,100, and 1.5 and 1.7 with 16,400
-(`python -m experiments run bench_devices`).
+Two cores are faster than one by factors of 1.05 (incompressible) and 1.3 (weakly compressible) with 4,100
+particles, and by 1.5 and 1.7 with 16,400 (`python -m experiments run bench_devices`).
 """
 
 WORTH_SPARING = 0.1
-"""Points away from the water over particles, from which it pays to leave them out on one device."""
+"""Ratio of points away from the water to particles from which omitting the points pays on one device."""
 
 
 def describe_machine(devices: int) -> str:
-    """What a run computes on, in words: the devices that share it, and JAX's version."""
+    """Hardware of a run in words: the devices that share it, and JAX's version."""
     first = jax.devices()[0]
     kind, one = ("CPU", "core") if first.platform == "cpu" else (first.device_kind, "device")
     return f"{kind}, {devices} {one}{'s' if devices > 1 else ''}, JAX {jax.__version__}"
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]
-    """The first `count` devices of the default backend, or all; on a CPU its cores are made devices.
+    """The first `count` devices of the default backend, or all; the cores of a CPU are made devices.
 
-    **Raises** CaseError where there are not so many, and where several processes share the run and it does
-    not use all.
+    **Raises** CaseError if there are fewer than `count`, and if several processes share the run but do not
+    use all devices.
     """
     if count is not None and count < 1:
         raise CaseError(f"devices = {count}: must be 1 or more")
     cores = count or available_cores()
     if 1 < cores <= (os.cpu_count() or 1) and not jax.distributed.is_initialized():
-        with contextlib.suppress(RuntimeError):  # too late: the backend has begun with what it has
+        with contextlib.suppress(RuntimeError):  # too late: the backend already uses the existing devices
             jax.config.update("jax_num_cpu_devices", cores)
     found = jax.devices()
     if count is None:
         return tuple(found)
     if count < len(found) and jax.process_count() > 1:
         raise CaseError(
-            f"devices = {count}: the {jax.process_count()} processes that share the run have {len(found)}: "
-            "give no number, or this one"
+            f"devices = {count}: the {jax.process_count()} processes that share the run have {len(found)} "
+            "devices and must use all: omit the number, or give this one"
         )
     if len(found) < count:
         raise CaseError(
-            f"devices = {count}: JAX has {len(found)} here ({found[0].platform}). The cores of a CPU become "
-            "devices before JAX is first used: ask for them in the first call of the program, or set "
+            f"devices = {count}: JAX has {len(found)} here ({found[0].platform}). The number of CPU "
+            "cores must be set before JAX is first used: give it in the first call of the program, or set "
             f"XLA_FLAGS=--xla_force_host_platform_device_count={count}"
         )
     return tuple(found[:count])
@@ -74,17 +74,17 @@ def available_cores() -> int:
 
 
 def usual_devices(model: Model, state: State) -> int:
-    """Number of devices that share a run unless it asks for another: all that make it faster.
+    """Default number of devices of a run: as many as make it faster.
 
-    Those are all accelerators, all devices of several processes, and the cores of a CPU that have enough to
-    do; one for a case that cannot be shared.
+    These are all accelerators, all devices of several processes, or as many cores of a CPU as have enough
+    particles each; one device for a case that cannot be shared.
     """
     found = find_devices(None)
     if jax.process_count() > 1:
         return len(found)
     if _obstacle(model):
         return 1
-    # slabs twice as wide as the particles' reach, were the water even along the tank
+    # slabs are at least twice as wide as the particles' reach if the water is even along the tank
     most = min(len(found), model.search.grid.shape[0] // (4 * WIDTH))
     if found[0].platform == "cpu":
         most = min(most, len(state.particles.id) // WORTHWHILE)
@@ -92,21 +92,21 @@ def usual_devices(model: Model, state: State) -> int:
 
 
 def _obstacle(model: Model) -> str:
-    """Why a model's particles cannot be shared; empty where they can."""
+    """Reason why a model's particles cannot be shared among devices; empty if they can."""
     if not isinstance(model.search.method, Cells):
-        return "only the search by cells makes tables of slabs"
+        return "only the search by cells can make neighbour tables for slabs"
     if 0 in dict(model.search.grid.period):
-        return "a tank that is periodic along its length runs on one device"
+        return "a tank that is periodic along its length runs on one device only"
     return ""
 
 
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
-    """Model and state of a run whose particles are shared by so many devices, in slabs along the tank.
+    """Model and state of a run whose particles are shared by `devices` devices, in slabs along the tank.
 
-    The tables are sized for the state: on one device, too, the walls of a tank's empty part are left out.
+    The tables are sized for the state. On one device, too, they leave out the walls of a tank's empty part.
 
-    Particles are added, if need be, until their number divides: copies without mass, which drift with the
-    water and act on nothing. **Raises** CaseError for a case that cannot be shared.
+    Particles are added, if needed, until `devices` divides their number: copies without mass, which drift
+    with the water and act on nothing. **Raises** CaseError for a case that cannot be shared.
     """
     if devices == 1:
         if isinstance(model.search.method, Cells):
@@ -126,7 +126,7 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
 
 
 def everywhere(slabs: Slabs, tree: Any) -> Any:
-    """Arrays that every device of a run has whole."""
+    """Arrays of a tree, complete on every device of a run."""
     return tree if slabs.count == 1 else _placed(slabs, tree, WHOLE)
 
 
@@ -136,9 +136,9 @@ def _placed(slabs: Slabs, tree: Any, partition: PartitionSpec) -> Any:
 
 
 def gather(state: State, count: int) -> State:
-    """State of the first `count` particles, those of the case, without the ones that `share` has added.
+    """State of the first `count` particles, without the particles that `share` has added.
 
-    Every process can read it.
+    Every process can read the state.
     """
     state = whole(state)
     if state.particles.x.shape[0] == count:
@@ -155,7 +155,7 @@ def unshare(state: State, count: int) -> State:
 
 
 def _filled_up(p: Particles, more: int) -> Particles:
-    """Particles with copies of the last ones without mass behind them."""
+    """Particles followed by `more` copies, without mass, of the last ones."""
     if not more:
         return p
     n = p.x.shape[0]
@@ -166,37 +166,39 @@ def _filled_up(p: Particles, more: int) -> Particles:
 
 
 def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
-    """Number of particles in a halo, and of points in a slab, that will do for a while."""
+    """Capacity of a halo (particles) and of a slab (points), with a reserve for later steps."""
     grid = model.search.grid
-    cell = np.asarray(cell_index(state.particles.x, grid))[:, 0]
+    cell = np.asarray(_cell_index(state.particles.x, grid))[:, 0]
     columns = np.bincount(cell, minlength=grid.shape[0])
-    # a halo reaches over whole columns of cells, and one that the edge cuts
+    # a halo reaches over whole columns of cells and one column that the slab's edge cuts
     halo = np.convolve(columns, np.ones(WIDTH + 1, int)).max()
     return min(needed_capacity(int(halo)), len(cell) // devices), _points(model, state, devices)
 
 
 def _points(model: Model, state: State, devices: int) -> int:
-    """Number of points beside the water of one slab that will do for a while.
+    """Capacity of one slab for points near the water, with a reserve for later steps.
 
-    On one device it is 0, for all points, unless there are many away from the water, as in the walls of a
-    tank in which a dam breaks.
+    On one device it is 0, which means all points, unless many points are away from the water, as in the tank
+    of a dam break.
     """
     grid, x = model.search.grid, state.particles.x
-    ghosts, nodes = model.walls_at(state.parts)
-    cell = np.asarray(cell_index(x, grid))[:, 0]
+    ghosts, nodes = _walls_at(model, state.parts)
+    cell = np.asarray(_cell_index(x, grid))[:, 0]
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]
 
-    def fullest(points: jax.Array) -> int:
-        near = np.asarray(_beside(x, points, grid))
-        at = np.asarray(cell_index(points[near], grid))[:, 0]
+    def fullest(points: np.ndarray) -> int:
+        at = np.asarray(_cell_index(points, grid))[np.asarray(_beside(x, points, grid)), 0]
         return int(np.bincount(np.searchsorted(edges, at, side="right"), minlength=1).max())
 
-    nodes = nodes[model.walls.at_nodes]
-    around = (ghosts[slice(*wall.rows)] for wall in model.moving)
+    nodes = np.asarray(nodes)[model.walls.at_nodes]
+    around = (np.asarray(ghosts)[slice(*wall.rows)] for wall in model.moving)
     points = needed_capacity(max(map(fullest, (nodes, *around))), SPREADING)
     if devices == 1 and len(nodes) - points < WORTH_SPARING * len(x):
         return 0
     return points
 
 
+# compiled whole: each single operation would be a program of its own, loaded at every start
 _beside = jax.jit(beside, static_argnums=2)
+_cell_index = jax.jit(cell_index, static_argnums=1)
+_walls_at = eqx.filter_jit(Model.walls_at)

@@ -1,4 +1,4 @@
-"""How long a run takes on this machine: its program is compiled, and its first steps are timed."""
+"""Estimated wall time of a run on this machine: compiles its program and times its first steps."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ ENOUGH = 2.0
 
 
 class Duration(NamedTuple):
-    """Time that a run takes, as its first steps foretell it."""
+    """Wall time of a run, estimated from its first steps."""
 
     compilation: float
-    """Time until the first step, s: next to nothing once JAX has kept the program."""
+    """Time until the first step, s; close to 0 once JAX has cached the program."""
     step: float
     """Time of one time step, s."""
     steps: int
@@ -34,10 +34,11 @@ class Duration(NamedTuple):
 
 
 def duration(given: Any, devices: int | None = None) -> Duration:
-    """Time that a run of a case, a problem or a function takes on this machine, by its first steps.
+    """Wall time of a run of a case, a problem or a function on this machine, estimated from its first steps.
 
-    The program that it compiles is the run's own, which JAX keeps. Water at rest takes fewer iterations of
-    the pressure than waves do. `devices`: as for `run`. **Raises** CaseError, as `run`.
+    It compiles the program of the run itself, which JAX caches. The estimate may be low, because the
+    pressure takes fewer iterations in water at rest than in waves. `devices`: as for `run`. **Raises**
+    CaseError, as `run`.
     """
     find_devices(devices)
     began = time.perf_counter()
@@ -47,7 +48,7 @@ def duration(given: Any, devices: int | None = None) -> Duration:
     every, most = problem.sample_every, problem.per_chunk
 
     def take(n_steps: int) -> float:
-        """Time (s) of so many steps from the beginning."""
+        """Wall time (s) of the first `n_steps` steps."""
         began = time.perf_counter()
         jax.block_until_ready(simulate_chunk(model, state, probes, n_steps, every, most))
         return time.perf_counter() - began

@@ -1,8 +1,8 @@
 """Host driver: `run`, `resume`, `restore` and `march` around the pure `simulate`.
 
-The driver goes in chunks: after each it looks at the status, records series, snapshot and checkpoint in
-one step, and goes on. A table that overflowed or went stale is regrown and the chunk replayed;
-what cannot be mended stops the run with the last good checkpoint in the file.
+The driver advances in chunks. After each chunk it checks the status and records series, snapshot and
+checkpoint in one step. If a neighbour table overflowed or went stale, the table is resized and the chunk is
+replayed. Any other failure stops the run with the last good checkpoint in the file.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ def run(
     progress: bool = True,
     devices: int | None = None,
 ) -> Solution:
-    """Runs a case, a `Problem`, or a function that returns one, to t1 (s; by default its own end).
+    """Runs a case, a `Problem`, or a function that returns one, to t1 (s; the problem's end by default).
 
-    It is recorded into the file `out`.
+    The run is recorded in the file `out`, if given.
 
-    An interrupt (Ctrl-C) stops it at the end of a chunk, a second one at once. `devices`: number of
-    accelerators, or on a CPU of cores, that share the particles (see `docs/cluster.md`); by default as many
-    as make the run faster.
+    An interrupt (Ctrl-C) stops the run at the end of a chunk, a second interrupt at once. `devices`: number
+    of accelerators or CPU cores that share the particles (see `docs/cluster.md`); by default as many as make
+    the run faster.
     **Returns** the series as numpy arrays with the last state and scalar results.
-    **Raises** CaseError, FileError (the output exists), SimulationError (with what, where, when and
-    what to change; the file then holds the last good checkpoint).
+    **Raises** CaseError, FileError (the output exists), SimulationError (kind, place and time of the failure,
+    and what to change; the file then holds the last good checkpoint).
     """
     find_devices(devices)  # before JAX is first used
     source = source_of(given)
@@ -86,14 +86,14 @@ def resume(
     devices: int | None = None,
     given: Any = None,
 ) -> Solution:
-    """Goes on with a run's file from its last checkpoint, to t1 (s) or its own end.
+    """Continues a run from the last checkpoint in its file, to t1 (s) or the problem's end.
 
-    The series are then bit for bit those of an uninterrupted run on one device. `devices`: as for `run`, and
-    not the number that the run had before. `changes`: values of the case from here on,
-    by dotted name, such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file
-    then says since when they hold. `given`: the function, or the problem, that was run, where it was no
-    case: a file never makes anyone import code. **Raises** FileError, as `restore`; CaseError for a change
-    that a run cannot take in its course.
+    On one device the series are bit for bit those of an uninterrupted run. `devices`: as for `run`; the
+    number may differ from the one before. `changes`: values of the case from here on, by dotted name, such
+    as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then records the time
+    of each change. `given`: the function or the problem that was run, unless it was a case; it is needed
+    because code is never imported on behalf of a file. **Raises** FileError, as `restore`; CaseError for a
+    change that is not possible during a run.
     """
     file = RunFile.open(path)
     find_devices(devices)
@@ -101,7 +101,7 @@ def resume(
     if changes:
         if processes.count > 1:
             raise CaseError(
-                "changes: a run of several processes takes none; make them with one process first"
+                "changes: not possible in a run of several processes; make them with one process first"
             )
         start, change = amend(file, start, changes)
     t1 = start.problem.t1 if t1 is None else t1
@@ -116,10 +116,10 @@ def resume(
 
 
 def restore(path: str | Path, given: Any = None) -> tuple[Any, Model, State]:
-    """What was run (a `Case`, or a `Program`), model and state of a file's last checkpoint.
+    """Source (a `Case`, or a `Program`), model and state of a file's last checkpoint.
 
-    `given`: see `resume`. **Raises** FileError where the file is not a run's, holds no checkpoint, belongs to
-    another case or program than the one given, or to a version of jaxsph that made something else of it.
+    `given`: see `resume`. **Raises** FileError if the file is not a run's, holds no checkpoint, belongs to
+    another case or program than the one given, or to a version of jaxsph that builds another model from it.
     """
     start = load_start(path, given)
     return start.source, start.model, start.state
@@ -131,14 +131,14 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     source = stored_source(file, given)
     if file.schema != SCHEMA:
         raise FileError(
-            f"{path}: holds a checkpoint of layout {file.schema}, and this version goes on from those of "
+            f"{path}: holds a checkpoint of layout {file.schema}, but this version can resume those of "
             f"layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
             "Its series and snapshots can be read as they are"
         )
     saved = file.checkpoint()
     if not saved:
         raise FileError(
-            f"{path}: holds no checkpoint (of a run that was killed it is beside the file, in "
+            f"{path}: holds no checkpoint (that of a killed run is beside the file, in "
             f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
     # the progress holds the settings of the last chunk, which may have been regrown since the first
@@ -149,8 +149,8 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     if differ:
         few = "; ".join(differ[:5]) + (f"; and {len(differ) - 5} more" if len(differ) > 5 else "")
         raise FileError(
-            f"{path}: this version makes something else of its case: {few}. Going on would be another run: "
-            "finish it with the version that began it, or run the case again"
+            f"{path}: this version builds another model from its case: {few}. To avoid mixing two models, "
+            "finish the run with the version that began it, or run the case again"
         )
     return Start(source, problem, model, restored_state(problem.state, saved, path))
 
@@ -163,7 +163,7 @@ def _drive(
     devices: int | None,
     processes: Processes,
 ) -> Solution:
-    """Runs to t1 (s); `take(devices)` makes or changes the run's file, when nothing is refused any more."""
+    """Runs to t1 (s); `take(devices)` creates or changes the run's file once all checks have passed."""
     recorder, count = Recorder(start, t1), len(start.state.particles.id)
     own = start.model
     model, state = share(own, start.state, devices or usual_devices(own, start.state))
@@ -209,9 +209,9 @@ def _drive(
 
 
 def _called(bar: tqdm, model: Model, **chunk: Any) -> tuple[State, dict[str, jax.Array]]:
-    """Starts a chunk and leaves the time that JAX took to compile it, if it did, out of the bar's rate.
+    """Starts a chunk and excludes the time that JAX takes to compile it from the progress bar's rate.
 
-    A call comes back as soon as the chunk is compiled, and the chunk goes on beside.
+    A call returns as soon as the chunk is compiled; the chunk itself runs asynchronously.
     """
     began = time.perf_counter()
     if not bar.disable and bar.n == bar.initial:
@@ -225,7 +225,7 @@ def _called(bar: tqdm, model: Model, **chunk: Any) -> tuple[State, dict[str, jax
 
 @contextlib.contextmanager
 def _one_file(file: RunFile | None) -> Iterator[None]:
-    """Context in which a run that is stopped still folds its journal into its file."""
+    """Context that folds the run's journal into its file even if the run is stopped."""
     try:
         yield
     except BaseException:
@@ -247,16 +247,16 @@ def march(
 ) -> Solution:
     """Runs an assembled model to t1 (s), with a sample every `sample_dt` (s, as given to `assemble`).
 
-    Tables that overflow or go stale are regrown and the run replayed, as in `run`; the model returned holds
-    the settings that it needed, and a further call goes on from the state returned. The first sample is
-    the state given, the last one sample before t1.
-    **Raises** ValueError where t1 is no sample after the state's time, SimulationError as `run`.
+    Tables that overflow or go stale are resized and the run is replayed, as in `run`. The returned model
+    holds the settings that the run needed, and a further call continues from the returned state. The first
+    sample is the given state; the last sample is one interval before t1.
+    **Raises** ValueError if t1 is not a sample after the state's time, SimulationError as `run`.
     """
     sample_every = round(sample_dt / float(model.dt))
     last = round(t1 / sample_dt) * sample_every
     start = int(state.step)
     if last <= start or start % sample_every:
-        raise ValueError(f"t1 = {t1:g} s is not a sample after the state's {start * float(model.dt):g} s")
+        raise ValueError(f"t1 = {t1:g} s: must be a sample after the state's {start * float(model.dt):g} s")
     bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
     advance = functools.partial(
         simulate_chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every

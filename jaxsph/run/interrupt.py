@@ -1,7 +1,7 @@
-"""Ctrl-C: heard between chunks, where nothing is half done, and never inside JAX.
+"""Ctrl-C: handled between chunks, where all data are complete, and never inside JAX.
 
-An exception that is raised while JAX compiles or runs can end the interpreter in a crash. So an interrupt is
-noted here, and a run looks at it after every chunk; the second interrupt does not wait.
+An exception that is raised while JAX compiles or runs can crash the interpreter. An interrupt is therefore
+only noted here, and a run checks for it after every chunk; a second interrupt acts at once.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ CODE = 130
 """Exit status of an interrupted program: 128 and the signal's number."""
 
 ATTACHED = "JAXSPH_ATTACHED"
-"""Name of the environment variable of a program that ends when its standard input is closed: with the process
-that started it, in whatever way that ends."""
+"""Name of the environment variable that makes a program end when its standard input closes, and so together
+with the process that started it, however that process ends."""
 
 STOPPING = "\njaxsph: stopping at the end of this chunk; Ctrl-C again stops at once"
 
 
 class Interrupt:
-    """Request that a run stop at the end of its chunk."""
+    """Request to a run to stop at the end of its chunk."""
 
     def __init__(self) -> None:
         """No request yet, and no chunk saved."""
         self.asked = False
         self.has_saved = False
-        """Whether the run has saved a chunk: before, there is nothing to wait for."""
+        """Whether the run has saved a chunk; before that an interrupt has nothing to wait for."""
 
     def chunk_is_saved(self) -> None:
-        """Notes that a chunk was saved. **Raises** KeyboardInterrupt where the run is asked to stop."""
+        """Notes that a chunk was saved. **Raises** KeyboardInterrupt if the run is asked to stop."""
         self.has_saved = True
         if self.asked:
             raise KeyboardInterrupt
 
 
 _runs: list[Interrupt] = []
-"""Requests to the runs in progress, the innermost run's last."""
+"""Requests to the runs in progress, with the innermost run last."""
 _watched = False
-"""Whether `end_at_once` hears the interrupts of this process."""
+"""Whether `end_at_once` handles the interrupts of this process."""
 
 
 @contextlib.contextmanager
 def hear_interrupts() -> Iterator[Interrupt]:
-    """Context in which Ctrl-C is noted for the run inside to look at, instead of raised.
+    """Context in which Ctrl-C is noted for the run inside to check, instead of raised.
 
     Outside the main thread no signals arrive, and nothing is noted.
     """
@@ -78,10 +78,10 @@ def hear_interrupts() -> Iterator[Interrupt]:
 
 @contextlib.contextmanager
 def end_at_once(words: Callable[[], str]) -> Iterator[None]:
-    """Context of a program that is one run: an interrupt ends it at once, or its run after the chunk.
+    """Context of a program with a single run: an interrupt ends it at once or after the run's chunk.
 
-    It ends at once before the first saved chunk and on the second interrupt. A thread hears the signal, also
-    while the main thread is busy in a compiler. **Arguments**: `words` gives the last message.
+    It ends at once before the first saved chunk and on a second interrupt. A thread handles the signal, even
+    while the main thread is busy compiling. **Arguments**: `words` returns the last message.
     """
     global _watched
     if threading.current_thread() is not threading.main_thread():
@@ -131,23 +131,23 @@ def end_with_parent() -> None:
 
 
 def _end_early(number: int, frame: object) -> None:
-    end("\njaxsph: interrupted before anything was begun")
+    end("\njaxsph: interrupted before anything was started")
 
 
 def end_early() -> None:
-    """Makes an interrupt end a program that has just begun, whatever is being imported."""
+    """Makes an interrupt end a program that has just started, even during imports."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end_early)
 
 
 def raise_again() -> None:
-    """Makes interrupts raise KeyboardInterrupt again, as Python has them."""
+    """Makes interrupts raise KeyboardInterrupt again, as in Python by default."""
     if signal.getsignal(signal.SIGINT) is _end_early:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def end(words: str) -> None:
-    """Ends the program with a message, without the interpreter's own shutdown."""
+    """Ends the program with a message, without the interpreter's shutdown."""
     print(words, file=sys.stderr, flush=True)
     sys.stdout.flush()
     os._exit(CODE)

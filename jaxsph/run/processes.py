@@ -1,7 +1,7 @@
-"""Processes of one run, on one host or several: how they find one another, and what they must do together.
+"""Processes of one run, on one host or several: how they connect, and their collective operations.
 
 Every process runs the same program on the same case, with slabs on its own devices (`run.devices`). The first
-writes the run's file.
+process writes the run's file.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from jax.experimental import multihost_utils
 from jaxsph.errors import CaseError, SimulationError
 
 AUTO = "auto"
-"""Place of a process that Slurm or MPI knows."""
+"""Value of `place` if Slurm or MPI provides the place of the process."""
 
 HEARTBEAT = 20
-"""Seconds without a sign of life after which a process counts as lost."""
+"""Seconds without a heartbeat after which a process counts as lost."""
 
 WIDTH = 96
 """Number of bytes for the name of a process."""
@@ -32,8 +32,9 @@ WIDTH = 96
 def join(place: str) -> None:
     """Joins the processes of a run, before JAX is first used.
 
-    **Arguments**: `place`: K/N@HOST:PORT, process K (from 0) of N, which meet at an address of process 0; or
-    auto under Slurm or MPI. **Raises** CaseError for another text, and where the others are not found.
+    **Arguments**: `place`: K/N@HOST:PORT for process K (from 0) of N, which connect at this address of
+    process 0; or auto under Slurm or MPI. **Raises** CaseError for any other text, and if the other processes
+    are not found.
     """
     known: dict[str, Any] = {}
     if place != AUTO:
@@ -41,7 +42,7 @@ def join(place: str) -> None:
         if found is None or not int(found[1]) < int(found[2]):
             raise CaseError(
                 f"process = {place!r}: must be auto (under Slurm or MPI) or K/N@HOST:PORT with K from 0 to "
-                "N - 1, such as 0/2@node1:7000 for the first of two that meet at port 7000 of node1"
+                "N - 1, such as 0/2@node1:7000 for the first of two that connect at port 7000 of node1"
             )
         known = {
             "process_id": int(found[1]),
@@ -51,14 +52,14 @@ def join(place: str) -> None:
     try:
         jax.distributed.initialize(**known, heartbeat_timeout_seconds=HEARTBEAT)
     except (ValueError, RuntimeError) as error:
-        raise CaseError(f"process = {place!r}: the processes of the run did not meet: {error}") from error
+        raise CaseError(f"process = {place!r}: the processes of the run did not connect: {error}") from error
 
 
 class Processes:
     """Processes that share a run: their names, and the place of this one among them."""
 
     def __init__(self) -> None:
-        """Asks every process for its name; all must come here together."""
+        """Asks every process for its name; all processes must call this together."""
         self.count = jax.process_count()
         self.here = jax.process_index()
         self.names: list[str] = []
@@ -69,18 +70,18 @@ class Processes:
 
     @property
     def is_first(self) -> bool:
-        """Whether this process writes the run's file and tells of its progress."""
+        """Whether this process writes the run's file and reports its progress."""
         return self.here == 0
 
     def any(self, flag: bool) -> bool:
-        """Whether the flag is set in any process; all must come here together."""
+        """Whether the flag is set in any process; all processes must call this together."""
         if self.count == 1:
             return flag
         return bool(np.any(multihost_utils.process_allgather(np.asarray(flag))))
 
     @contextlib.contextmanager
     def hearing_of_losses(self, path: Any) -> Iterator[None]:
-        """Context in which the loss of another process is a SimulationError that names it.
+        """Context in which the loss of another process raises a SimulationError that names the process.
 
         `path`: file of the run, whose last checkpoint remains.
         """
@@ -91,14 +92,14 @@ class Processes:
                 raise
             others = [f"{k} ({name})" for k, name in enumerate(self.names) if k != self.here]
             lost = others[0] if len(others) == 1 else "one of " + ", ".join(others)
-            remedy = "" if path is None else f"; go on from the last checkpoint with jaxsph resume {path}"
+            remedy = "" if path is None else f"; continue from the last checkpoint with jaxsph resume {path}"
             raise SimulationError(
-                f"process {lost} has ended, and with it the run that it shared{remedy}"
+                f"process {lost} has ended, which stops the run that it shared{remedy}"
             ) from error
 
 
 def whole(tree: Any) -> Any:
-    """Arrays as every process can read them, of arrays that may be split between processes."""
+    """Arrays that every process can read, gathered from arrays that may be split between processes."""
 
     def read(a):
         if isinstance(a, jax.Array) and not a.is_fully_addressable and not a.is_fully_replicated:
@@ -109,6 +110,6 @@ def whole(tree: Any) -> Any:
 
 
 def _is_loss(error: Exception) -> bool:
-    """Whether an error of JAX tells that messages to another process failed."""
+    """Whether an error of JAX means that messages to another process failed."""
     text = str(error)
     return any(word in text for word in ("Gloo", "NCCL", "coordination service", "Connection closed"))

@@ -1,4 +1,4 @@
-"""Recorder of one run: its readings in memory, and after every chunk in its file."""
+"""Recorder of one run: keeps its readings in memory and writes them to its file after every chunk."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from jaxsph.run.scene import poses_of, scene_of
 
 
 class Start:
-    """Start of a run: the problem and what it is made of, and the state that the run goes on from."""
+    """Start of a run: the problem and its source, and the model and state from which the run continues."""
 
     def __init__(
         self, source: Source, problem: Problem, model: Model | None = None, state: State | None = None
     ) -> None:
-        """**Arguments**: the `model` with other neighbour tables than the problem's; the state of a
-        checkpoint. Without them the run begins."""
+        """**Arguments**: `model`: the problem's model with other neighbour tables; `state`: state of a
+        checkpoint. Without them the run starts from the beginning."""
         self.source, self.problem = source, problem
         self.model = problem.model if model is None else model
         self.state = problem.state if state is None else state
@@ -42,7 +42,7 @@ class Recorder:
     """Readings of one run, kept in memory and written to its file after every chunk."""
 
     def __init__(self, start: Start, t1: float, file: RunFile | None = None) -> None:
-        """**Arguments**: `t1`: end of the run, s; `file`: the run's file, None for a run that keeps none."""
+        """**Arguments**: `t1`: end of the run, s; `file`: the run's file, None for a run without a file."""
         self.problem, self._source, self.file = start.problem, start.source, file
         self.sample_every, self.per_chunk = start.problem.sample_every, start.problem.per_chunk
         self.first = int(start.state.step)
@@ -64,7 +64,7 @@ class Recorder:
     def solution(self, model: Model, state: State, beside: int = 1) -> Solution:
         """Series, state and results of the whole run, recorded in its file.
 
-        `beside`: number of runs that went side by side, and share the wall time.
+        `beside`: number of runs that ran side by side and share the wall time.
         """
         if self.file is not None:
             series = self.file.series()
@@ -80,7 +80,7 @@ class Recorder:
         return dataclasses.replace(solution, results=results, notices=notices, labels=self.problem.labels)
 
     def _snapshot(self, model: Model, state: State) -> dict[str, Any]:
-        """Particles in the order of their ids, and where the solids are."""
+        """Particles in the order of their ids, and the poses of the solids."""
         p = state.particles
         order = np.argsort(np.asarray(p.id))
         snapshot = {
@@ -95,19 +95,19 @@ class Recorder:
 
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:
-    """**Raises** CaseError for a t1 (s) that is in the past; `ended`: whether the run has results."""
+    """**Raises** CaseError for a t1 (s) before the run's time, or equal to it if it has results (`ended`)."""
     dt = start.problem.sample_dt
     now = int(start.state.step) / start.problem.sample_every * dt
     if not math.isfinite(t1):
-        raise CaseError(f"t1 = {t1:g} s: must be a finite time after the {now:g} s that the run is at")
+        raise CaseError(f"t1 = {t1:g} s: must be a finite time after the present {now:g} s of the run")
     if round(t1 / dt) < round(now / dt) + ended:
         raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a larger t1")
 
 
 def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) -> RunFile:
-    """New file of a run that so many devices share, without samples.
+    """New file, without samples, of a run shared by `devices` devices.
 
-    **Raises** FileError where it exists and is not to be replaced.
+    **Raises** FileError if it exists and `overwrite` is false.
     """
     coordinates = {}
     for probe in start.problem.probes:
@@ -125,10 +125,10 @@ def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) 
 
 
 def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
-    """Numbers that decide a run, by name: its time step, speed of sound, lengths, numbers of particles.
+    """Numbers that determine a run, by name: its time step, speed of sound, lengths, numbers of particles.
 
-    A single number gives its value, an array its length, mean and root mean square. The neighbour tables are
-    left out: their sizes may change in a run.
+    A single number is represented by its value, an array by its size, mean and root mean square. The
+    neighbour tables are left out, because their sizes may change during a run.
     """
     found = {"particles": [float(state.particles.x.shape[0])]}
     for path, leaf in jax.tree_util.tree_flatten_with_path(model)[0]:
@@ -146,14 +146,14 @@ def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
 
 
 def differences(stored: dict[str, list[float]], now: dict[str, list[float]]) -> list[str]:
-    """Differences between stored and present numbers of a run, in words; empty where there are none."""
+    """Differences between stored and present numbers of a run, in words; empty if there are none."""
     found = []
     for name in [*stored, *(name for name in now if name not in stored)]:
         old, new = stored.get(name), now.get(name)
         if old is None or new is None:
             found.append(f"{name} is {'new' if old is None else 'gone'}")
             continue
-        # another machine rounds the sums of a build otherwise: a float32 in a million
+        # another machine may round the sums of `build` differently, by 1e-6 in float32
         scale = max(map(abs, [*old, *new]))
         if len(old) != len(new) or not np.allclose(old, new, rtol=1e-5, atol=1e-6 * scale, equal_nan=True):
             what = ("", "size ", "mean ", "rms ") if len(old) > 1 else ("",)
@@ -170,7 +170,7 @@ def saved_state(state: State) -> dict[str, np.ndarray]:
 
 
 def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
-    """State of a checkpoint's arrays. **Raises** FileError where they do not fit the state `like`."""
+    """State of a checkpoint's arrays. **Raises** FileError if they do not fit the state `like`."""
     leaves, tree = jax.tree_util.tree_flatten_with_path(like)
     found = []
     for key, leaf in leaves:

@@ -1,4 +1,4 @@
-"""Scene of a run: what pictures draw around the particles, as its file keeps it."""
+"""Scene of a run: what pictures draw around the particles, as stored in the run's file."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from jaxsph.solids.box import SIDES
 from jaxsph.solids.shapes import box_corners
 
 FAR = 10.0
-"""Distance to which a solid without an end is drawn, over the larger side of the box."""
+"""Distance to which an unbounded solid is drawn, in multiples of the larger side of the box."""
 
 
 def scene_of(problem: Problem) -> dict[str, Any]:
     """Box of the water, its walls, and the outlines of all solids at rest in the x-z plane; lengths in m.
 
-    Keys: `dx`; `low`, `high`: corners (x, z) of the box; `walls`: whether there is one to the left, to the
-    right and below; `level`: still water's, None where the model has none; `solids`: `name` (that of its pose
-    in the snapshots, empty for one at rest), `corners`, `pivot`.
+    Keys: `dx`; `low`, `high`: corners (x, z) of the box; `walls`: whether the box has a left, a right and a
+    bottom wall; `level`: still water level, None if the model has none; `solids`: `name` (of the pose in the
+    snapshots, empty for a fixed solid), `corners`, `pivot`.
     """
     model = problem.model
     walls = model.walls
@@ -35,7 +35,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
     for solid in model.solids:
         corners = solid.outline(far)
         if len(corners):
-            # what is at rest is not drawn beyond the walls
+            # fixed solids are not drawn beyond the walls
             cut = shapely.Polygon(corners).intersection(inside)
             if isinstance(cut, shapely.Polygon) and not cut.is_empty:
                 solids.append(_outline("", np.asarray(cut.exterior.coords)[:-1], np.zeros(2)))
@@ -53,7 +53,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
 
 
 def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any]:
-    """Outline of a solid, to a micrometre."""
+    """Outline of a solid, rounded to a micrometre."""
     rounded = {"corners": corners, "pivot": pivot}
     return {"name": name} | {key: np.round(a.astype(float), 6).tolist() for key, a in rounded.items()}
 

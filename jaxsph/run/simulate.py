@@ -29,24 +29,24 @@ def simulate(
     """Advances a state by `n_steps` time steps. Pure: may be jitted, vmapped and differentiated.
 
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
-    (the default); n_steps is a multiple of it.
+    (the default); `n_steps` must be a multiple of `sample_every`.
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
-    with "time" (s); the first sample is the state given, at whatever step it is. Failures are bits in
-    `state.status`, never exceptions: look at them.
-    **Raises** ValueError for lengths that do not divide.
+    with "time" (s); the first sample is the given state, whatever its step. Failures set bits in
+    `state.status` and never raise exceptions: check the status.
+    **Raises** ValueError for numbers of steps that are not such multiples.
     """
     every = _check(model, n_steps, sample_every)
     return _advance(model, state, n_steps, tuple(probes), every, every_block)
 
 
 def _check(model: Model, n_steps: int, sample_every: int | None) -> int:
-    """Number of steps between samples. **Raises** ValueError for lengths that do not divide."""
+    """Number of steps between samples. **Raises** ValueError for numbers of steps that are not multiples."""
     every = model.search.rebuild_every
     sample_every = every if sample_every is None else sample_every
     if n_steps % sample_every or sample_every % every:
         raise ValueError(
-            f"n_steps = {n_steps} must be a multiple of sample_every = {sample_every}, and that of the "
-            f"model's rebuild_every = {every}"
+            f"n_steps = {n_steps} must be a multiple of sample_every = {sample_every}, and sample_every of "
+            f"the model's rebuild_every = {every}"
         )
     return sample_every
 
@@ -63,7 +63,7 @@ def _advance(
     every = model.search.rebuild_every
     start = state.step
 
-    @jax.jit  # traced once, though it is asked for its shapes first
+    @jax.jit  # traced once, although its shapes are evaluated first
     def read(s, tables):
         return measured(probes, model, s, tables)
 
@@ -90,10 +90,11 @@ def _advance(
 
 
 UNSPLIT = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
-"""Compiler options with which an operation is not split over threads.
+"""Compiler options that keep XLA from splitting an operation over threads.
 
-Devices that are a CPU's cores share its threads, and a loop over a table's slots would wait for one at every
-slot: two cores then take twice one core's time for a weighted sum, and without 0.6 of it.
+CPU cores used as devices share one pool of threads. If operations are split, a loop over a table's slots
+waits for a thread at every slot: two cores then take twice the time of one core for a weighted sum. Without
+splitting they take 0.6 of it.
 """
 
 
@@ -107,7 +108,8 @@ def simulate_chunk(
 ) -> tuple[State, dict[str, jax.Array]]:
     """Advances a state by `n_steps` time steps as `simulate` does, compiled.
 
-    `most`: the largest number of steps of this run's chunks, by default n_steps; one program does for all.
+    `most`: the largest number of steps of this run's chunks, by default `n_steps`; all chunks share one
+    compiled program.
     """
     most = n_steps if most is None else most
     for steps in (most, n_steps):

@@ -1,4 +1,4 @@
-"""Source of a run's or a sweep's file: what was run, read from the text that the file keeps."""
+"""Source of a run's or a sweep's file: what was run, read from the text stored in the file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from jaxsph.problem.sources import Assembled, source_of
 
 
 def stored_source(file: RunFile, given: Any = None) -> Source:
-    """What was run, from a run's file.
+    """Source of a run (case, program or problem), from the run's file.
 
-    **Arguments**: `given`: the program or the problem that was run, where it was no case. **Raises**
-    FileError where it is another one, where its source has changed since, or where there is none.
+    **Arguments**: `given`: the program or the problem that was run, unless it was a case. **Raises**
+    FileError if `given` is another one, if its code has changed since the run began, or if it is missing.
     """
     keys = file.case_keys()
     if "program" in keys:
@@ -34,13 +34,13 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
 
 
 def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
-    """Source of a file that no case has made. **Raises** FileError, see `stored_source`."""
+    """Source of a file that was not made from a case. **Raises** FileError, as `stored_source`."""
     place = keys["program"]
     if given is None:
         again = f"jaxsph resume {path} --program {place}" if place else "js.resume(path, given=problem)"
         raise FileError(
-            f"{path}: was made by {place or 'a problem that a program assembled'}, and a file makes nobody "
-            f"import a program: name it again, {again}"
+            f"{path}: was made by {place or 'a problem that a program assembled'}; code is never imported on "
+            f"behalf of a file, so pass it again: {again}"
         )
     source = source_of(given)
     if isinstance(source, Program) and source.arguments != keys.get("arguments"):
@@ -52,7 +52,7 @@ def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
             raise FileError(f"{path}: was made by {place}, and not by {source.place}")
         if source.digest != keys["digest"]:
             raise FileError(
-                f"{path}: {place} has changed since it was begun, and might make another problem: take the "
+                f"{path}: {place} has changed since the run began, and might build another problem: use the "
                 "program as it was, or run the new one to a new file"
             )
     return source
@@ -66,13 +66,12 @@ def _with_arguments(path: Path, program: Program, arguments: dict[str, Any]) -> 
 
 
 def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
-    """Values of what was run by dotted name, by a file's text. **Raises** FileError where this version does
-    not read it."""
+    """Values of a run's source by dotted name, from a file's text. **Raises** FileError if this version
+    cannot read it."""
     try:
         keys = tomllib.loads(text)
         return identity(text if "program" in keys else Case.from_dict(keys).to_toml())
     except (CaseError, tomllib.TOMLDecodeError) as error:
         raise FileError(
-            f"{path}: this version does not read its case ({error}); take the version that wrote it, "
-            f"{version}"
+            f"{path}: this version cannot read its case ({error}); use the version that wrote it, {version}"
         ) from None

@@ -28,9 +28,9 @@ from jaxsph.run.recorder import Recorder, Start, new_file
 from jaxsph.run.simulate import simulate
 
 
-@dataclass(eq=False)  # a lane is itself, whatever its arrays hold
+@dataclass(eq=False)  # lanes are compared by identity
 class _Lane:
-    """One of several runs that go side by side."""
+    """One of several runs that run side by side."""
 
     problem: Problem
     model: Model
@@ -45,7 +45,7 @@ class _Lane:
 
 
 def shape(source: Source) -> Hashable:
-    """Structure, array shapes and cadence of a problem; those for which they are equal can run together."""
+    """Structure, array shapes and cadence of a problem; problems of equal shape can run together."""
     problem = source.problem()
     model = with_settings(problem.model, dict.fromkeys(search_settings(problem.model), 0))
     everything = (model, problem.state, problem.probes)
@@ -59,8 +59,9 @@ def run_together(
 ) -> list[Solution | SimulationError]:
     """Runs problems of one `shape` side by side, in one vmapped call per chunk, each into a file of its own.
 
-    A file that has a checkpoint of its problem is gone on with. **Returns** what `run` would, or what it
-    would raise: a run that fails does not stop the others. **Raises** FileError, as `run` and `restore`.
+    A file that has a checkpoint of its problem is continued. **Returns** for each run the solution that `run`
+    would return, or the error that it would raise; a run that fails does not stop the others. **Raises**
+    FileError, as `run` and `restore`.
     """
     lanes = [_lane(source, out) for source, out in zip(sources, outs, strict=True)]
     every = [search_settings(lane.model) for lane in lanes]
@@ -71,7 +72,7 @@ def run_together(
     bar = tqdm(total=left, unit="step", disable=not progress, dynamic_ncols=True, leave=False)
     with bar, hear_interrupts() as interrupt:
         while waiting := [k for k in lanes if k.failure is None and k.step < k.recorder.last]:
-            # after an interruption some may be a chunk ahead: they wait
+            # after an interruption some lanes may be a chunk ahead: they wait
             now = min(lane.step for lane in waiting)
             active = [lane for lane in waiting if lane.step == now]
             n_steps = min(active[0].recorder.per_chunk, active[0].recorder.last - now)
@@ -85,8 +86,8 @@ def run_together(
 def _advance(
     lanes: Sequence[_Lane], active: Sequence[_Lane], like: Model, n_steps: int, say: Callable[[str], None]
 ) -> Model:
-    """Takes the active lanes on by a chunk; returns the model with the tables that it took."""
-    # a lane that waits, or failed, goes as a copy of one that runs: the shapes stay
+    """Advances the active lanes by a chunk; returns the model with the tables that the chunk needed."""
+    # a copy of an active lane replaces every lane that waits or failed, so that the shapes stay
     going = [lane if lane in active else active[0] for lane in lanes]
     advance = functools.partial(_simulate_lanes, going, n_steps)
     like, states, readings = replay_chunk(like, advance, say)
@@ -106,7 +107,7 @@ def _advance(
 
 
 def _lane(source: Source, out: str | Path) -> _Lane:
-    """A lane that goes on with its file, or begins it."""
+    """A lane that continues its file, or begins it."""
     if Path(out).exists() and RunFile.open(out).has_checkpoint():
         start, file = load_start(out, source), RunFile.open(out)
     else:
@@ -131,7 +132,7 @@ def _simulate_lanes(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[
 
 @functools.partial(jax.jit, static_argnames=("structure", "n_steps", "sample_every"))
 def _simulate_chunks(own, shared, states, structure, n_steps, sample_every):
-    """A chunk of every lane: `own` leaves of models and probes by lane, `shared` ones for all."""
+    """A chunk of every lane; leaves of models and probes: `own` of each lane, `shared` by all lanes."""
 
     def lane(own, state):
         leaves = [a if b is None else b for a, b in zip(own, shared, strict=True)]

@@ -1,8 +1,8 @@
-"""Air of the chambers in a step: its force on the water, and pressures that meet every power take-off's law.
+"""Air of the chambers in a step: its force on the water, and the pressures required by the power take-offs.
 
-The pressure of the air is an unknown of the step as the water's is. Both enter linearly, so the air's is
-eliminated: the response of the water to a unit of it (`Response`) gives the flow for every pressure, and
-the law of the power take-off meets this line in closed form.
+The pressure of the air is an unknown of the step, as the pressure of the water is. Both enter linearly, so
+the air pressure is eliminated: the water's response to a unit of it (`Response`) gives the flow as a linear
+function of the pressure. This line and the law of the power take-off are solved together in closed form.
 """
 
 from __future__ import annotations
@@ -23,12 +23,14 @@ from jaxsph.schemes.step import Interval
 __all__ = ["Met", "WaterLine", "couple_airs", "finish_airs", "meet_laws", "water_line"]
 
 NEWTON = 8
-"""Steps of Newton's method for laws that share water or ducts: each doubles the number of right digits, and a
-step of time changes the first of them."""
+"""Number of Newton iterations for laws that are coupled by the water or by ducts.
+
+Each iteration doubles the number of correct digits. A time step may change even the first digit.
+"""
 
 
 class Met(NamedTuple):
-    """Air over a step that meets every law, by the names of chambers and ducts."""
+    """Air over a step that satisfies every law, by the names of chambers and ducts."""
 
     chambers: dict[str, Pressed]
     ducts: dict[str, Pressed]
@@ -38,15 +40,15 @@ class WaterLine(NamedTuple):
     """Flows out of the chambers as linear functions of their pressures over a step."""
 
     flows: Mapping[str, Scalar]
-    """Flow of every chamber at the step's end were all pressures zero, m3/s (m2/s in 2-D)."""
+    """Flow out of every chamber at the step's end if all pressures were zero, m3/s (m2/s in 2-D)."""
     compliance: Mapping[tuple[str, str], Scalar]
-    """-dq/dP_a of the first chamber's flow by the second's pressure, m3/s/Pa (m2/s/Pa in 2-D)."""
+    """-dq/dP_a of the first chamber's flow by the second chamber's pressure, m3/s/Pa (m2/s/Pa in 2-D)."""
 
 
 def couple_airs(
     scheme: AbstractScheme, model: Model, water: Particles, sources: Sources, tables: Tables
 ) -> dict[str, AirCoupling]:
-    """Couplings of the chambers' air to the water where it is, by the chamber's name."""
+    """Couplings of the chambers' air to the water in its current position, by the chamber's name."""
     return {c.name: c.coupling(scheme, water, sources, tables) for c in model.chambers}
 
 
@@ -57,9 +59,9 @@ def water_line(
     before: Mapping[str, Scalar],
     dt: Scalar,
 ) -> WaterLine:
-    """Flows over a step of dt (s) by the water's responses to the chambers' pressures.
+    """Flows over a step of dt (s) as functions of the pressures, from the water's responses to the air.
 
-    **Arguments**: `u`: velocities (m/s) at the step's end with the pressures `before` (Pa).
+    **Arguments**: `u`: velocities (m/s) at the step's end with the pressures `before` (Pa) of the chambers.
     """
     changes = {name: airs[name].push(responses[name].u, dt) for name in airs}
     compliance = {(a, b): -airs[a].flow(changes[b]) for a in airs for b in airs}
@@ -68,25 +70,25 @@ def water_line(
 
 
 def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval: Interval) -> Met:
-    """Air of every chamber and duct that meets its law and the water's line at once.
+    """Air of every chamber and duct that satisfies both its law and the flow that the water allows.
 
-    `parts`: states of the parts at the step's begin.
+    `parts`: states of the parts at the start of the step.
     """
     if not model.chambers:
         return Met({}, {})
     laws = _Laws(model, parts, line, interval.t, interval.dt)
     unknown = laws.begin()
-    if len(unknown) > 1:  # of a chamber alone it is known
+    if len(unknown) > 1:  # for a single chamber the first value is the solution
         unknown = jax.lax.fori_loop(0, NEWTON, lambda _, x: laws.nearer(x), unknown)
     return laws.met(unknown)
 
 
 class _Laws(NamedTuple):
-    """Equations of chambers and ducts that share water, with an unknown flow for each.
+    """Equations of chambers and ducts that are coupled by the water, with an unknown flow for each.
 
-    That of a chamber is its flow were its own pressure zero; that of a duct is its flow were the drop along
-    it zero while the chambers give way. With them every law is a function of bounded slope, however steep its
-    pressure is over its flow, or its flow over its pressure.
+    The unknown of a chamber is the flow that it would have with zero pressure of its own. The unknown of a
+    duct is the flow that it would have with zero pressure drop, when the water in both chambers responds. As
+    functions of these unknowns pressure and flow have bounded slopes, however steep a law is.
     """
 
     model: Model
@@ -96,12 +98,12 @@ class _Laws(NamedTuple):
     dt: Scalar
 
     def give(self, between: tuple[str, str]) -> Scalar:
-        """Compliance of the water at both ends of a duct, one behind the other."""
+        """Compliance of the water to the pressure drop of a duct: the two ends act in series."""
         a, b = (self.line.compliance[end, end] for end in between)
         return a * b / (a + b)
 
     def begin(self) -> Array:
-        """Unknown flows, of the chambers and then of the ducts, by the air of the step before."""
+        """First values of the unknown flows, chambers before ducts, from the air of the previous step."""
         P_a = {c.name: self.parts[c.name].P_a for c in self.chambers}
         chambers = [self.line.flows[name] - self.others(name, P_a) for name in P_a]
         ducts = []
@@ -116,7 +118,7 @@ class _Laws(NamedTuple):
         return self.model.chambers
 
     def others(self, name: str, P_a: Mapping[str, Scalar]) -> Scalar:
-        """Flow out of a chamber that the pressures (Pa) of the others hold back."""
+        """Flow by which the pressures (Pa) of the other chambers reduce the flow out of a chamber."""
         held = [self.line.compliance[name, k.name] * P_a[k.name] for k in self.chambers if k.name != name]
         return sum(held, jnp.zeros_like(self.line.flows[name]))
 
@@ -136,7 +138,7 @@ class _Laws(NamedTuple):
         return Met(chambers, ducts)
 
     def missing(self, unknown: Array) -> Array:
-        """Flows by which the equations are not met."""
+        """Residuals of the equations, as flows."""
         met = self.met(unknown)
         P_a = {name: pressed.P_a for name, pressed in met.chambers.items()}
         found = [
@@ -149,13 +151,13 @@ class _Laws(NamedTuple):
         return jnp.stack(found)
 
     def nearer(self, unknown: Array) -> Array:
-        """Unknown flows after a step of Newton's method."""
+        """Unknown flows after one Newton iteration."""
         slopes = jax.jacfwd(self.missing)(unknown)
         return unknown - jnp.linalg.solve(slopes, self.missing(unknown))
 
 
 def _ways(model: Model, chamber: str) -> list[tuple[str, float]]:
-    """Ducts of a chamber by their names, with 1 where flow out of it is positive, and -1."""
+    """Names of the ducts of a chamber, each with 1 if its positive flow leaves the chamber, else -1."""
     return [
         (duct.name, way)
         for duct in model.ducts
@@ -173,7 +175,7 @@ def finish_airs(
 ) -> tuple[dict[str, Air], dict[str, Scalar]]:
     """Air of chambers and ducts at the end of a step, and the energies (J, J/m in 2-D) taken by name.
 
-    `flows`: flows out of every chamber at the step's begin and end, by the coupling of the step.
+    `flows`: flows out of every chamber at the start and end of the step, by the coupling of the step.
     """
     airs, taken = {}, {}
     work = {duct.name: jnp.zeros_like(dt) for duct in model.ducts}
@@ -181,7 +183,7 @@ def finish_airs(
         name, ways = chamber.name, _ways(model, chamber.name)
         airs[name], amounts, given = chamber.finish(parts[name], met.chambers[name], *flows[name], dt)
         taken |= amounts
-        # of a closed chamber the ducts share what the mean over the step is off their flows at its end
+        # a closed chamber: its ducts share the difference of the mean flow to their flows at the step's end
         off = (given.flow - met.chambers[name].ducted) / max(len(ways), 1)
         for duct, way in ways:
             work[duct] = work[duct] + dt * given.head * (way * met.ducts[duct].passed + off)

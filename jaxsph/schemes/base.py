@@ -1,4 +1,4 @@
-"""Base of the schemes: neighbour tables, ghosts and their fields, bodies in the water, flags of failures."""
+"""Base of the schemes: neighbour tables, ghosts and their fields, coupling to bodies, failure flags."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ __all__ = [
 class BodyGrip(NamedTuple):
     """Linear map from pressures to the force on a body.
 
-    It is the negated sum of the pair law that moves the water, so that action equals reaction.
+    It is minus the sum of the pair law that accelerates the water, so that action equals reaction.
     """
 
     arms: Float[Array, "3 B D"]
-    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit of every motion."""
+    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit velocity of each motion."""
     sums: Float[Array, "B D"]
-    """Weights of the dummies' own pressures: the sums of `weights`."""
+    """Weight of every dummy's own pressure: the sum of its `weights`."""
     weights: Components
-    """Weights of the water's pressures around every dummy, by slot of `table`."""
+    """Weights of the water's pressures around every dummy, one component per axis, by slot of `table`."""
     table: PointNeighbours
     """Neighbours of the dummies in the water."""
 
     def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
-        """Generalised force of the water's and the dummies' pressures (Pa), N, N, N m (per metre in 2-D)."""
+        """Generalised force due to the pressures (Pa) of water and dummies, N, N, N m (per metre in 2-D)."""
         around = stack([self.table.weighted_sum(w, Sources({"f": p}, {})) for w in self.weights])
         return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.sums)
 
@@ -54,8 +54,8 @@ class BodyGrip(NamedTuple):
 class BodyCoupling(NamedTuple):
     """Linear maps between a body's accelerations and the water's pressure around it.
 
-    The pressure of the body's dummies depends on its acceleration at once: this part of the water's inertia
-    is added to the body's own mass here, and the rest is in the water's pressure.
+    The pressure of the body's dummies depends instantaneously on the body's acceleration. This part of the
+    added mass is included in the body's mass here; the remainder acts through the water's pressure.
     """
 
     grip: BodyGrip
@@ -63,27 +63,27 @@ class BodyCoupling(NamedTuple):
     slopes: Float[Array, "3 B"]
     """Pressure (Pa) of the dummies per unit of each of the body's accelerations (m/s2, m/s2, rad/s2)."""
     inverse: Float[Array, "3 3"]
-    """Accelerations per unit of generalised force, with the damping over a step; 0 for motions not free."""
+    """Accelerations per unit generalised force, with damping over a step; 0 for motions that are not free."""
     outside: Float[Array, "3"]
-    """Generalised force other than the water's pressure, N, N, N m (per metre in 2-D)."""
+    """Generalised force other than that of the water's pressure, N, N, N m (per metre in 2-D)."""
     movable: Float[Array, "3"]
-    """Mask of the motions that forces change: 1 for these, 0 for others."""
+    """Mask of the motions: 1 where the motion is free, 0 where its velocity is constant."""
     rows: tuple[int, int]
-    """Index of the body's first ghost, and of the one after its last."""
+    """Index of the body's first ghost, and of the ghost after its last."""
 
     def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration (m/s2, m/s2, rad/s2) by the pressures (Pa) of the water and the ghosts.
+        """Acceleration (m/s2, m/s2, rad/s2) due to the pressures (Pa) of the water and the ghosts.
 
-        The ghosts' pressures are those without the part that the body's acceleration adds (`press`).
+        The pressures of the ghosts exclude the part that the body's acceleration adds (`press`).
         """
         return self.inverse @ self.grip.force(p, p_ghosts[slice(*self.rows)])
 
     def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration (m/s2, m/s2, rad/s2) by the pressures (Pa) as in `response`, and every other force."""
+        """Acceleration (m/s2, m/s2, rad/s2) due to the pressures (Pa), see `response`, and other forces."""
         return self.response(p, p_ghosts) + self.inverse @ self.outside
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, "3"]) -> Float[Array, " G"]:
-        """Pressures of the ghosts (Pa) with the part that the body's acceleration adds to its dummies'."""
+        """Pressures of the ghosts (Pa), with the part due to the body's acceleration added to its dummies."""
         return p_ghosts.at[slice(*self.rows)].add(acceleration @ self.slopes)
 
     def force(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
@@ -92,15 +92,15 @@ class BodyCoupling(NamedTuple):
 
 
 class AbstractParticleScheme(AbstractScheme):
-    """Scheme that advances particles of water between walls of ghosts."""
+    """Scheme that advances particles of water, with walls represented by ghosts."""
 
     regularisation: eqx.AbstractVar[tuple[Regularisation, ...]]
-    """Regularisation of the particles, one or none."""
+    """Regularisation of the particles, at most one."""
 
     # ---------------------------------------------------------------- tables
 
     def prepare(self, model, state):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.prepare`."""
         for outlet in model.outlets:
             state = outlet.drain(model, state)
         s, walls, p = model.search, model.walls, state.particles
@@ -112,7 +112,7 @@ class AbstractParticleScheme(AbstractScheme):
         ghosts, nodes, _ = model.ghosts_at(state.parts, p, images)
         there = images.there
         kind = walls.kind.at[: len(there)].multiply(there.astype(walls.kind.dtype))
-        # a search keeps escaped particles in the cells at the edge; `check` flags their failure
+        # the search puts escaped particles into the cells at the edge; `check` flags the failure
         water, behind = Seen(p.x, walls.regions.kind(region)), Seen(ghosts, kind)
         fluid, most, halo = water_neighbours(
             s.slabs, s.method, water, walls.regions.sees(region), behind, s.capacity
@@ -150,7 +150,7 @@ class AbstractParticleScheme(AbstractScheme):
         return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))
 
     def _images(self, model: Model, parts: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
-        """Particles of which ghosts are the images until the next search, and whether there are too many."""
+        """Particles that image ghosts mirror until the next search, and whether they are too many."""
         s = model.search
         x = jax.lax.stop_gradient(s.slabs.gather(p.x))
         paddle = model.paddle_at(jax.lax.stop_gradient(parts))
@@ -161,12 +161,12 @@ class AbstractParticleScheme(AbstractScheme):
     def respond(self, model: Model, state: State, tables: Tables) -> dict[str, Response]:
         """Response of the water to the air in each chamber over a step, by the chamber's name.
 
-        Found at a search and kept until the next: the laws of the power take-offs hold for any response, and
-        how exact it is only decides how much of a change in pressure within a step waits for the next.
+        It is computed at a search and kept until the next one. The laws of the power take-offs are met
+        exactly with any response; an inaccurate one only delays a part of a pressure change by a step.
         """
 
     def regularise(self, model, state, tables):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.regularise`."""
         every = model.search.rebuild_every
         searches = max(model.search.regularise_every // every, 1)
 
@@ -181,19 +181,19 @@ class AbstractParticleScheme(AbstractScheme):
 
         if searches == 1:
             return regularised(state)
-        # lanes of a batch are at one step: the choice is theirs together
+        # all lanes of a batch are at the same step and take the same branch
         due = any_lane(state.step // every % searches == 0)
         return jax.lax.cond(due, regularised, lambda state: state, state)
 
     # ---------------------------------------------------------------- ghosts
 
     def water(self, p: Particles) -> Sources:
-        """Fields of the water as sources for nodes: positions, volumes, pressures and velocities (SI)."""
+        """Fields of the water as sources for the nodes: positions, volumes, pressures and velocities (SI)."""
         fields = {"x": columns(p.x), "V": self.volume(p), "p": self.pressure(p), "u": columns(p.u)}
         return Sources(fields, {})
 
     def level_pressure(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
-        """Field "level_p" of the water: pressure (Pa) that tells dummies of its level; none where it is p."""
+        """Field "level_p" of the water: pressure (Pa) from which dummies find its level; empty if it is p."""
         del model, state
         return {}
 
@@ -208,36 +208,36 @@ class AbstractParticleScheme(AbstractScheme):
         fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes, weight)
         here = fit.wet
         for wall in model.moving:
-            # an image is where its particle is along the wall
+            # an image counts in full, since its particle is in front of the wall
             cover = wall.cover(state.parts[wall.name], x, model.dx)
             here = here * cover.at[: walls.images.count].set(1.0)
         still = jnp.zeros_like(x)
         return GhostFields(x, nodes, still[:, 0], still, still, here * volume, fit, water)
 
     def carried(self, model: Model, law, ghosts: GhostFields, tables: Tables):
-        """Values of `law(j)` (a pytree of fields of the water) that the walls carry to their ghosts."""
+        """Values at all ghosts of `law(j)`, a pytree of fields of the water: see `Ghosts.carried`."""
         return model.walls.carried(law, *self._seen(ghosts, tables))
 
     def carrier(
         self, model: Model, ghosts: GhostFields, tables: Tables
     ) -> Callable[[Sources], Float[Array, " G"]]:
-        """Linear function that carries one field "f" of the water to all ghosts."""
+        """Linear function that gives the values of one field "f" of the water at all ghosts."""
         return model.walls.carrier(*self._seen(ghosts, tables))
 
     def _seen(self, ghosts: GhostFields, tables: Tables):
-        """What ghosts see of the water, as the walls' methods take it."""
+        """What the ghosts see of the water, as arguments for the methods of the walls."""
         return ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
 
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
         """Positions, volumes and pressures of all ghosts for the state's water (Zhu et al. 2020, Eq. 18-20).
 
-        The pressures contain the walls' accelerations over the interval; velocities are still zero.
+        The pressures include the effect of the walls' accelerations over the interval; velocities are zero.
         """
         ghosts, walls = self.place_ghosts(model, state, tables), model.walls
         at_node = self.carried(model, lambda j: j["p"], ghosts, tables)
         force = self.wall_force(model, state.parts, ghosts, interval)
         pressure = walls.pressure(ghosts.fit, at_node, ghosts.x, ghosts.nodes, force)
-        # a dry ghost has no volume; its pressure must still be a number
+        # a dry ghost has no volume, but its pressure must be finite
         return ghosts._replace(p=jnp.where(ghosts.fit.wet > 0, pressure, 0.0))
 
     def wall_force(
@@ -245,8 +245,8 @@ class AbstractParticleScheme(AbstractScheme):
     ) -> Float[Array, "G D"]:
         """Pressure gradient across the walls at the ghosts, rho0 (f - a_wall), N/m3.
 
-        `parts`: states of the parts by name. Of a body's acceleration only the centripetal part is in it; for
-        the rest see `body_coupling`.
+        `parts`: states of the parts by name. Of a body's acceleration only the centripetal part is included;
+        `body_coupling` covers the remainder.
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
         for field in model.forces:
@@ -265,9 +265,9 @@ class AbstractParticleScheme(AbstractScheme):
     def ghost_velocity(
         self, model: Model, parts: Mapping[str, Any], tables: Tables, ghosts: GhostFields
     ) -> GhostFields:
-        """Ghosts with their velocities (m/s), which follow from those of the water that they see.
+        """Ghosts with their velocities (m/s), which follow from the velocities of the water that they see.
 
-        Moving solids have the velocities of their states in `parts`.
+        The velocities of moving solids are those of their states in `parts`.
         """
         walls = model.walls
         at_node = self.carried(model, lambda j: j["u"], ghosts, tables)
@@ -280,7 +280,7 @@ class AbstractParticleScheme(AbstractScheme):
         for body in model.bodies:
             rows = slice(*body.rows)
             moving = columns(body.velocity(parts[body.name], ghosts.x[rows]))
-            # mirrored in the plane across the normal: the water slips along the body
+            # mirror the normal component of the relative velocity: the water slips along the body
             normal = columns(body.normals(parts[body.name], walls.x[rows]))
             there = tuple(a[rows] for a in at_node)
             through = 2.0 * dot(tuple(a - b for a, b in zip(moving, there, strict=True)), normal)
@@ -299,7 +299,7 @@ class AbstractParticleScheme(AbstractScheme):
         ghosts: GhostFields,
         tables: Tables,
     ) -> BodyCoupling:
-        """Coupling of a body to the water over the interval, in the pose that it has in the state `at`."""
+        """Coupling of a body to the water over the interval, in the body's pose in the state `at`."""
         motion, before, dt = at.parts[body.name], interval.before[body.name], interval.dt
         grip = self._body_grip(body, motion, ghosts, tables)
         slopes = self._body_slopes(model, body, motion, ghosts)
@@ -315,7 +315,7 @@ class AbstractParticleScheme(AbstractScheme):
         return BodyCoupling(grip, slopes, inverse, outside, free, body.rows)
 
     def _body_slopes(self, model: Model, body: AbstractBody, motion: Any, ghosts: GhostFields) -> jax.Array:
-        """Pressure (Pa) of the body's dummies per unit of every acceleration of the body, `[3, B]`."""
+        """Pressure (Pa) of the body's dummies per unit of each acceleration of the body, `[3, B]`."""
         rows = slice(*body.rows)
         fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
         x, nodes, zero = ghosts.x[rows], ghosts.nodes[rows], jnp.zeros_like(fit.wet)
@@ -326,7 +326,7 @@ class AbstractParticleScheme(AbstractScheme):
         return jnp.where(fit.wet > 0, jax.vmap(slope)(body.directions(motion, x)), 0.0)
 
     def _body_grip(self, body: AbstractBody, motion: Any, ghosts: GhostFields, tables: Tables) -> BodyGrip:
-        """Map from pressures to the force on the body, by the weights of the water around its dummies."""
+        """Map from pressures to the force on the body, from the weights of the water around its dummies."""
         rows = slice(*body.rows)
         x = ghosts.x[rows]
 
@@ -342,7 +342,7 @@ class AbstractParticleScheme(AbstractScheme):
     # ---------------------------------------------------------------- failures
 
     def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array, x_used: jax.Array) -> State:
-        """Flags failures in the state's status: outdated tables, numbers not finite, escapes, high speeds.
+        """Flags failures in the state's status: outdated tables, non-finite values, escapes, high speeds.
 
         `x_old`: positions (m) at the beginning of the step; `x_used`: those at which the tables were used.
         """
@@ -358,7 +358,7 @@ class AbstractParticleScheme(AbstractScheme):
         )
         stale = moved2 > (0.5 * model.search.skin) ** 2
         too_fast = speed2 > self.fastest(model.dt) ** 2
-        # the largest speed is not followed after a failure, when numbers may be nonsense
+        # after a failure values may be meaningless: the largest speed is no longer updated
         speed = jnp.where(status.bits == 0, jnp.maximum(status.speed2, speed2), status.speed2)
         status = eqx.tree_at(lambda s: s.speed2, status, speed)
         status = status.flag(Failure.NON_FINITE, bad > 0.0, state.step, first_bad)
@@ -369,9 +369,9 @@ class AbstractParticleScheme(AbstractScheme):
 
 
 def _checked_tables(state: State, search, found: dict[str, jax.Array], too_many: jax.Array):
-    """Status with the largest needs of the tables so far, and a flag where one exceeds its capacity.
+    """Status with the largest table sizes needed so far, and a flag if one exceeds its capacity.
 
-    `too_many`: whether more particles are beside a wall than it has images for.
+    `too_many`: whether more particles are beside a wall than there are rows for their images.
     """
     status = eqx.tree_at(
         lambda s: s.most, state.status, {k: jnp.maximum(v, found[k]) for k, v in state.status.most.items()}

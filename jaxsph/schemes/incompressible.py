@@ -56,14 +56,14 @@ from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_for
 
 
 class ISPH(AbstractParticleScheme):
-    """Incompressible SPH scheme: projection onto velocities without divergence."""
+    """Incompressible SPH scheme: projection onto divergence-free velocities."""
 
     too_fast: ClassVar[str] = "a particle goes farther than 0.6 spacings in a step"
     grip: ClassVar[AbstractGrip] = BodyForceGrip()
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""
     dx: Scalar
-    """Spacing of the lattice, m."""
+    """Particle spacing, m."""
     rho0: Scalar
     """Density of water, kg/m3."""
     speed: Scalar
@@ -77,13 +77,13 @@ class ISPH(AbstractParticleScheme):
     surface: AbstractSurface
     """Free-surface condition of the pressure Poisson equation."""
     relaxation: Scalar
-    """Rate at which crowding of the particles is undone, over sqrt(g/h)."""
+    """Rate at which crowded particles are spread again, over sqrt(g/h) (-)."""
     least: Scalar
-    """Least gauge pressure of water with a free surface, Pa; with 0 it bears no tension."""
+    """Lowest gauge pressure of water with a free surface, Pa; with 0 the water bears no tension."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
-    """Regularisation of the particles, one or none."""
+    """Regularisation of the particles, at most one."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
-    """Shifting of the particles beside their drift, one or none."""
+    """Shifting of the particles in addition to their drift, at most one."""
 
     @classmethod
     def of(
@@ -109,11 +109,11 @@ class ISPH(AbstractParticleScheme):
     ) -> ISPH:
         """Builds the incompressible scheme from plain numbers, in the precision `dtype`.
 
-        **Arguments**: `dx`, spacing (m); `speed`, the largest to expect (m/s); `dim`, 2 or 3; `viscosity`, by
-        default water's; `kernel` and its smoothing length `h_over_dx` dx, by default those of `KERNEL` and
-        `usual_length`; `least`, the least pressure (Pa); `period`: `Box.period`; `hyperviscosity`,
-        `separation`: strengths of the regularisation, which there is none of with two zeros; `options`:
-        further fields by name. There is an argument for each choice.
+        **Arguments**: `dx`, spacing (m); `speed`, largest speed to expect (m/s); `dim`, 2 or 3; `viscosity`,
+        by default that of water; `kernel` and its smoothing length `h_over_dx` dx, by default from `KERNEL`
+        and `usual_length`; `least`, the lowest pressure (Pa); `period`: `Box.period`; `hyperviscosity`,
+        `separation`: regularisation strengths, both 0 to disable it; `options`: further fields by name.
+        There is an argument for each choice.
         """
         kernel = KERNEL[dim] if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -142,77 +142,77 @@ class ISPH(AbstractParticleScheme):
     # ---------------------------------------------------------------- interface of a scheme
 
     def pressure(self, p):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.pressure`."""
         return p.p
 
     def with_pressure(self, p, pressure):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.with_pressure`."""
         return eqx.tree_at(lambda a: (a.p, a.p_mean), p, (pressure, pressure))
 
     def level_pressure(self, model, state):
-        """See `AbstractParticleScheme`: the mean pressure."""
+        """See `AbstractParticleScheme.level_pressure`: the mean pressure."""
         return {"level_p": state.particles.p_mean} if model.walls.dummies else {}
 
     def stable_dt(self, g, dim):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.stable_dt`."""
         nu = float(self.viscosity.kinematic(self.smoothing.h, 0.0, dim))
         return stable_dt(STEP_LENGTH[dim] * float(self.dx), float(self.speed), nu, g, 0.25)
 
     def description(self):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.description`."""
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractParticleScheme`: 30 ns a neighbour and 2.2 us, with the iterations that still water, a
-        flap in waves and the column's dam break take."""
+        """See `AbstractScheme.cost`: 2.2 us and 30 ns per neighbour, with the number of iterations of still
+        water, a flap in waves and the dam break of the column."""
         return 2.2e-6 + 30e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):
-        """See `AbstractParticleScheme`: a particle that crosses 0.6 spacings in a step."""
+        """See `AbstractScheme.fastest`: 0.6 spacings in a time step."""
         return 0.6 * self.dx / dt
 
     def compression(self, p):
-        """See `AbstractParticleScheme`: none."""
+        """See `AbstractScheme.compression`: zero."""
         return jnp.zeros((), p.x.dtype)
 
     def entries(self):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.entries`."""
         return {
-            "contact": Entry("energy lost by water that meets a solid"),
-            "projection": Entry("work of the projection's pressure not received as motion, may be negative"),
+            "contact": Entry("energy lost in the contact of water with solids"),
+            "projection": Entry("pressure work that neither water nor solids receive; may be negative"),
             **{name: entry for one in self.regularisation for name, entry in one.entries().items()},
         }
 
     def limiters(self):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.limiters`."""
         return {
-            "tension": "pressures below the least that water bears, raised to it",
-            "crowding": "crowding beyond what disorder makes, held back",
+            "tension": "pressure below the lowest that water bears, raised to it",
+            "crowding": "crowding stronger than that of ordinary disorder, limited",
         }
 
     # ---------------------------------------------------------------- one step
 
     def step(self, model, state, tables):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.step`."""
         p, dt = state.particles, model.dt
         interval = move_walls(self, model, state, dt)
         push = spring_acceleration(model, state.parts, p, self._contact(model))
         ghosts = self.place_ghosts(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
-        # the air's pressure begins with that of the step before; what is missing follows the projection
+        # start from the air pressure of the previous step; the change follows after the projection
         airs = couple_airs(self, model, p, ghosts.water, tables)
         for name, air in airs.items():
             u = air.push(u, dt * state.parts[name].P_a)
-        # The divergence is linear: of what the velocities had before the step a share is left for the next.
-        # Eq. 7-8. The ghosts' velocities gain gravity and forces as the water's do, and the walls' own
-        # acceleration goes into the ghosts' pressure: so a field without divergence has none at walls either.
+        # Eq. 7-8. Divergence is linear: `later` is the share of the earlier divergence left to the next step.
+        # The ghosts gain velocity from gravity and body forces as the water does, and the ghosts' pressure
+        # contains the walls' acceleration: a divergence-free field is therefore divergence-free at walls.
         later = 1.0 - LEFT_OVER
         eased = (u - later * p.u) / LEFT_OVER
         ghosts = self.ghost_velocity(model, state.parts, tables, ghosts.seeing(tables, u=columns(eased)))
         u_star = u + dt * (model.g + model.acceleration(p.x, interval.middle))
         u_left = LEFT_OVER * ghosts.u + dt * (model.g + model.acceleration(ghosts.x, interval.middle))
-        # The paper takes positions a whole step ahead, whose pressures damp a wave by omega^2 dt/4. With
-        # positions half a step ahead water swings without a loss to second order.
+        # The paper predicts positions a whole step ahead; the pressures there damp a wave by omega^2 dt/4.
+        # With positions half a step ahead, waves lose no energy to second order.
         at = self._halfway(model, state, interval, p.u, u_star - later * p.u)
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(ghosts, u_left)
@@ -254,9 +254,9 @@ class ISPH(AbstractParticleScheme):
     def _halfway(
         self, model: Model, state: State, interval: Interval, drifting: jax.Array, u: jax.Array
     ) -> State:
-        """State with particles, which move with `drifting` (m/s), and solids in the middle of the step.
+        """State in the middle of the step, with the particles moved by the velocities `drifting` (m/s).
 
-        Its velocities are u (m/s).
+        The velocities of the state are u (m/s).
         """
         dt, parts = interval.dt, dict(state.parts)
         for solid in (*model.moving, *model.bodies):
@@ -274,12 +274,12 @@ class ISPH(AbstractParticleScheme):
         pressures: Pressures,
         changes: Changes,
     ) -> tuple[dict[str, Any], dict[str, Tally]]:
-        """States of the solids after the step, and the ledger with its energies (J, J/m in 2-D)."""
+        """States of the parts after the step, and the ledger with the step's energies (J, J/m in 2-D)."""
         p, dt, parts = state.particles, interval.dt, dict(interval.after)
         amounts = dict(changes.damped)
         work = wall_work(self, model, interval.after, tables, ghosts, dt)
         amounts |= work
-        given = -sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressures
+        given = -sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressure
         given_touching = jnp.zeros_like(dt)
         for body in model.bodies:
             old, force = state.parts[body.name], pressures.forces[body.name]
@@ -299,18 +299,18 @@ class ISPH(AbstractParticleScheme):
         return parts, book(state.ledger, amounts)
 
     def _sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
-        """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see."""
+        """Sources of the pair sums: ghosts with velocities `u_ghosts` (m/s), and the water that they see."""
         return ghosts.water.behind({"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)})
 
     def _sum(self, law, sources: Sources, tables: Tables):
-        """Sum of a pair law over water and ghosts, for every particle of water."""
+        """Sum of a pair law over water and ghosts, for every water particle."""
         return tables.fluid.sum(law, self.smoothing, sources.water, sources)
 
     @staticmethod
     def _contact(model: Model) -> Scalar:
         """Speed (m/s) that sets the stiffness of the contact springs.
 
-        The projection stops the water at solids, and the springs stop the particles that it missed.
+        The projection stops the water at solids; the springs stop particles that still come too close.
         """
         return 0.5 * model.dx / model.dt
 
@@ -328,7 +328,7 @@ class ISPH(AbstractParticleScheme):
     # ---------------------------------------------------------------- projection
 
     def respond(self, model, state, tables):
-        """See `AbstractParticleScheme`: by the pressure equation with the air's force for a source."""
+        """See `AbstractParticleScheme.respond`: solves the pressure equation for the air's force."""
         p, dt, still = state.particles, model.dt, jnp.zeros_like(state.particles.u)
         interval = at_rest(model, state)
         ghosts = self.place_ghosts(model, state, tables)
@@ -337,7 +337,7 @@ class ISPH(AbstractParticleScheme):
         for name, air in couple_airs(self, model, p, ghosts.water, tables).items():
             kicked = ghosts.seeing(tables, u=columns(air.push(still, dt)))
             kicked = self.ghost_velocity(model, state.parts, tables, kicked)
-            # of the walls' velocities only the part that follows the water
+            # only the part of the ghosts' velocities that follows the water
             sources = self._sources(kicked, kicked.u - resting.u)
             equation = self._equation(model, state, tables, kicked, sources, interval).unforced()
             source, begin = equation.poisson.shrinking, jnp.zeros_like(p.p)
@@ -350,7 +350,7 @@ class ISPH(AbstractParticleScheme):
     def _pressed(
         self, pressures: Pressures, ghosts: GhostFields, sources: Sources, tables: Tables
     ) -> tuple[GhostFields, Sources, Float[Array, "N D"]]:
-        """Ghosts and sources with these pressures, and the water's acceleration by them, m/s2."""
+        """Ghosts and sources with the given pressures, and the water's acceleration due to these, m/s2."""
         ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         sources = ghosts.water.behind({**sources.ghosts, "p": ghosts.p})
         return ghosts, sources, stack(self._sum(laws.pressure_force, sources, tables)) / self.rho0
@@ -364,7 +364,7 @@ class ISPH(AbstractParticleScheme):
         sources: Sources,
         interval: Interval,
     ) -> PressureEquation:
-        """Pressure equation for the water of `at`, with the velocities of the sources."""
+        """Pressure equation for the water of the state `at`, with the velocities of the sources."""
         walls = model.walls
         poisson = self._poisson(model, at.particles, ghosts, sources, tables)
         force = self.wall_force(model, at.parts, ghosts, interval)
@@ -390,7 +390,7 @@ class ISPH(AbstractParticleScheme):
         sources: Sources,
         interval: Interval,
     ) -> Projection:
-        """Pressures that take the divergence out of the velocities, and the bodies' motions under them."""
+        """Pressures that remove the velocities' divergence, and the bodies' accelerations due to them."""
         equation = self._equation(model, at, tables, ghosts, sources, interval)
         poisson = equation.poisson
         source = poisson.shrinking + poisson.crowding
@@ -398,7 +398,7 @@ class ISPH(AbstractParticleScheme):
         closed = poisson.closed()
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
-        # from the limited pressure: a body does not feel tension that the water does not bear
+        # complete from the limited pressure: a body feels no tension that the water cannot bear
         limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
         return Projection(equation.complete(pressure), residual, converged, limited)
 
@@ -422,10 +422,10 @@ class ISPH(AbstractParticleScheme):
         free = self.surface.free(filled)
         extra = self.surface.missing(filled) * jnp.maximum(self.lattice.weights / h**2 - diagonal, 0.0)
         if all(side == "periodic" for side in walls.sides):
-            # a periodic box has no surface, though disorder may lower the kernel's sums
+            # a periodic box has no surface, although disorder may lower the kernel's sums
             free, extra = jnp.ones_like(free), jnp.zeros_like(free)
         scale = free / jnp.maximum(diagonal + extra, 1e-6 / h**2)
-        # crowding is undone in gravity's own time
+        # crowding relaxes on the time scale of gravity, sqrt(h/g)
         frequency, dt = self.smoothing.gravity_rate(model.g), model.dt
         edge = jnp.sqrt(sum((self.dx * a) ** 2 for a in slope) + 1e-12)
         spread, held = undoing(filled, edge, self.lattice, self.relaxation, frequency, dt)
@@ -436,7 +436,7 @@ class ISPH(AbstractParticleScheme):
     # ---------------------------------------------------------------- diagnostics
 
     def dissipation(self, model, state, tables):
-        """See `AbstractParticleScheme`: the power of viscosity alone."""
+        """See `AbstractScheme.dissipation`: only viscosity dissipates."""
         p = state.particles
         force = self._viscous(model, state, tables, self.place_ghosts(model, state, tables))
         return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))

@@ -1,4 +1,4 @@
-"""Time integrators of the weakly compressible scheme, which compose a step of evaluations of its rates."""
+"""Time integrators of the weakly compressible scheme, which build a step from evaluations of its rates."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = ["AbstractIntegrator", "AbstractRateScheme", "PredictorCorrector", "Ra
 
 
 class Rates(NamedTuple):
-    """Rates that the first pass over the pairs gives."""
+    """Rates from the first pass over the pairs."""
 
     acceleration: Components
     """Acceleration, m/s2."""
@@ -48,16 +48,16 @@ class Rates(NamedTuple):
 
 
 class AbstractRateScheme(AbstractParticleScheme):
-    """Scheme of explicit rates, which an integrator advances."""
+    """Scheme of explicit rates, advanced by a time integrator."""
 
     c0: eqx.AbstractVar[Scalar]
     """Speed of sound, m/s."""
     shifting: eqx.AbstractVar[tuple[Shifting, ...]]
-    """Shifting of the particles beside their drift, one or none."""
+    """Shifting of the particles in addition to their drift, at most one."""
 
     @abc.abstractmethod
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
-        """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see."""
+        """Sources of the pair sums: ghosts with velocities `u_ghosts` (m/s), and the water that they see."""
 
     @abc.abstractmethod
     def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
@@ -71,10 +71,10 @@ class AbstractRateScheme(AbstractParticleScheme):
 
 
 class AbstractIntegrator(eqx.Module):
-    """Time integrator: the composition of a step from evaluations of the rates."""
+    """Time integrator, which builds a time step from evaluations of the rates."""
 
     cfl: eqx.AbstractClassVar[float]
-    """Default time step as a share of h/c0 (Zhu et al. 2020, Eq. 10), measured to be stable with a margin."""
+    """Default time step over h/c0 (Zhu et al. 2020, Eq. 10) (-): stable in tests, with a margin."""
 
     evaluations: eqx.AbstractClassVar[int]
     """Number of evaluations of the rates in a step."""
@@ -85,25 +85,25 @@ class AbstractIntegrator(eqx.Module):
 
 
 class SymplecticEuler(AbstractIntegrator):
-    """Symplectic Euler integrator: the velocity with the forces at t, then density and position with it.
+    """Symplectic Euler integrator: the velocity from the forces at t, then density and position from it.
 
-    It takes one evaluation a step. Read as half a step earlier than the positions, the velocities make the
-    reversible part the leapfrog: second order, and stable to twice the step of the predictor-corrector. Only
-    the dissipative terms are first order.
+    It needs one evaluation per step. If velocities are taken to be half a step before the positions, the
+    reversible part is the leapfrog scheme: second order, and stable up to twice the time step of the
+    predictor-corrector. Only the dissipative terms are first order.
     """
 
     cfl: ClassVar[float] = 0.5
     evaluations: ClassVar[int] = 1
 
     def step(self, scheme, model, state, tables):
-        """See `AbstractIntegrator`."""
+        """See `AbstractIntegrator.step`."""
         p, dt = state.particles, model.dt
         interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, state, state, tables, dt)
-        # the continuity equation sees the solids with the velocities after the step
+        # the continuity equation uses the velocities of the solids after the step
         after = _with_velocities(model, state.parts, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
-        # in the middle of the drift, as the leapfrog has it: before it the density of water in waves would
-        # creep by dt |grad u|^2
+        # in the middle of the drift, as in the leapfrog scheme: at its start, the density of water in waves
+        # would drift by dt |grad u|^2
         middle = eqx.tree_at(lambda a: a.x, p, p.x + 0.5 * dt * u)
         sources = scheme.sources(ghosts, ghosts.u).changing("x", columns(middle.x))
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)
@@ -111,7 +111,7 @@ class SymplecticEuler(AbstractIntegrator):
         work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         for body in model.bodies:
-            # as the water: with the velocity after the step
+            # like the water: with the velocity after the step
             pose = state.parts[body.name].pose + dt * bodies[body.name].velocity
             bodies[body.name] = eqx.tree_at(lambda b: b.pose, bodies[body.name], pose)
         dx = dt * u
@@ -126,13 +126,13 @@ class SymplecticEuler(AbstractIntegrator):
 
 
 class PredictorCorrector(AbstractIntegrator):
-    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): a half step, then a whole one with its rates."""
+    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): a half step, then a full step with its rates."""
 
     cfl: ClassVar[float] = 0.25
     evaluations: ClassVar[int] = 2
 
     def step(self, scheme, model, state, tables):
-        """See `AbstractIntegrator`."""
+        """See `AbstractIntegrator.step`."""
         half = self._advance(scheme, model, state, state, tables, 0.5 * model.dt)
         full = self._advance(scheme, model, state, half, tables, model.dt)
         full = eqx.tree_at(lambda a: a.step, full, state.step + 1)
@@ -150,7 +150,7 @@ class PredictorCorrector(AbstractIntegrator):
         work = wall_work(scheme, model, at.parts, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
-        # trapezoidal in the positions: with the rates of the half step this is the midpoint rule
+        # positions move with the velocity of `at`: in the full step this is the midpoint rule
         dx = dt * p.u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
@@ -166,22 +166,22 @@ class _Accelerated(NamedTuple):
 
     interval: Interval
     ghosts: GhostFields
-    """Ghosts at the time of the rates, with the velocities that the walls' friction sees."""
+    """Ghosts at the time of the rates, with their velocities."""
     rates: Rates
     u: Float[Array, "N D"]
     """Velocities, m/s."""
     bodies: dict[str, Any]
     """Motions of the bodies, by name."""
     airs: dict[str, Air]
-    """Air of the chambers, by name."""
+    """Air of the chambers and ducts, by name."""
     taken: dict[str, Scalar]
-    """Energies (J, J/m in 2-D) that the air and the dampers have taken from the water, by name."""
+    """Energies (J, J/m in 2-D) exchanged with the air and the dampers, by name in the ledger."""
 
 
 def _accelerate(
     scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
 ) -> _Accelerated:
-    """Velocities dt (s) after `start`, with every force on the water of the state `at`."""
+    """Water, solids and air dt (s) after `start`, with all forces on the water of the state `at`."""
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
     push = spring_acceleration(model, at.parts, p, scheme.c0)
@@ -190,7 +190,7 @@ def _accelerate(
     sources = scheme.sources(ghosts, ghosts.u_shear)
     rates = scheme.momentum(model, p, sources, tables)
     u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x, interval.middle))
-    # positions and sources of the air's force are of one time, that of the rates
+    # the air's force uses positions and sources of the same time as the rates
     u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
     u, damped = damp(model, p0, u, interval)
     return _Accelerated(interval, ghosts, rates, u, bodies, airs, taken | damped)
@@ -204,10 +204,10 @@ def _with_bodies(
     interval: Interval,
     push: Float[Array, "N D"],
 ) -> tuple[GhostFields, dict[str, Any]]:
-    """Ghosts for the water of `at`, and the bodies' motions by name at the end of the interval.
+    """Ghosts for the water of the state `at`, and the bodies' motions at the end of the interval, by name.
 
-    The bodies move under that water's pressure. `push`: acceleration (m/s2) of the water by the solids'
-    contact springs.
+    The bodies move under the pressure of that water. `push`: acceleration (m/s2) of the water due to the
+    contact springs of the solids.
     """
     ghosts, bodies = scheme.ghosts(model, at, tables, interval), {}
     p, dt = scheme.pressure(at.particles), interval.dt
@@ -225,7 +225,7 @@ def _with_bodies(
 def _with_velocities(
     model: Model, parts: Mapping[str, Any], walls: Mapping[str, Any], bodies: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """States of the parts in their places before the step, with the solids' velocities after it."""
+    """States of the parts with positions before the step, and velocities of the solids after it."""
     moved = {wall.name: wall.with_velocity(parts[wall.name], walls[wall.name]) for wall in model.moving}
     turned = {
         body.name: eqx.tree_at(lambda b: b.velocity, parts[body.name], bodies[body.name].velocity)
@@ -237,7 +237,7 @@ def _with_velocities(
 def _with_body_work(
     model: Model, interval: Interval, bodies: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Scalar]]:
-    """Motions of the bodies with the impulse of the water's force, and their exchanges of energy by name."""
+    """Motions of the bodies with the impulse of the water's force added, and energies exchanged, by name."""
     booked, exchanged = {}, {}
     for body in model.bodies:
         old, new = interval.before[body.name], bodies[body.name]
@@ -258,12 +258,13 @@ def _with_air(
 ) -> tuple[Float[Array, "N D"], dict[str, Air], dict[str, Scalar]]:
     """Velocities (m/s) after the force of the chambers' air, the air at the interval's end, and its energies.
 
-    The air acts on the water of `at`; velocities `u` (m/s) have had every other force, and were `before`
-    (m/s) at the beginning of the interval. Energies (J, J/m in 2-D) taken from the water are by name.
+    The air acts on the water of the state `at`. **Arguments**: velocities `u` (m/s) after all other forces,
+    and `before` (m/s) at the start of the interval. The energies (J, J/m in 2-D) are those taken from the
+    water, by name.
     """
     dt = interval.dt
     airs = couple_airs(scheme, model, at.particles, sources, tables)
-    # sound takes several steps to the water below: within one the air moves what its force reaches
+    # sound takes several steps to reach the water below: in one step the air moves only the water it acts on
     moved = {name: dt * air.mobility() for name, air in airs.items()}
     apart = {(a, b): moved[a] if a == b else jnp.zeros_like(dt) for a in airs for b in airs}
     line = WaterLine({name: air.flow(u) for name, air in airs.items()}, apart)

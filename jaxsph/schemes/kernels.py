@@ -1,4 +1,4 @@
-"""Kernels of the incompressible scheme, their lengths, and their sums on a lattice."""
+"""Kernels of the incompressible scheme, their smoothing lengths, and their sums over a lattice."""
 
 from __future__ import annotations
 
@@ -14,20 +14,24 @@ from jaxsph.core.pairs import Pair
 from jaxsph.model import laws
 
 SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
-"""Semicircle by number of dimensions, of least stress on a square or cubic lattice for its support."""
+"""Semicircle kernel by number of dimensions, with the least false stress that its support allows on a square
+or cubic lattice (`lattice_stress`)."""
 
 POLYNOMIAL = {
     2: Polynomial.of(2, (0.105, -0.263, 1.275, -1.800, 2.533, -1.482, 0.632), 3),
     3: Polynomial.of(3, (0.351, -1.609, 5.447, -8.853, 9.339, -4.994, 1.319), 3),
 }
-"""Polynomial by number of dimensions: `least_stress(dim, support)`, to three decimals."""
+"""Polynomial kernel by number of dimensions: `least_stress(dim, support)` rounded to three decimals."""
 
 KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
-"""Default kernel by number of dimensions, with half the neighbours of a Gaussian of 1.2 dx, and as many as
-the paper's kernel in three dimensions, Wendland's of 1.5 dx (section 2); waves lose less than with either.
+"""Default kernel by number of dimensions.
 
-On the lattice of a semicircle deep water buckles (`lattice_stress`), on the polynomial's it does not. At rest
-in three dimensions the rows at the surface stir with the polynomial, with the semicircle they hardly do.
+It has half the neighbours of a Gaussian of 1.2 dx and, in three dimensions, as many as the paper's kernel,
+Wendland's of 1.5 dx (section 2). Waves lose less energy than with either.
+
+In deep water the lattice buckles with the semicircle (`lattice_stress`), but not with the polynomial. In
+still water in three dimensions the rows at the surface move with the polynomial, but hardly with the
+semicircle.
 """
 
 KernelName = Literal["gaussian", "wendland", "semicircle", "polynomial"]
@@ -45,16 +49,20 @@ NAMED: dict[int, dict[KernelName, AbstractKernel]] = {
 """Kernels by number of dimensions and name."""
 
 SUPPORT = {Semicircle: {2: 3.05, 3: 3.0}, Polynomial: {2: 3.05, 3: 3.025}}
-"""Radius of the kernels' supports over the spacing, by number of dimensions."""
+"""Support radius over the spacing (-), by kernel and number of dimensions."""
 
 STEP_LENGTH = {2: 1.2, 3: 1.5}
-"""Length over the spacing of which a step may cross the share `cfl` (-), whatever the kernel's own."""
+"""Length over the spacing (-) in the Courant condition, by number of dimensions, whatever the kernel.
+
+A particle may cross the share `cfl` of this length in a time step.
+"""
 
 
 def usual_length(kernel: AbstractKernel, dim: int) -> float:
-    """Smoothing length over the spacing that a kernel has by default, in `dim` dimensions.
+    """Default smoothing length of a kernel over the spacing (-), in `dim` dimensions.
 
-    Wendland's: a square lattice is quiet at rest with 2, and 1.5 is the paper's (section 2).
+    For Wendland's kernel it is 2 in two dimensions, with which a square lattice stays at rest, and the
+    paper's 1.5 in three (section 2).
     """
     if isinstance(kernel, WendlandC2):
         return {2: 2.0, 3: 1.5}[dim]
@@ -64,16 +72,16 @@ def usual_length(kernel: AbstractKernel, dim: int) -> float:
 
 
 class LatticeSums(NamedTuple):
-    """Sums over a lattice, whole and under a flat surface."""
+    """Sums of a kernel over a full lattice, and over a lattice below a flat surface."""
 
     full: Scalar
-    """Kernel's sum V W over a whole lattice, the particle itself included."""
+    """Sum V W of the kernel over a full lattice, including the particle itself (-)."""
     weights: Scalar
-    """Sum of the Laplacian's weights over a whole lattice, times h^2."""
+    """Sum of the Laplacian's weights over a full lattice, times h^2 (-)."""
     lacks: Scalar
-    """Share of the kernel's sum that the second row under a surface does not have."""
+    """Share of the kernel's sum that is missing at the second row below a surface (-)."""
     edges: tuple[Scalar, Scalar]
-    """Sum V grad W, times dx, of the first and the second row under a surface; in a whole lattice it is 0."""
+    """Sum V grad W, times dx, at the first and the second row below a surface (-); 0 in a full lattice."""
 
 
 def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> LatticeSums:

@@ -1,4 +1,4 @@
-"""Pressure Poisson equation of the incompressible scheme: its solvers, and its free-surface conditions.
+"""Pressure Poisson equation of the incompressible scheme: solvers and free-surface conditions.
 
 Equation numbers are those of Yeylaghi et al. 2016 unless another source is named.
 """
@@ -17,11 +17,11 @@ from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.loop import steps
 
 Unknown = Any
-"""Unknown of the equation: the water's pressures (Pa), and the bodies' accelerations in units of pressure."""
+"""Unknown of the equation: the water's pressures (Pa), and the bodies' accelerations scaled to pressures."""
 
 
 Operator = Callable[[Unknown], Unknown]
-"""Linear map of unknowns."""
+"""Linear map from unknowns to unknowns."""
 
 
 class AbstractSolver(eqx.Module):
@@ -29,27 +29,27 @@ class AbstractSolver(eqx.Module):
 
     @abc.abstractmethod
     def solve(self, operator: Operator, b: Unknown, p: Unknown) -> tuple[Unknown, Scalar, Array]:
-        """Solves operator(pressure) = b for the pressure (Pa), from the last step's pressure p (Pa).
+        """Solves operator(pressure) = b for the pressure (Pa), starting from the last step's pressure p (Pa).
 
-        The operator is scaled to a diagonal of 1: p_i - sum A_ij p_j / sum A_ij. Unknowns are a pair: the
-        pressures, and the bodies' accelerations in units of pressure.
+        The operator is scaled to a diagonal of 1: p_i - sum A_ij p_j / sum A_ij. An unknown is a pair: the
+        pressures, and the bodies' accelerations scaled to pressures.
 
-        **Returns** the solution, the norm of its residual over that of b, and whether this is as small as
-        promised.
+        **Returns** the solution, the norm of its residual over that of b, and whether this ratio is within
+        the solver's tolerance.
         """
 
 
 class Explicit(AbstractSolver):
-    """Explicit solver: the neighbours' pressures are the last step's (Eq. 13-15; Hosseini et al. 2007).
+    """Explicit solver with the neighbours' pressures of the last step (Eq. 13-15; Hosseini et al. 2007).
 
-    Pressure waves then travel about a spacing per step and sweep. The solver promises no residual.
+    Pressure waves then travel about a spacing per sweep. The solver has no tolerance for the residual.
     """
 
     sweeps: int = eqx.field(static=True, default=1)
-    """Number of sweeps in a step, each from the pressures of the one before."""
+    """Number of sweeps in a step; each starts from the pressures of the previous sweep."""
 
     def solve(self, operator, b, p):
-        """See `AbstractSolver`."""
+        """See `AbstractSolver.solve`."""
 
         def sweep(p):
             return jax.tree.map(lambda p, b, Ap: p + b - Ap, p, b, operator(p))
@@ -61,9 +61,9 @@ class Explicit(AbstractSolver):
 class BiCGStab(AbstractSolver):
     """Solver by stabilised biconjugate gradients (van der Vorst 1992), from the last step's pressure.
 
-    The walls' pressures are interpolated, so the matrix is not symmetric. Derivatives are those of the
-    solution, not of the iteration: their linear equations are solved to the same tolerance, each relative to
-    its own right-hand side.
+    The matrix is not symmetric because the walls' pressures are interpolated. Derivatives are those of the
+    solution, not of the iteration: each follows from a linear equation that is solved to the same tolerance,
+    relative to its own right-hand side.
     """
 
     tolerance: float = eqx.field(static=True, default=3e-3)
@@ -71,19 +71,19 @@ class BiCGStab(AbstractSolver):
     iterations: int = eqx.field(static=True, default=1000)
     """Largest number of iterations.
 
-    They grow in number with the rows of water that pressure reaches through: a box that sinks in water of 105
-    rows takes 4 to 20 in most steps, and at worst some 200.
+    The number needed grows with the rows of particles that the pressure has to cross: a box that sinks in
+    water of 105 rows takes 4 to 20 iterations in most steps, and about 200 at worst.
     """
 
     def solve(self, operator, b, p):
-        """See `AbstractSolver`."""
-        # solved for the change since the last step: in float32 the residual is then that of small numbers
+        """See `AbstractSolver.solve`."""
+        # solve for the change since the last step, whose smaller numbers lose less to rounding in float32
         start = jax.lax.stop_gradient(p)
         rest = jax.tree.map(jnp.subtract, b, operator(start))
-        # A second unknown, equal to its own right-hand side, carries the norm of b to the iteration. In the
-        # equation of a tangent it is zero, and the norm of that equation's right-hand side takes its place.
+        # A second unknown, equal to its right-hand side, carries the norm of b to the iteration. For tangents
+        # it is zero; the norm of the right-hand side of their equation then takes its place.
         size = jax.lax.stop_gradient(_norm(b))
-        # Transposition needs every part of the right-hand side to depend on what is differentiated.
+        # Transposition requires every part of the right-hand side to depend on the differentiated inputs.
         nothing = sum(0.0 * jnp.ravel(a)[0] for a in jax.tree.leaves(rest))
         rest, size = jax.tree.map(lambda a: a + nothing, (rest, size))
 
@@ -110,10 +110,10 @@ class BiCGStab(AbstractSolver):
 
 
 CYCLE = 50
-"""Number of iterations of stabilised biconjugate gradients before they begin afresh.
+"""Number of iterations of stabilised biconjugate gradients after which they restart.
 
-The OWC takes 2 to 7 of them at dx = 0.02 m. At 0.005 m one step in 5,500 came no nearer than 1.1 times the
-tolerance in 200 without it.
+The OWC takes 2 to 7 iterations at dx = 0.02 m. Without a restart one step in 5,500 at 0.005 m stagnated: the
+residual after 200 iterations was still 1.1 times the tolerance.
 """
 
 
@@ -136,8 +136,8 @@ def _plus(a: Unknown, factor: Scalar | float, b: Unknown) -> Unknown:
 def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) -> tuple[Unknown, Scalar]:
     """Solution of operator(x) = b from x = 0, and the norm of its residual.
 
-    The residual is at most `least` unless the iterations ran out. Where they broke down or came no nearer for
-    long (`CYCLE`), they begin afresh from the solution so far.
+    The residual is at most `least`, unless `iterations` were not enough. The iteration restarts from the
+    solution so far after a breakdown, and after `CYCLE` iterations.
     """
 
     def goes_on(carry):
@@ -148,7 +148,7 @@ def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) ->
         x, r, spent = carry
         change, r, count = _cycle(operator, r, least, min(CYCLE, iterations))
         x = _plus(x, 1.0, change)
-        # in float32 the residual that is carried along drifts from that of the solution
+        # in float32 the recursive residual drifts away from the true one
         solved = _product(r, r) <= least**2
         r = jax.lax.cond(solved, lambda: r, lambda: _plus(b, -1.0, operator(x)))
         return x, r, spent + jnp.maximum(count, 1)
@@ -161,8 +161,10 @@ def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) ->
 def _cycle(
     operator: Operator, b: Unknown, least: Scalar, iterations: int
 ) -> tuple[Unknown, Unknown, Int[Array, ""]]:
-    """Solution of operator(x) = b from x = 0 after a number of iterations or a breakdown, its residual, and
-    the number of iterations (van der Vorst 1992)."""
+    """Approximate solution of operator(x) = b from x = 0, its residual, and the number of iterations.
+
+    It ends at the residual `least`, after `iterations`, or at a breakdown (van der Vorst 1992).
+    """
     zero, one = jax.tree.map(jnp.zeros_like, b), jnp.ones_like(least)
     least2, size2 = least**2, _product(b, b)
 
@@ -177,14 +179,14 @@ def _cycle(
         alpha = rho / _product(b, v)
         s = _plus(r, -alpha, v)
         t = operator(s)
-        # all products at once, those with the new residual s - omega t by their parts: devices that share a
-        # run wait for one another at every sum
+        # All products at once, those of the new residual s - omega t by expansion: with several devices,
+        # every sum makes the devices wait for each other.
         s2, ts, t2, bs, bt = (_product(*pair) for pair in ((s, s), (t, s), (t, t), (b, s), (b, t)))
         early = s2 < least2
         omega = ts / t2
         r2 = jnp.where(early, s2, s2 - omega * ts)
         half = _plus(x, alpha, p)
-        # a product that vanishes is divided by: the solution before that counts
+        # after a division by a vanishing product, keep the previous solution
         lost = ~jnp.isfinite(r2)
         r2 = jnp.where(lost, before2, r2)
         x, r = (
@@ -207,14 +209,14 @@ class AbstractSurface(eqx.Module):
     def free(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
         """Mask of particles: 1 where the pressure is solved for, 0 where it is zero.
 
-        `filled`: the kernel's sum V W over that of a full kernel.
+        `filled`: kernel sum V W over that of a full kernel (-).
         """
 
     @abc.abstractmethod
     def missing(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Gain of the diagonal per unit of the weights that are missing from it.
+        """Increase of the diagonal per unit of the missing neighbours' weights.
 
-        `filled`: the kernel's sum V W over that of a full kernel.
+        `filled`: kernel sum V W over that of a full kernel (-).
         """
 
 
@@ -222,35 +224,35 @@ class SurfaceParticles(AbstractSurface):
     """Free-surface condition of zero pressure at particles whose kernel is not full (Eq. 23-24)."""
 
     threshold: Scalar | float = 0.9
-    """Share of a full kernel's sum up to which a particle is at the surface."""
+    """Share of a full kernel's sum up to which a particle counts as a surface particle."""
 
     def free(self, filled):
-        """See `AbstractSurface`."""
+        """See `AbstractSurface.free`."""
         return (filled > self.threshold).astype(filled.dtype)
 
     def missing(self, filled):
-        """See `AbstractSurface`."""
+        """See `AbstractSurface.missing`."""
         return jnp.zeros_like(filled)
 
 
 class EmptyNeighbours(AbstractSurface):
-    """Free-surface condition of the pressure -gain p_i at a particle's missing neighbours.
+    """Free-surface condition that gives the missing neighbours of a particle i the pressure -gain p_i.
 
-    Nair and Tomar 2014 have a gain of 0.
+    Nair and Tomar 2014 use a gain of 0.
     """
 
     gain: Scalar | float = 1.0
-    """Pressure of a missing neighbour over minus that of its particle."""
+    """Pressure of a missing neighbour over minus the pressure of its particle (-)."""
     low: Scalar | float = 0.7
     """Share of a full kernel's sum below which missing neighbours count in full."""
     high: Scalar | float = 0.85
     """Share of a full kernel's sum above which no neighbour is missing."""
 
     def free(self, filled):
-        """See `AbstractSurface`."""
+        """See `AbstractSurface.free`."""
         return jnp.ones_like(filled)
 
     def missing(self, filled):
-        """See `AbstractSurface`."""
+        """See `AbstractSurface.missing`."""
         s = jnp.clip((self.high - filled) / (self.high - self.low), 0.0, 1.0)
         return (1.0 + self.gain) * s * s * (3.0 - 2.0 * s)

@@ -1,8 +1,8 @@
-"""Pressure equation of the incompressible scheme: its linear operator, and its unknowns beside the pressures.
+"""Pressure equation of the incompressible scheme: its linear operator, its source and its unknowns.
 
-The unknowns are the pressures of the water and the accelerations of the bodies, since the pressure on a body
-depends on its acceleration at once: with that of the step before a light body would swing without end. The
-pressure of a chamber's air is an unknown as well (`schemes.air`).
+The unknowns are the pressures of the water and the accelerations of the bodies. The pressure on a body
+depends instantaneously on its acceleration: with the acceleration of the previous step, a light body would
+oscillate without end. The pressure of a chamber's air is an unknown as well (`schemes.air`).
 """
 
 from __future__ import annotations
@@ -22,38 +22,39 @@ from jaxsph.schemes.kernels import LatticeSums
 from jaxsph.schemes.poisson import AbstractSolver, Unknown
 
 RELAXATION = 1.5
-"""Rate at which crowding of the particles is undone, over sqrt(g/h).
+"""Rate at which crowded particles are spread again, over sqrt(g/h) (-).
 
-Projection alone leaves disordered water expanding: without relaxation the level of a tank rises by 6 % in
-6 s. With half of this rate waves lose twice as much and the energy of still water grows; with twice this rate
+With projection alone disordered water expands: without relaxation the level of a tank rises by 6 % in 6 s.
+At half this rate waves lose twice as much energy and the energy of still water grows. At twice this rate
 still water is restless.
 """
 
 SECOND_ROW = 28.0
-"""Rate at which crowding of the second row under a free surface is undone, over `relaxation` dt g/h.
+"""Rate at which crowding in the second row below a free surface is removed, over `relaxation` dt g/h (-).
 
-In a step of dt such a rate is a spring of as much g/h. It stands against pressure, which pushes that row
-away from where it is (`surface_stiffness`); with the rate of other water the spring would be weaker the
-longer the step. With 40 the row is not held much better, nor with the third row held too.
+A rate in proportion to dt acts as a spring whose stiffness does not depend on dt. The spring counteracts
+the pressure, which pushes this row out of place (`surface_stiffness`). With the rate of the other water the
+spring would be weaker, the longer the step. A value of 40, or holding the third row too, hardly improves it.
 """
 
 MOST = 0.5
-"""Largest share of the second row's crowding that a step undoes (-)."""
+"""Largest share of the second row's crowding that is removed in one step (-)."""
 
 MEAN_TIME = 3.0
-"""Time over which the pressure is averaged that tells dummies of the level, over sqrt(h/g).
+"""Averaging time of the pressure from which dummies find the water level, over sqrt(h/g) (-).
 
-A dummy that becomes wet crowds the water beside it, whose pressure then makes it wetter: with the pressure of
-the last step the water under a leaning plate is never still. A mean over 1 is too quick at times, 2 and 6 are
-not. It goes with the particles, which in waves stay as far under the surface as they are.
+A dummy that becomes wet crowds the water beside it, and the pressure of that water makes the dummy wetter.
+With the pressure of the last step, water below a leaning plate never comes to rest. A time of 1 is sometimes
+too short; 2 and 6 are long enough. The mean belongs to the particle, which in waves stays at the same depth
+below the surface.
 """
 
 LEFT_OVER = 0.5
-"""Share of the divergence left over from the step before that a projection takes out.
+"""Share of the divergence left by the previous step that a projection removes (-).
 
-The next step takes half of the rest, and so on. Were all of it taken out at once, the disorder that one step
-leaves would be a pressure in the next, and pressures on a wall would scatter by 0.4 rho g H in Buchner's dam
-break.
+The next step removes half of the remainder, and so on. If all of it were removed at once, the disorder left
+by one step would become a pressure in the next: on the wall of Buchner's dam break, pressures would scatter
+by 0.4 rho g H.
 """
 
 
@@ -61,9 +62,9 @@ class Poisson(NamedTuple):
     """Pressure Poisson equation of one step, scaled by its diagonal."""
 
     weights: Float[Array, "K N"]
-    """Weights w_ij of sum w_ij (p_j - p_i) = lap p, 1/m2, by slot of the table."""
+    """Weights w_ij of the Laplacian lap p = sum_j w_ij (p_j - p_i), 1/m2, by slot of the table."""
     table: Neighbours
-    """Neighbours of the water among water and ghosts."""
+    """Neighbours of the water particles among water and ghosts."""
     scale: Float[Array, " N"]
     """Inverse of the diagonal, m2; zero for particles whose pressure is not solved for."""
     diagonal: Float[Array, " N"]
@@ -73,37 +74,37 @@ class Poisson(NamedTuple):
     free: Float[Array, " N"]
     """Mask of particles: 1 where the pressure is solved for, 0 elsewhere."""
     shrinking: Float[Array, " N"]
-    """Source of the velocities, minus their divergence, as a pressure, Pa."""
+    """Source due to the velocities, in proportion to minus their divergence, as a pressure, Pa."""
     crowding: Float[Array, " N"]
-    """Source of the crowding of the particles, as a pressure, Pa."""
+    """Source that spreads crowded particles, as a pressure, Pa."""
     held: Scalar
-    """Number of particles at which the limit of crowding acts."""
+    """Number of particles whose crowding is limited."""
 
     def shown(self, q: Float[Array, " N"]) -> Sources:
-        """Pressures of the water (Pa) as the field "f" of sources, for walls and water."""
+        """Pressures of the water (Pa) as the field "f" of sources, fetched for all devices."""
         return self.table.slabs.fetch(Sources({"f": q}, {}))
 
     def neighbour_mean(self, q: Sources, q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
         """Weighted mean of the pressures (Pa) of every particle's neighbours in the water and the walls.
 
-        The water's pressures q are the one field "f".
+        `q` holds the pressures of the water as its only field "f" (see `shown`).
         """
         return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
 
     def closed(self) -> Array:
-        """Whether there is no free surface: the pressure is then known up to a constant."""
+        """Whether there is no free surface; the pressure is then determined up to a constant."""
         return jnp.sum(1.0 - self.free + self.extra) == 0.0
 
 
 class Projection(NamedTuple):
-    """Pressures that a projection finds, and the quality of the solution."""
+    """Pressures from a projection, and the quality of the solution."""
 
     pressures: Pressures
-    """Pressures of water and ghosts, and the accelerations of the bodies under them."""
+    """Pressures of water and ghosts, and the accelerations of the bodies due to them."""
     residual: Scalar
-    """Residual of the linear solution over its right-hand side."""
+    """Residual of the linear solution, relative to its right-hand side (-)."""
     converged: Array
-    """Whether the residual is as small as the solver promises."""
+    """Whether the residual is within the tolerance of the solver."""
     limited: dict[str, Scalar]
     """Number of particles at which each limiter acted."""
 
@@ -114,16 +115,16 @@ class PressureEquation(NamedTuple):
     poisson: Poisson
     """Equation of the water alone."""
     at_walls: Callable[[Sources], Float[Array, " G"]]
-    """Pressures of the ghosts (Pa), from those of the water."""
+    """Function that gives the pressures of the ghosts (Pa) from those of the water."""
     beyond: Float[Array, " G"]
-    """Pressure of the ghosts over that at their nodes, by forces and the walls' accelerations, Pa."""
+    """Pressure of the ghosts less that at their nodes, due to forces and the walls' accelerations, Pa."""
     couplings: dict[str, BodyCoupling]
     """Couplings of the bodies by name."""
     unit: Scalar
-    """Pressure per acceleration, Pa per m/s2: in the residual, accelerations are as large as pressures."""
+    """Factor from accelerations to pressures, Pa per m/s2, so that both weigh alike in the residual."""
 
     def unforced(self) -> PressureEquation:
-        """The equation without forces on walls and bodies: pressures by a source alone."""
+        """The equation without forces on walls and bodies: pressures due to a source alone."""
         free = {n: c._replace(outside=jnp.zeros_like(c.outside)) for n, c in self.couplings.items()}
         return self._replace(beyond=jnp.zeros_like(self.beyond), couplings=free)
 
@@ -132,12 +133,12 @@ class PressureEquation(NamedTuple):
     ) -> tuple[Float[Array, " N"], Scalar, Array]:
         """Pressures of the water (Pa) for a source (Pa), their residual, and whether it is small enough.
 
-        `start`: pressures to begin with, Pa.
+        `start`: first guess of the pressures, Pa.
         """
         poisson, nothing = self.poisson, jnp.zeros_like(source)
         b = source + poisson.neighbour_mean(poisson.shown(nothing), self.beyond)
-        # The weights, symmetric before they are scaled, can only give a right-hand side whose mean, weighted
-        # by the diagonal, is zero in a closed box.
+        # The weights are symmetric before they are scaled. In a closed box the equation is therefore solvable
+        # only if the mean of the right-hand side, weighted by the diagonal, is zero.
         mean = jnp.sum(poisson.diagonal * b) / jnp.sum(poisson.diagonal)
         b = b - jnp.where(poisson.closed(), mean, 0.0)
         b_bodies = {
@@ -149,7 +150,7 @@ class PressureEquation(NamedTuple):
         return poisson.free * solved, residual, converged
 
     def complete(self, pressure: Float[Array, " N"]) -> Pressures:
-        """Pressures of the ghosts, and accelerations of the bodies, that go with the water's (Pa)."""
+        """Pressures of ghosts, and accelerations and forces of bodies, for the water's pressures (Pa)."""
         p_ghosts = self.at_walls(self.poisson.shown(pressure)) + self.beyond
         accelerations = {n: c.acceleration(pressure, p_ghosts) for n, c in self.couplings.items()}
         for name, coupling in self.couplings.items():
@@ -171,7 +172,7 @@ class PressureEquation(NamedTuple):
 
 
 def checked_solution(state: State, projected: Projection) -> Status:
-    """Status with the largest residual so far, and a flag where a solution did not converge."""
+    """Status with the largest residual so far, and a flag if the solution did not converge."""
     status = state.status
     residual = jnp.maximum(status.residual, projected.residual)
     status = eqx.tree_at(lambda s: s.residual, status, residual)
@@ -187,19 +188,19 @@ def undoing(
     frequency: Scalar,
     dt: Scalar,
 ) -> tuple[Float[Array, " N"], Scalar]:
-    """Rate of expansion that undoes crowding, 1/s, and the number of particles at the limits of crowding.
+    """Rate of expansion that removes crowding, 1/s, and the number of particles whose crowding is limited.
 
-    Crowding, the relative excess of the particles' density, is negative where they are too loose; the limits
-    hold it within what disorder makes. Particles whose kernel is filled to less than 0.8 are at the surface
-    and have none. The second row under the surface, told by the slope of the kernel's sum, is at rest with
-    what it lacks on a lattice, and is held the firmer the longer the step is.
+    Crowding is the relative excess of the particles' density, negative where they are too sparse. It is
+    limited to what ordinary disorder causes. Particles with `filled` below 0.8 are at the surface and have
+    no crowding. The second row below the surface is recognised by the slope of the kernel's sum; its density
+    on a lattice counts as uncrowded, and its rate grows with dt (`SECOND_ROW`).
 
-    **Arguments**: `filled`: the kernel's sum over that of a lattice; `edge`: its slope |sum V grad W|, times
-    dx; `lattice`: the sums of a lattice; `relaxation`: see `RELAXATION`; `frequency`: sqrt(g/h), 1/s; time
-    step dt, s.
+    **Arguments**: `filled`: kernel sum over that of a full lattice; `edge`: slope |sum V grad W| of the
+    kernel sum, times dx; `lattice`: sums over a lattice; `relaxation`: see `RELAXATION`; `frequency`:
+    sqrt(g/h), 1/s; time step dt, s.
     """
     first, second = lattice.edges
-    # whole at the second row's own slope, nothing in a whole lattice and at the first row
+    # 1 at the slope of the second row, 0 in a full lattice and at the first row
     row = jnp.clip(2.0 * edge / second - 0.5, 0.0, 1.0)
     row = row * jnp.clip(2.0 * (first - edge) / (first - second) - 0.5, 0.0, 1.0)
     inside = jnp.clip((filled - 0.8) / 0.1, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Pieces of a time step: fields of the ghosts, walls on their way, drift, and energies booked."""
+"""Components of a time step: fields of the ghosts, motion of the walls, drift, and the energy ledger."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class GhostFields(NamedTuple):
     u_shear: Float[Array, "G D"]
     """Velocity that the viscous force sees, m/s.
 
-    A wall without slip must not look like a moving one to the continuity equation.
+    It differs from `u` because a no-slip wall must not look like a moving wall to the continuity equation.
     """
     V: Float[Array, " G"]
     """Volume, m3 (m2 in 2-D); zero for a ghost whose node is dry."""
@@ -58,7 +58,7 @@ class GhostFields(NamedTuple):
     """Fields of the water that the ghosts see, as sources."""
 
     def seeing(self, tables: Tables, **changed: Any) -> GhostFields:
-        """Ghosts of water of which these fields have other values."""
+        """Ghosts for water whose fields `changed`, by name, have new values."""
         water = self.water
         for name, field in changed.items():
             water = water.changing(name, field)
@@ -71,7 +71,7 @@ class Interval(NamedTuple):
     before: Mapping[str, Any]
     """States of the parts by name at the interval's beginning."""
     after: Mapping[str, Any]
-    """States of the parts by name, with the moving walls as they are at the interval's end."""
+    """States of the parts by name, with the moving walls advanced to the interval's end."""
     t: Scalar
     """Time at the interval's beginning, s."""
     dt: Scalar
@@ -84,34 +84,34 @@ class Interval(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """Velocities at the end of a step, and their changes within it, m/s."""
+    """Velocities at the end of a step and their changes within it, m/s, with the energies of the dampers."""
 
     u: Float[Array, "N D"]
     """Velocity at the end of the step, m/s."""
     pressed: Float[Array, "N D"]
-    """Change of velocity by the pressure, m/s."""
+    """Change of velocity due to the pressure, m/s."""
     touched: Float[Array, "N D"]
-    """Change of velocity by contact with solids, m/s."""
+    """Change of velocity due to contact with solids, m/s."""
     damped: dict[str, Scalar]
-    """Energy that each damper took, by name, J (J/m in 2-D)."""
+    """Energy that each damper took or gave (see `damp`), by name, J (J/m in 2-D)."""
 
 
 def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
-    """Particles moved by dx (m), with the rounding error of x carried to the next move (Kahan summation)."""
+    """Particles moved by dx (m); the rounding error of x is kept for the next move (Kahan summation)."""
     dx = dx + p.x_carry
     x = p.x + dx
     return eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, dx - (x - p.x)))
 
 
 def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
-    """Tallies with one step's `amounts` added by name: energies (J, J/m in 2-D), or numbers of particles."""
+    """Tallies by name with the `amounts` of one step added: energies (J, J/m in 2-D), or particle counts."""
     return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
 
 
 def force_work(model: Model, before: Particles, after: Particles, interval: Interval) -> dict[str, Scalar]:
-    """Energy that the body forces give to the water over an interval, J (J/m in 2-D), by its name.
+    """Energy that the body forces give to the water over an interval, J (J/m in 2-D), by ledger name.
 
-    **Arguments**: particles at both ends.
+    **Arguments**: the particles `before` and `after` the interval.
     """
     if not model.forces:
         return {}
@@ -129,21 +129,22 @@ def move_walls(scheme: AbstractScheme, model: Model, state: State, dt: Scalar) -
 
 
 def at_rest(model: Model, state: State) -> Interval:
-    """Interval of a step from a state, with walls that keep their velocities."""
+    """Interval of one time step from a state, in which the walls keep their velocities."""
     return Interval(state.parts, state.parts, model.time(state), model.dt)
 
 
 def damp(
     model: Model, p: Particles, u: jax.Array, interval: Interval
 ) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
-    """Velocities (m/s) after all dampers over a step, and the kinetic energy of each by its name.
+    """Velocities (m/s) after all dampers over a step, and the kinetic energy exchanged with each, by name.
 
-    Energies are in J (J/m in 2-D), taken from the water or given to it as the damper's entry says.
+    The energies (J; J/m in 2-D) are positive when taken from the water, or when given to it if the damper's
+    ledger entry is of that kind.
     """
     exchanged = {}
     for damper in model.dampers:
         damped = damper.damp(p.x, u, interval.t + interval.dt, interval.dt)
-        # the difference of squares as a product: of small changes nothing is lost to rounding
+        # difference of squares as a product: small changes are not lost to rounding
         gained = 0.5 * jnp.sum(p.m * jnp.sum((damped - u) * (damped + u), axis=1))
         given = damper.entries()[damper.name].exchange is Exchange.GIVEN
         exchanged[damper.name] = gained if given else -gained
@@ -161,7 +162,7 @@ def wall_work(
 ) -> dict[str, Scalar]:
     """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
 
-    It is minus the water's force on the wall times the velocity of the wall's state in `parts`.
+    It is minus dt times the water's force on the wall times the velocity of the wall's state in `parts`.
     """
     work = {}
     for wall in model.moving:
@@ -177,14 +178,14 @@ def wall_work(
 def body_work(
     model: Model, body: AbstractBody, old: Any, new: Any, t: Scalar, dt: Scalar
 ) -> tuple[Any, Mapping[str, Scalar], jax.Array, jax.Array]:
-    """Energies exchanged by a body in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
+    """Energies that a body exchanges in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
 
-    **Returns** `new` with the impulse of the water's force added; the energies taken by the power take-off
-    and given by the drive of motions that are not free, by name; the work of pressure on the body; the work
-    of the water that touches it.
+    **Returns** `new` with the impulse of the water's force added; by name, the energies taken by the power
+    take-off and given by the drive of the motions that are not free; the work of the pressure on the body;
+    the work of the water in contact with the body.
     """
     moved = 0.5 * dt * (old.velocity + new.velocity)
-    force = new.force + old.contact  # as the body felt it in this step
+    force = new.force + old.contact  # the forces that acted on the body in this step
     driven = -jnp.sum((1.0 - body.movable(t)) * force * moved)
     taken = body.absorbed(old, new, dt)
     amounts = body.exchanges(taken, driven)

@@ -1,15 +1,15 @@
-"""The largest stable time step of an explicit step, whatever the scheme."""
+"""Largest stable time step, for any scheme."""
 
 from __future__ import annotations
 
 
 def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
-    """Largest stable time step, s: the least of cfl h/speed, an eighth of h^2/nu and a quarter of sqrt(h/g).
+    """Largest stable time step, s: the smallest of cfl h/speed, h^2/(8 nu) and sqrt(h/g)/4.
 
     These are Eq. 10 to 12 of Zhu et al. (2020).
 
-    **Arguments**: smoothing length `h` (m); `speed` (m/s) of sound in weakly compressible water, or the
-    largest of incompressible water; kinematic viscosity `nu` (m2/s), gravity `g` (m/s2).
+    **Arguments**: smoothing length `h` (m); `speed` (m/s): speed of sound of weakly compressible water, or
+    the largest speed expected of incompressible water; kinematic viscosity `nu` (m2/s), gravity `g` (m/s2).
     """
     limits = [cfl * h / speed]
     if nu > 0:

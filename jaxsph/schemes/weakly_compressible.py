@@ -42,7 +42,7 @@ from jaxsph.schemes.time_step import stable_dt
 
 
 class DeltaSPH(AbstractRateScheme):
-    """Weakly compressible delta-SPH scheme: Eq. 17 with its closures, advanced by an integrator."""
+    """Weakly compressible delta-SPH scheme: Eq. 17 with its closures, advanced by a time integrator."""
 
     too_fast: ClassVar[str] = "a particle is faster than a third of the speed of sound"
     grip: ClassVar[AbstractGrip] = SurfaceGrip()
@@ -53,17 +53,17 @@ class DeltaSPH(AbstractRateScheme):
     rho0: Scalar
     """Density of water at zero gauge pressure, kg/m3."""
     delta: Scalar
-    """Coefficient of the density's diffusion."""
+    """Coefficient of the density diffusion (-)."""
     viscosity: AbstractViscosity
     """Law of the viscous force."""
     integrator: AbstractIntegrator
     """Time integrator."""
     background: tuple[Background, ...] = ()
-    """Pressures of still water that are taken out of the pair sums beside thin walls."""
+    """Hydrostatic pressures that are taken out of the pair sums beside thin walls."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
-    """Regularisation of the particles, one or none."""
+    """Regularisation of the particles, at most one."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
-    """Shifting of the particles beside their drift, one or none."""
+    """Shifting of the particles in addition to their drift, at most one."""
 
     @classmethod
     def of(
@@ -86,11 +86,11 @@ class DeltaSPH(AbstractRateScheme):
     ) -> DeltaSPH:
         """Builds the weakly compressible scheme from plain numbers, in the precision `dtype`.
 
-        **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), ten times the largest speed or
-        more; `viscosity`, by default water's; `kernel`, by default the Gaussian; `h_over_dx`: smoothing
-        length of the Gaussian over dx, and of another kernel of that width (`AbstractKernel.width`);
-        `period`: `Box.period`; `hyperviscosity`, `separation`: strengths of the regularisation, which there
-        is none of with two zeros; `options`: further fields by name. There is an argument for each choice.
+        **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), at least ten times the largest
+        speed; `viscosity`, by default that of water; `kernel`, by default the Gaussian; `h_over_dx`:
+        smoothing length of a Gaussian over dx; another kernel gets the same width (`AbstractKernel.width`);
+        `period`: `Box.period`; `hyperviscosity`, `separation`: regularisation strengths, both 0 to disable
+        it; `options`: further fields by name. There is an argument for each choice.
         """
         kernel = Gaussian() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -113,45 +113,45 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- interface of a scheme
 
     def pressure(self, p):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.pressure`."""
         return laws.pressure(p.rho, self.c0)
 
     def with_pressure(self, p, pressure):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.with_pressure`."""
         rho = laws.density_deviation(pressure, self.c0)
         m = p.m / (self.rho0 + p.rho) * (self.rho0 + rho)
         return eqx.tree_at(lambda a: (a.rho, a.m), p, (rho, m))
 
     def stable_dt(self, g, dim):
-        """See `AbstractParticleScheme`."""
-        # the h of Eq. 10 is the Gaussian's, whatever the kernel's own h
+        """See `AbstractScheme.stable_dt`."""
+        # h of Eq. 10 is that of the Gaussian of the same width, whatever the kernel
         share = self.integrator.cfl / self.smoothing.kernel.width
         nu = float(self.viscosity.kinematic(self.smoothing.h, self.c0, dim))
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
 
     def respond(self, model, state, tables):
-        """See `AbstractParticleScheme`: none within a step, since sound carries the air's pressure."""
+        """See `AbstractParticleScheme.respond`: empty, since sound carries the air's pressure."""
         del model, state, tables
         return {}
 
     def description(self):
-        """See `AbstractParticleScheme`."""
+        """See `AbstractScheme.description`."""
         return f"weakly compressible, sound speed {float(self.c0):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractParticleScheme`: 25 ns a neighbour in two dimensions and 24 in three (still water, the
-        OWC and the column), where lists outgrow the caches, for each evaluation."""
+        """See `AbstractScheme.cost`: 25 ns per neighbour and evaluation in two dimensions, 24 ns in three,
+        measured with neighbour lists larger than the caches (still water, the OWC, the column)."""
         pair = 25e-9 if dim == 2 else 24e-9
         return pair * self.integrator.evaluations * self.neighbours(dx, dim)
 
     def fastest(self, dt):
-        """See `AbstractParticleScheme`: beyond a third of c0 water is no longer weakly compressible."""
+        """See `AbstractScheme.fastest`: beyond c0/3 the water is no longer weakly compressible."""
         return self.c0 / 3.0
 
     def compression(self, p):
-        """See `AbstractParticleScheme`: sum m c0^2 (ln(rho/rho0) + rho0/rho - 1), and sum V R for every
+        """See `AbstractScheme.compression`: sum m c0^2 (ln(rho/rho0) + rho0/rho - 1), and sum V R for every
         background R."""
-        # Series of the exact expression, which in float32 would be a difference of numbers near 1.
+        # Series of the exact expression, which would lose its digits to cancellation in float32.
         s = p.rho / self.rho0
         energy = jnp.sum(p.m * s * s * (0.5 - s * (2.0 / 3.0) + s * s * 0.75)) * self.c0**2
         for background in self.background:
@@ -161,12 +161,12 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- sources
 
     def water(self, p):
-        """See `AbstractParticleScheme`: in addition the density's deviation, and the pressure that acts."""
+        """See `AbstractParticleScheme.water`: adds density deviation and pressure over the background."""
         water = super().water(p).water
         return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
 
     def level_pressure(self, model, state):
-        """See `AbstractParticleScheme`: that over the air's on the surface."""
+        """See `AbstractParticleScheme.level_pressure`: the pressure in excess of the air's."""
         if not (model.chambers and model.walls.dummies):
             return {}
         p = self.pressure(state.particles)
@@ -175,17 +175,17 @@ class DeltaSPH(AbstractRateScheme):
         return {"level_p": p}
 
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
-        """Sources of the pair sums: the ghosts with these velocities (m/s), and the water that they see.
+        """Sources of the pair sums: the ghosts with velocities `u_ghosts` (m/s), and the water that they see.
 
-        The pressure p (Pa) is that over the background.
+        The pressure p (Pa) is the excess over the background pressure.
         """
-        # the ghosts take no part in the density's diffusion or gradient: their deviation is not used
+        # ghosts take no part in the diffusion and gradient of the density: their deviation is not used
         fields = {"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)}
         p = self._over_background(ghosts.x, ghosts.p)
         return ghosts.water.behind(fields | {"p": p, "rho": jnp.zeros_like(p)}, p="over")
 
     def _over_background(self, x: Float[Array, "N D"], p: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Pressures p (Pa) at points x (m) over the background's."""
+        """Pressures p (Pa) at points x (m) less the background pressure."""
         for background in self.background:
             p = p - background.pressure(x)
         return p
@@ -195,7 +195,7 @@ class DeltaSPH(AbstractRateScheme):
     def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
         """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and gradients of density, kg/m4 (Eq. 9).
 
-        Gradients are renormalised, exact for linear fields.
+        The gradients are renormalised: they are exact for linear fields.
         """
         dim = p.x.shape[1]
         guard = laws.GUARD * self.smoothing.h**2
@@ -232,17 +232,17 @@ class DeltaSPH(AbstractRateScheme):
         return tables.fluid.sum(law, self.smoothing, sources.water, sources)
 
     def entries(self):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.entries`."""
         return {name: entry for one in self.regularisation for name, entry in one.entries().items()}
 
     def limiters(self):
-        """See `AbstractScheme`."""
-        return {"gradient": "density gradients without correction, where water is too thin to have one"}
+        """See `AbstractScheme.limiters`."""
+        return {"gradient": "density gradients left uncorrected where there is too little water"}
 
     # ---------------------------------------------------------------- one step
 
     def step(self, model, state, tables):
-        """See `AbstractScheme`."""
+        """See `AbstractScheme.step`."""
         return self.integrator.step(self, model, state, tables)
 
     # ---------------------------------------------------------------- diagnostics
@@ -250,7 +250,7 @@ class DeltaSPH(AbstractRateScheme):
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
         """Power taken by viscosity and density diffusion, W (W/m in 2-D).
 
-        Antuono et al. 2015, energy balance.
+        Source: energy balance of Antuono et al. 2015.
         """
         p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
@@ -273,19 +273,19 @@ class DeltaSPH(AbstractRateScheme):
         return Dissipation(loss_viscous, loss_diffusive)
 
     def surface(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
-        """Divergence of position (Eq. 15): the dimensions inside, below `SURFACE` of them at the surface."""
+        """Divergence of position (Eq. 15): D inside the water, less than `SURFACE` D at the surface."""
         sources = self._sources_now(model, state, tables)
         return self.momentum(model, state.particles, sources, tables).position_divergence
 
     def _sources_now(self, model: Model, state: State, tables: Tables) -> Sources:
-        """Sources of the pair sums at a state: water and ghosts as the viscous force sees them."""
+        """Sources of the pair sums for a state: water and ghosts as the viscous force sees them."""
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
         ghosts = self.ghost_velocity(model, state.parts, tables, ghosts)
         return self.sources(ghosts, ghosts.u_shear)
 
 
 def _with_gradient(sources: Sources, grad_rho: tuple[jax.Array, ...]) -> Sources:
-    """Sources with the gradient of the water's density, kg/m4; walls have none."""
+    """Sources with the gradient of the water's density, kg/m4; it is zero for walls."""
     none = jnp.zeros_like(sources.ghosts["V"])
     return sources.adding("grad_rho", grad_rho, tuple(none for _ in grad_rho))
 

@@ -1,4 +1,4 @@
-"""Geometry of a tank in plain numbers: its box, thin plates, a raised bed, and the slip at its walls."""
+"""Geometry of a tank in plain numbers: box, thin plates, raised bed, and slip at the walls."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from jaxsph.core.pairs import Period
 
 
 class FreeSlip(eqx.Module):
-    """Slip at a wall: ghosts carry the water's tangential velocity unchanged."""
+    """Free slip at a wall: ghosts carry the water's tangential velocity unchanged."""
 
     tangential: float = eqx.field(static=True, default=1.0)
     """Factor of the tangential velocity that a ghost carries."""
 
 
 class NoSlip(eqx.Module):
-    """No slip at a wall: ghosts carry the water's tangential velocity reversed, so it vanishes there."""
+    """No slip at a wall: ghosts carry the reversed tangential velocity, so that it vanishes at the wall."""
 
     tangential: float = eqx.field(static=True, default=-1.0)
     """Factor of the tangential velocity that a ghost carries."""
@@ -43,13 +43,13 @@ class WallPlate:
 
     @property
     def middle(self) -> float:
-        """Middle of the plate, x half-way between its faces, m."""
+        """Position x of the plate's middle plane, m."""
         return 0.5 * (self.x0 + self.x1)
 
     def is_thin(self, dx: float, layers: int) -> bool:
         """Whether the kernel, which spans `layers` spacings of `dx` (m), reaches through the plate.
 
-        The water on its two sides must then be kept apart (`solids.divisions`).
+        If it does, the water on the two sides must be kept apart (`solids.divisions`).
         """
         return self.thickness <= layers * dx
 
@@ -64,7 +64,7 @@ class WallPlate:
 
 @dataclass(frozen=True)
 class LeaningPlate:
-    """Plate of any direction in the x-z plane, with water past one end, both or none."""
+    """Plate at any inclination in the x-z plane; water may pass one end, both ends or neither."""
 
     foot: tuple[float, float]
     """Middle (x, z) of one end, m."""
@@ -80,7 +80,7 @@ class LeaningPlate:
 
     @property
     def along(self) -> tuple[float, float]:
-        """Direction (x, z) from the foot to the head; what is on the right of it has positive distances."""
+        """Unit vector (x, z) from the foot to the head; `across` is positive on its right."""
         (x0, z0), (x1, z1) = self.foot, self.head
         return (x1 - x0) / self.length, (z1 - z0) / self.length
 
@@ -90,19 +90,19 @@ class LeaningPlate:
         return ez * (x[0] - x0) - ex * (x[-1] - z0)
 
     def past(self, x: Components) -> jax.Array:
-        """Distance of points x (m) along the plate past the nearer of its ends, m; negative beside the
+        """Distance of points x (m) past the nearer end, measured along the plate, m; negative beside the
         plate."""
         (ex, ez), (x0, z0) = self.along, self.foot
         return jnp.abs(ex * (x[0] - x0) + ez * (x[-1] - z0) - 0.5 * self.length) - 0.5 * self.length
 
 
 AnyPlate = WallPlate | LeaningPlate
-"""Thin plate that keeps the water on its two sides apart."""
+"""Type of a thin plate that keeps the water on its two sides apart."""
 
 
 @dataclass(frozen=True)
 class Platform:
-    """Raised bed: solid for x >= start and z <= height (m), to the end of the tank."""
+    """Raised bed: solid for x >= start and z <= height (m), up to the far end of the tank."""
 
     start: float
     height: float
@@ -110,7 +110,7 @@ class Platform:
     def in_front(self, x: Components) -> jax.Array:
         """Mask of points x (m) in front of the platform's face rather than above its top, True in front.
 
-        Particles pressed a little into the platform stay with the ghosts of the face that they entered.
+        A particle pressed slightly into the platform keeps the ghosts of the face that it entered.
         """
         below = self.height - x[-1]
         return (below > 0) & (x[0] - self.start < below)
@@ -124,14 +124,14 @@ SIDES = {
     "open": (False, False),
     "periodic": (False, False),
 }
-"""Kinds of boundary of an axis, and whether each has a wall at the axis' low and at its high end."""
+"""Kinds of boundary along an axis, each with the presence of a wall at the low and at the high end."""
 
 
 @dataclass(frozen=True)
 class Box:
     """Domain of the water, low <= x <= high (m), and the kind of boundary along each axis.
 
-    **Raises** ValueError for an unknown kind of boundary, or an empty extent.
+    **Raises** ValueError for an unknown kind of boundary or an empty extent.
     """
 
     low: tuple[float, ...]
@@ -141,24 +141,24 @@ class Box:
     stroke: float = 0.0
     """Largest displacement of the paddle towards negative x, m; the bed reaches that far behind it."""
     sides: tuple[str, ...] = ()
-    """Kind of boundary of every axis, one of `SIDES`; by default walls, and a floor along the last axis.
+    """Kind of boundary along each axis, one of `SIDES`; default: "walls", and "floor" along the last axis.
 
-    Where there is no wall the box only says how far the water may go.
+    At an end without a wall, `low` or `high` is only a limit that the water must not pass.
     """
 
     def __post_init__(self) -> None:
-        """Fills in the default sides and checks them."""
+        """Fills in the default `sides`, and checks the sides and the extents."""
         if not self.sides:
             object.__setattr__(self, "sides", ("walls",) * (len(self.low) - 1) + ("floor",))
         wrong = [side for side in self.sides if side not in SIDES]
         if wrong or len(self.sides) != len(self.low):
-            raise ValueError(f"sides = {self.sides}: one of {', '.join(SIDES)} for every axis")
+            raise ValueError(f"sides = {self.sides}: give one of {', '.join(SIDES)} for every axis")
         if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
             raise ValueError(f"low = {self.low} must be below high = {self.high} along every axis")
 
     @property
     def walls(self) -> np.ndarray:
-        """Presence of walls `[D, 2]`, True where an axis has one at its low end and at its high end."""
+        """Presence of walls `[D, 2]`: True if an axis has a wall at its low end, and at its high end."""
         return np.array([SIDES[side] for side in self.sides])
 
     @property

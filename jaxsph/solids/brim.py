@@ -1,4 +1,4 @@
-"""What ghosts would see of the water were the tank full to the brim, and by it how wet they are."""
+"""Kernel sums of the ghosts in a full tank: the reference from which the ghosts' wetness is found."""
 
 from __future__ import annotations
 
@@ -23,40 +23,47 @@ from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
 
 PAIRS = 1_000_000
-"""Number of pairs held at a time, 24 bytes each."""
+"""Largest number of pairs held in memory at a time, 24 bytes each."""
 
 NOWHERE = 1.0e3
-"""Height that stands for that of no water, m: below every ghost, or above where nothing is to be told."""
+"""Height far beyond every tank, m: stands in where a node sees no water or its level is not evaluated."""
 
 SLACK = 0.05
-"""Error of a mean height over h: what disorder of the particles makes of it."""
+"""Error of a mean height due to the disorder of the particles, over h (-)."""
 
 TELLS = 0.2
-"""Height over h by which more water than to a cell's top must raise the mean height, to tell the level."""
+"""Rise of the mean height over h (-) at which the level follows from the mean height alone.
+
+The rise is the increase from water up to a cell's top to a full tank. If it is smaller, the pressure head is
+used as well.
+"""
 
 FEW = 1.0e-4
-"""Kernel's sum V W below which there is no water to speak of."""
+"""Kernel sum of V W below which a point counts as seeing no water (-)."""
 
 
 @dataclass(frozen=True)
 class Full:
-    """Water that fills a tank to the brim, and a little beyond every end without a wall."""
+    """Water that fills a tank to the brim and extends somewhat beyond every end without a wall."""
 
     box: Box
     regions: Regions
     shapes: Sequence[AbstractShape]
-    """Solids that stand in it."""
+    """Solids in the tank."""
     side: float
-    """Spacing of its lattice, m."""
+    """Lattice spacing of the water, m."""
     beyond: float
-    """How far it goes beyond an end without a wall, m."""
+    """Distance by which the water extends beyond an end without a wall, m."""
 
     def finer(self) -> Full:
-        """The same on half the spacing, where a level cuts a slanting wall's cells better; in 2-D alone."""
+        """The same water at half the spacing in 2-D; unchanged in 3-D.
+
+        The finer lattice resolves better where a level cuts the cells beside a slanting wall.
+        """
         return replace(self, side=0.5 * self.side) if len(self.box.low) == 2 else self
 
     def seen(self, bits: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (m) and volumes (m^D) of the water whose kind is among the bits."""
+        """Positions (m) and volumes (m^D) of the water whose kind bit is in the mask `bits`."""
         x, volume, kind = self._particles
         return x[(kind & bits) != 0], volume[(kind & bits) != 0]
 
@@ -73,13 +80,13 @@ class Full:
 
 
 class Brim(eqx.Module):
-    """Kernel's sums at nodes were the tank full, and mean heights of the water that they would see.
+    """Kernel sums at the nodes in a full tank, and mean heights of the water that each node sees there.
 
-    Heights are over the node, m.
+    Heights are measured from the node, m.
     """
 
     full: Float[Array, " G"]
-    """Kernel's sum V W (-)."""
+    """Kernel sum of V W (-)."""
     bottom: Float[Array, " G"]
     """Mean height with the level at the bottom of the node's cell, m."""
     top: Float[Array, " G"]
@@ -100,13 +107,13 @@ class Brim(eqx.Module):
         least: float,
         dtype: Any,
     ) -> Brim:
-        """Brim of nodes (m) in a tank full of `water`, found on the host.
+        """Computes the brim of `nodes` (m) in a tank full of `water`, on the host.
 
-        **Arguments**: `sees`: bits of the water that every node uses; `told`: mask of the nodes of which the
-        level is told; `least` sum V W that counts as full.
+        **Arguments**: `sees`: bits of the water that every node uses; `told`: mask of the nodes whose water
+        level is evaluated; `least`: lower bound of the sum V W that counts as full.
         """
         full = np.ones(len(nodes))
-        # a node of which no level is told is below it
+        # a node whose level is not evaluated counts as below the level
         heights = np.tile([-NOWHERE, -NOWHERE, NOWHERE], (len(nodes), 1))
         fine = water.finer() if told.any() else water
         for mask in np.unique(sees).tolist():
@@ -121,18 +128,18 @@ class Brim(eqx.Module):
     def below_level(
         self, height: Float[Array, " G"], head: Float[Array, " G"], h: Scalar
     ) -> Float[Array, " G"]:
-        """Share of each node's cell that is below the level of the water which it sees, 0 to 1.
+        """Share of each node's cell below the level of the water that the node sees, 0 to 1.
 
-        A ghost above that level is behind a dry wall, though its kernel reaches the water below. The level
-        follows from the mean height of the water: that is what the particles show most exactly. Under a roof
-        no more water than there is could raise it, and far below the level it scatters: there the pressure
-        head at the ghost tells, which is the level's height over it.
+        A ghost above that level is behind a dry wall, even if its kernel reaches the water below. The level
+        is found from the mean height of the water, which the particles give most accurately. In two places
+        the mean height fails: under a roof, where more water could not raise it, and far below the level,
+        where it scatters. There the pressure head at the ghost gives the height of the level above it.
 
-        **Arguments**: `height`: mean height of the water over the node, m; `head`: pressure head of still
-        water at the node, as the water around it has it, m; `h`: smoothing length, m.
+        **Arguments**: `height`: mean height of the water above the node, m; `head`: hydrostatic pressure head
+        at the node, found from the water around it, m; `h`: smoothing length, m.
         """
         slack = SLACK * h
-        # the guard is for two levels that see the same water
+        # the slack avoids 0 / 0 where both levels have the same mean height
         share = jnp.clip((height - self.bottom + slack) / (self.top - self.bottom + slack), 0.0, 1.0)
         cells = head / self.cell
         share = jnp.maximum(share, jnp.clip(cells - 0.5, 0.0, 1.0))
@@ -143,9 +150,9 @@ class Brim(eqx.Module):
 def kernel_fill(
     points: np.ndarray, water: np.ndarray, volume: np.ndarray, kernel: AbstractKernel, h: float
 ) -> np.ndarray:
-    """Kernel's sum V W at points (m) in the `water`.
+    """Kernel sum of V W at `points` (m) over the water (-).
 
-    **Arguments**: positions (m) and volumes (m^D) of the water; the kernel's smoothing length `h`, m.
+    **Arguments**: `water`, `volume`: positions (m) and volumes (m^D) of the water; `h`: smoothing length, m.
     """
     total = np.zeros(len(points))
     for i, _, weight in _weights(points, water, volume, kernel, h):
@@ -154,15 +161,15 @@ def kernel_fill(
 
 
 def _mean_heights(points: np.ndarray, water: Full, bits: int, smoothing: Smoothing, dx: float) -> np.ndarray:
-    """Mean heights `[K, 3]` (m) over points of the water of the bits that they see, by the kernel's weights.
+    """Kernel-weighted mean heights `[K, 3]` (m) above the points of the water whose kind is in `bits`.
 
-    With the level half a spacing dx (m) under and over each point, and above all. Where there is no water it
-    is -`NOWHERE`.
+    The columns are for a level half a spacing dx (m) below each point, half a spacing above it, and a full
+    tank. A point without water has the height -`NOWHERE`.
     """
     (x, volume), side = water.seen(bits), water.side
     total = np.zeros((3, 2, len(points)))
     for i, j, weight in _weights(points, x, volume, smoothing.kernel, float(smoothing.h)):
-        # a level cuts the cells of the water
+        # only the part of a cell below the level counts
         bottom = x[j, -1] - points[i, -1] - 0.5 * side
         for sums, level in zip(total, (-0.5 * dx, 0.5 * dx, np.inf), strict=True):
             wet = np.clip(level - bottom, 0.0, side)
@@ -174,18 +181,18 @@ def _mean_heights(points: np.ndarray, water: Full, bits: int, smoothing: Smoothi
 def _weights(
     points: np.ndarray, water: np.ndarray, volume: np.ndarray, kernel: AbstractKernel, h: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Indices of points and of the water around them, and the weights V W, by parts of the points."""
+    """Yields indices of points, indices of the water around them, and weights V W, for blocks of points."""
     if not len(water):
         return
     dim, reach, tree = points.shape[1], kernel.reach, KDTree(water)
-    # pairs of one point at most
+    # largest number of pairs of one point
     most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
     rows = max(1, int(PAIRS / most))
     law = eqx.Partial(kernel.value, h=jnp.asarray(h), dim=dim)
     for start in range(0, len(points), rows):
         some = KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
-        # a pair at the very edge of the support has no weight, whatever its rounding
+        # a pair at the very edge of the support gets no weight, however its distance is rounded
         inside = pairs["v"] < (1.0 - 1e-6) * reach * h
         value = at_points(law, pairs["v"] ** 2, float)
         yield pairs["i"] + start, pairs["j"], volume[pairs["j"]] * np.where(inside, value, 0.0)

@@ -1,4 +1,4 @@
-"""Shapes made of others: joined, cut out of one another, moved and turned."""
+"""Shapes made of other shapes: joined, cut out of one another, translated and rotated."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from jaxsph.solids.shapes import AbstractShape, plain_numbers
 
 
 class Union(AbstractShape):
-    """Shape of all points that are in one of several, in the x-z plane.
+    """Union of several shapes in the x-z plane.
 
-    Its distance is exact outside; inside, beside a seam, it is at most as far as to the surface.
+    The distance is exact outside. Inside, near a seam, it may be smaller than the distance to the surface.
     """
 
     shapes: tuple[AbstractShape, ...] = eqx.field(converter=tuple)
-    """The shapes that are joined."""
+    """Shapes that are joined."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -35,15 +35,15 @@ class Union(AbstractShape):
 
 
 class Difference(AbstractShape):
-    """Shape of all points that are in one and not in another, in the x-z plane.
+    """A shape with another shape cut out of it, in the x-z plane.
 
-    Its distance is exact inside; outside, beside a seam, it is at most as far as to the surface.
+    The distance is exact inside. Outside, near a seam, it may be smaller than the distance to the surface.
     """
 
     whole: AbstractShape
-    """The shape that is cut."""
+    """Shape that is cut."""
     hole: AbstractShape
-    """What is cut out of it."""
+    """Shape that is cut out of `whole`."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -59,16 +59,16 @@ class Difference(AbstractShape):
 
 
 class Placed(AbstractShape):
-    """Another shape, turned in the x-z plane and moved."""
+    """A shape rotated in the x-z plane and then translated."""
 
     shape: AbstractShape
-    """The shape in its own place."""
+    """Shape before it is rotated and translated."""
     by: Float[Array, "2"] = eqx.field(converter=plain_numbers, default=(0.0, 0.0))
     """Displacement (x, z), m."""
     angle: Float[Array, ""] = eqx.field(converter=plain_numbers, default=0.0)
-    """Angle by which it is turned first, rad, positive from z towards x."""
+    """Rotation angle, rad, positive from z towards x; the rotation comes before the translation."""
     about: Float[Array, "2"] = eqx.field(converter=plain_numbers, default=(0.0, 0.0))
-    """Point (x, z) about which it is turned, m."""
+    """Centre (x, z) of the rotation, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -86,7 +86,7 @@ class Placed(AbstractShape):
     def region(self):
         """See `AbstractShape`."""
         x, z = np.asarray(self.about, float)
-        # shapely turns counterclockwise with x to the right: from x towards z
+        # shapely rotates from x towards z (counterclockwise with x to the right)
         turned = shapely.affinity.rotate(
             self.shape.region(), -float(self.angle), origin=(x, z), use_radians=True
         )

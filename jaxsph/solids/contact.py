@@ -30,17 +30,17 @@ TOUCH = 0.4
 def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
     """Acceleration (m/s2) of a contact spring away from a solid's surface, at the distance `gap` (m) from it.
 
-    Mirrored pressures alone do not keep particles off a wall: one that comes near its own image feels less
-    and less of it, and in the vortex at a plate's tip some entered the plate and stayed. The spring starts at
-    0.4 spacings `dx` (m), is conservative, and stops a normal speed of a tenth of `c0` (m/s; stable at
-    Courant 3).
+    Mirrored pressures alone do not keep particles off a wall: the nearer a particle comes to its own image,
+    the less the image repels it, and in the vortex at a plate's tip some particles entered the plate and
+    stayed there. The spring is conservative and acts within 0.4 spacings `dx` (m). It stops a normal speed of
+    a tenth of `c0` (m/s), and is stable at a Courant number of 3.
     """
     reach = TOUCH * dx
     return (0.1 * c0 / reach) ** 2 * jnp.maximum(reach - gap, 0.0)
 
 
 def push_off(distance: Callable, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
-    """Acceleration (m/s2) of the spring off a surface at points x (m), along the gradient of `distance`.
+    """Acceleration (m/s2) by a surface's contact spring at points x (m), along the gradient of `distance`.
 
     `distance` gives the distances `[N]` (m) of points from the surface.
     """
@@ -50,10 +50,10 @@ def push_off(distance: Callable, x: Float[Array, "N D"], dx: Scalar, c0: Scalar)
 
 
 def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[jax.Array, jax.Array]:
-    """Acceleration (m/s2) off a solid's outer edge, as components along the normals of its two faces.
+    """Acceleration (m/s2) away from a solid's outer edge: components along the normals of its two faces.
 
-    **Arguments**: `beside`, `beyond`: distances (m) in front of either face, negative behind it; `away`: the
-    acceleration (m/s2) as a function of the distance (m) from the solid.
+    **Arguments**: `beside`, `beyond`: distances (m) in front of the two faces, negative behind a face;
+    `away`: acceleration (m/s2) as a function of the distance (m) from the solid.
     """
     corner = (beside > 0) & (beyond > 0)
     distance = jnp.sqrt(jnp.where(corner, beside**2 + beyond**2, 1.0))
@@ -87,8 +87,8 @@ def stop_at_solids(
 ) -> Float[Array, "N D"]:
     """Velocities (m/s) without their component towards any solid whose contact spring pushes the particle.
 
-    Spray that hits a solid stays there; a spring alone would throw it back as fast as it came. All of the
-    component is gone a tenth of a spacing after the spring begins.
+    Spray that hits a solid therefore stays there; the spring alone would throw it back at the same speed. The
+    removed share grows with the spring's force, and is 1 from a tenth of a spacing inside the spring's range.
 
     **Arguments**: velocities `u` (m/s) before the contact; `push`: the result of `spring_acceleration` with
     the same `c0` (m/s).
@@ -111,8 +111,8 @@ def touch_force(
 ) -> Float[Array, "3"]:
     """Force on a body by the water that touches it, N, N, N m (per metre in 2-D).
 
-    It is opposite to the change of that water's momentum: contact changed the velocities by `kick` (m/s) in
-    a step of dt (s).
+    The force is minus the rate of change of that water's momentum. `kick`: change (m/s) of the water's
+    velocities by contact in a step of dt (s).
     """
     near = body.touches(motion, water.x, model.dx)
     momentum = jnp.where(near, water.m, 0.0)[:, None] * kick

@@ -1,8 +1,8 @@
-"""Division of the water around thin walls into regions that see different ghosts and not each other.
+"""Division of the water around thin walls into regions that see different ghosts.
 
-Particles on one side of a wall thinner than the kernel must not interact with those on the other (Zhu et al.
-2020, section 2.4.1). Which region sees which region and which set of ghosts is a static matrix of booleans,
-packed into bit masks that the neighbour search applies.
+Particles on one side of a wall thinner than the kernel must not interact with particles on the other side
+(Zhu et al. 2020, section 2.4.1). Static boolean matrices define which regions and which sets of ghosts each
+region sees. They are packed into bit masks that the neighbour search applies.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from jaxsph.solids.box import AnyPlate, LeaningPlate, Platform, WallPlate
 from jaxsph.solids.shapes import AbstractShape
 
 PLAIN_BIT = 30
-"""Place of the bit of ordinary ghosts; regions and other sets of ghosts have the bits below it."""
+"""Index of the kind bit of ordinary ghosts; the lower bits belong to regions and to other ghost sets."""
 PLAIN = 1 << PLAIN_BIT
 """Kind bit of an ordinary wall's ghosts, which every region sees."""
 
@@ -37,9 +37,9 @@ SETS = ("left", "right", "tip")
 class AbstractDivision(eqx.Module):
     """Division of the water around a plate into regions (Zhu et al. 2020, section 2.4.1.2).
 
-    `region` gives a particle's region; the matrices say which regions see each other, which ghost sets a
-    region sees, and which regions the interpolation nodes of a set may use. The paper's figure is missing
-    from the recovered text, so each division states how it reads the section.
+    `region` gives a particle's region; the matrices define which regions see each other, which ghost sets a
+    region sees, and which regions the interpolation nodes of a set may use. The paper's figure was not
+    available, so each division states its interpretation of the section.
     """
 
     regions: eqx.AbstractClassVar[tuple[str, ...]]
@@ -80,13 +80,13 @@ class HorizontalDivision(AbstractDivision):
         """See `AbstractDivision`."""
         across, past = plate.across(x), plate.past(x)
         side = jnp.where(across < 0, 0, 1)
-        # A particle pressed a little into the tip stays under the tip's ghosts, which push it out.
+        # A particle pressed slightly into the tip still sees the tip's ghosts, which push it out.
         under = (jnp.abs(across) < 0.5 * plate.thickness) & (past > -plate.thickness)
         return jnp.where(under | (past > 0), 2, side).astype(jnp.int32)
 
 
 class DiagonalDivision(AbstractDivision):
-    """Division (a): left, right, and below them the wedge between the bisectors of the tip's two corners."""
+    """Division (a): left, right, and below the plate the wedge between the bisectors of the tip's corners."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
     water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
@@ -123,15 +123,15 @@ class FivePartDivision(AbstractDivision):
 
 
 class Regions(eqx.Module):
-    """Regions of the water in a tank, and which regions and ghosts each of them sees, as tables of bits.
+    """Regions of the water in a tank, and bit masks of the regions and ghosts that each region sees.
 
-    Every plate divides the water by `division`, and a platform divides it into the water above its top and
-    the water in front of it; a region is one combination of these parts. Two regions see each other where
-    every divider lets them; the ghosts of a face are seen as the face's own divider says. Across the
-    platform's edge the water sees itself as it would without the platform; only the ghosts of its two faces
-    are seen from their own side alone.
+    The dividers are the plates and the platform. Every plate divides the water by `division`; a platform
+    divides it into the water above its top and the water in front of it. A region is one combination of these
+    parts. Two regions see each other if the divisions of all plates allow it. Whether a region sees the
+    ghosts of a face depends only on the divider of that face. A platform does not separate water from water:
+    it only limits the ghosts of each of its faces to the water on that side.
 
-    **Raises** ValueError for more regions and ghost sets than an integer has bits.
+    **Raises** ValueError if the regions and ghost sets need more bits than an integer has.
     """
 
     plates: tuple[WallPlate, ...] = eqx.field(static=True)
@@ -139,9 +139,9 @@ class Regions(eqx.Module):
     division: AbstractDivision
     """Division of the water around each plate."""
     platforms: tuple[Platform, ...] = eqx.field(static=True, default=())
-    """Raised bed, one or none."""
+    """Raised bed: at most one."""
     leaning: tuple[LeaningPlate, ...] = eqx.field(static=True, default=())
-    """Thin plates of any direction."""
+    """Thin plates at any inclination."""
 
     @classmethod
     def of(
@@ -151,27 +151,27 @@ class Regions(eqx.Module):
         platform: Platform | None,
         shapes: Iterable[AbstractShape],
     ) -> Regions:
-        """Regions of a tank with these upright plates, platform, and solids of these shapes."""
+        """Builds the regions of a tank with upright `plates`, a `platform` and solids of these `shapes`."""
         leaning = tuple(plate for shape in shapes for plate in shape.dividers())
         return cls(tuple(plates), division, () if platform is None else (platform,), leaning)
 
     def __check_init__(self) -> None:
-        """Refuses more regions and ghost sets than an integer has bits."""
+        """Checks that every region and ghost set has a bit."""
         bits = self.count + len(self.sets)
         if bits > PLAIN_BIT:
             raise ValueError(
-                f"{len(self.thin)} plates make {self.count} regions and {len(self.sets)} ghost sets, and "
-                f"{PLAIN_BIT} bits are all there are: use fewer plates, or the division (b)"
+                f"{len(self.thin)} plates make {self.count} regions and {len(self.sets)} ghost sets, more "
+                f"than the {PLAIN_BIT} bits available: use fewer plates, or division (b)"
             )
 
     @property
     def thin(self) -> tuple[AnyPlate, ...]:
-        """Thin plates of every direction, the upright ones first."""
+        """All thin plates, the upright ones first."""
         return (*self.plates, *self.leaning)
 
     @property
     def _parts(self) -> tuple[int, ...]:
-        """Number of parts that every divider makes."""
+        """Number of parts into which every divider divides the water."""
         return (len(self.division.regions),) * len(self.thin) + (2,) * len(self.platforms)
 
     @property
@@ -186,7 +186,7 @@ class Regions(eqx.Module):
         return (*plates, *((len(self.thin), name) for _ in self.platforms for name in PLATFORM_SETS))
 
     def index(self, x: Float[Array, "N D"]) -> Int[Array, " N"]:
-        """Region of every particle at x (m), as a number below `count`."""
+        """Region of every particle at x (m), as an integer below `count`."""
         region, stride = jnp.zeros(x.shape[0], jnp.int32), 1
         for plate in self.thin:
             region = region + stride * self.division.region(columns(x), plate)
@@ -196,7 +196,7 @@ class Regions(eqx.Module):
         return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
-        """Kind bit of particles in these regions: the bit that stands for their region in every mask."""
+        """Kind bit of particles in these regions: the bit of their region in every mask."""
         return jnp.left_shift(jnp.int32(1), region)
 
     def sees(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
@@ -204,12 +204,12 @@ class Regions(eqx.Module):
         return jnp.asarray(self._packed())[region]
 
     def _part(self, divider: int) -> np.ndarray:
-        """Part of one divider, as a number, in which every region lies."""
+        """Index `[count]` of the part of one divider in which every region lies."""
         stride = int(np.prod(self._parts[:divider], initial=1))
         return np.arange(self.count) // stride % self._parts[divider]
 
     def _packed(self) -> np.ndarray:
-        """Bits of the particles and ghosts that every region sees."""
+        """Bits `[count]` of the particles and ghosts that every region sees."""
         water = np.ones((self.count, self.count), bool)
         for k in range(len(self.thin)):
             part = self._part(k)
@@ -219,7 +219,7 @@ class Regions(eqx.Module):
         return (bits @ (1 << np.arange(bits.shape[1])) | PLAIN).astype(np.int32)
 
     def _seen(self, divider: int, name: str) -> np.ndarray:
-        """Mask of the regions that see a set of ghosts."""
+        """Mask `[count]` of the regions that see a ghost set, by its divider and the name of its face."""
         part = self._part(divider)
         if name in PLATFORM_SETS:
             return part == PLATFORM_SETS.index(name)
@@ -241,7 +241,7 @@ class Regions(eqx.Module):
 
 
 def region_bits(regions: Regions, x: np.ndarray, dtype: Any = jnp.float32) -> tuple[np.ndarray, np.ndarray]:
-    """Kind bit of particles at x (m), and the bits of what they see, found on the host."""
+    """Kind bits of particles at x (m), and bits of the particles and ghosts they see, found on the host."""
     return at_points(eqx.Partial(_bits, regions), x, dtype)
 
 
@@ -258,14 +258,14 @@ class AbstractThinWall(eqx.Module):
 
     @abc.abstractmethod
     def check(self, plate: WallPlate, dx: float, layers: int) -> None:
-        """Refuses a plate too thin for this method at the spacing `dx` (m) and with so many layers of ghosts.
+        """Checks the plate's thickness for this method, at the spacing `dx` (m) and for `layers` of ghosts.
 
-        **Raises** ValueError.
+        **Raises** ValueError if the plate is too thin.
         """
 
     @abc.abstractmethod
     def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
-        """Extents (m) across the plate and up from its tip that the ghosts of each of `SETS` fill."""
+        """Extents (m) of the ghosts of each of `SETS`: across the plate, and upwards from its tip."""
 
     def tip_tangential(self, plate: WallPlate, dx: float, layers: int) -> float:
         """Factor of the water's tangential velocity that the ghosts of the plate's tip carry."""
@@ -273,10 +273,10 @@ class AbstractThinWall(eqx.Module):
 
 
 class RegionalGhosts(AbstractThinWall):
-    """Thin-wall ghosts by region: each face has its own full depth of them (Zhu et al. 2020, section 2.4.1).
+    """Thin-wall ghosts by region, of full kernel depth behind each face (Zhu et al. 2020, section 2.4.1).
 
-    They may stand in the plate, in the water behind it and over each other, for only their own region sees
-    them: so the plate may be as thin as half a spacing.
+    Only the water in front of a face sees the ghosts of that face. The ghosts may therefore lie in the plate,
+    in the water behind it and on top of each other, and the plate may be as thin as half a spacing.
     """
 
     division: AbstractDivision = HorizontalDivision()
@@ -286,7 +286,7 @@ class RegionalGhosts(AbstractThinWall):
         if plate.thickness < 0.45 * dx:
             raise ValueError(
                 f"wall_thickness = {plate.thickness:g} m is less than half a spacing (dx = {dx:g} m): "
-                "the particles under the tip would not see it; use dx of at most "
+                "the particles below the tip would not see the plate; use dx of at most "
                 f"{2 * plate.thickness:g} m"
             )
 
@@ -299,15 +299,16 @@ class RegionalGhosts(AbstractThinWall):
         """See `AbstractThinWall`."""
         if not plate.is_thin(dx, layers):
             return 1.0
-        # With the water's tangential velocity the tip's few ghosts would stream out of the plate's sides: a
-        # spurious flow that made 0.2 J/m a period in the OWC at dx = 0.02 m, four times what is left without.
+        # With the water's tangential velocity, the tip's few ghosts would stream out of the plate's sides:
+        # a spurious flow that created 0.2 J/m a period in the OWC at dx = 0.02 m, four times what remains
+        # without it.
         return 0.0
 
 
 class MultiNodeGhosts(AbstractThinWall):
     """Thin-wall ghosts inside the plate only, each with a node per face (Meringolo et al. 2015).
 
-    The plate must be as many layers of ghosts thick as the kernel reaches.
+    The plate must be at least `layers` - 1 spacings thick; the kernel reaches `layers` layers of ghosts.
     """
 
     division: AbstractDivision = HorizontalDivision()

@@ -1,7 +1,7 @@
-"""Filling of ghosts: how they take their pressure and velocity from the water.
+"""Filling of ghosts: how ghosts take their pressure and velocity from the water.
 
-A ghost is the image of one particle (`MirrorImages`), or stands on a lattice and interpolates at its node:
-its own mirror image in the water (`MirrorNodes`), or the ghost itself (`DummyParticles`).
+A ghost is the image of one particle (`MirrorImages`), or it interpolates from the water at its node. The node
+is the ghost's mirror image in the water (`MirrorNodes`) or the ghost's own position (`DummyParticles`).
 """
 
 from __future__ import annotations
@@ -38,23 +38,23 @@ class NodeFit(NamedTuple):
     b: Components
     """Coefficients of r_j along every axis."""
     offset: Components
-    """Weighted mean of x_j - x_node that the interpolation leaves, m.
+    """Weighted mean of x_j - x_node, m: zero where the interpolation is exact for linear fields.
 
-    It is zero except where too little water is near for a slope.
+    It differs from zero where too little water is near to fit a gradient.
     """
     wet: Float[Array, " G"]
-    """Wetness of the node: 1 in water, 0 where it is dry, smooth between."""
+    """Wetness of the node: 1 in water, 0 where dry, smooth in between."""
 
 
 class AbstractFilling(eqx.Module):
     """Method by which ghosts take their pressure and velocity from the water."""
 
     least: eqx.AbstractClassVar[float]
-    """Lower bound of the sum V W that counts as full at a node."""
+    """Lower bound of the sum V W that counts as full at a node (-)."""
 
     @abc.abstractmethod
     def nodes(self, ghosts: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
-        """Interpolation nodes `[G, D]` (m) of ghosts (m), whose mirror images are at `mirrored` (m)."""
+        """Interpolation nodes `[G, D]` (m) of `ghosts` (m) with the mirror images `mirrored` (m)."""
 
     @abc.abstractmethod
     def fit(
@@ -68,8 +68,8 @@ class AbstractFilling(eqx.Module):
     ) -> NodeFit:
         """Interpolation coefficients at the nodes.
 
-        **Arguments**: `nodes` (m); `brim`: what they would see were the tank full; `water`: the fields of the
-        water as sources, with "level_p" where the pressure that tells of its level is not "p";
+        **Arguments**: `nodes` (m); `brim`: kernel sums of the nodes in a full tank; `water`: fields of the
+        water as sources, with "level_p" if the pressure from which the water level is found differs from "p";
         `table`: the nodes' neighbours; `weight`: rho0 g, N/m3.
         """
 
@@ -77,10 +77,10 @@ class AbstractFilling(eqx.Module):
 class MirrorNodes(AbstractFilling):
     """Filling from a ghost's mirror image in the water (Zhu et al. 2020, section 2.3).
 
-    Moving least squares of first order take the place of Eq. 18's Shepard sum: they are exact for linear
-    fields where enough water is near. Shepard's sum is wrong by the field's slope times the offset of the
-    weighted centre wherever the kernel is cut: at corners, at a plate's tip and at the surface. It is kept
-    where the second moments are too flat for a slope.
+    First-order moving least squares replace the Shepard sum of Eq. 18. They are exact for linear fields where
+    enough water is near. Wherever the kernel is truncated (at corners, at a plate's tip, at the surface), the
+    Shepard sum has an error: the field's gradient times the offset of the weighted centre. It is used only
+    where the second moments are too small to fit a gradient.
     """
 
     least: ClassVar[float] = 0.05
@@ -106,8 +106,8 @@ class MirrorNodes(AbstractFilling):
         covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
         determinant, inverse = _flat_inverse(covariance)
         ratio = zeroth / brim.full
-        # A fully supported Gaussian has a covariance of 1/2 per axis; below a tenth of that determinant, or
-        # for a node farther from its water than that water is wide, a slope would be noise extrapolated.
+        # A fully supported Gaussian has a covariance of 1/2 per axis. Below a tenth of that determinant, or
+        # where a node is farther from the water than the water is wide, a gradient would extrapolate noise.
         slope = symmetric_product(inverse, mean)
         sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
         a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))
@@ -118,11 +118,10 @@ class MirrorNodes(AbstractFilling):
 
 
 class DummyParticles(AbstractFilling):
-    """Filling by Shepard's sum over the water in the ghost's own kernel (Yeylaghi et al. 2016, Eq. 22).
+    """Filling by a Shepard sum over the water within the ghost's kernel (Yeylaghi et al. 2016, Eq. 22).
 
     The distance from that water's weighted centre to the ghost gives the hydrostatic part of the ghost's
-    pressure (Adami et al. 2012). No mirror image is needed, so solids of any shape may be filled so, and
-    move.
+    pressure (Adami et al. 2012). No mirror image is needed, so the solid may have any shape and may move.
     """
 
     least: ClassVar[float] = 1.0e-3
@@ -140,7 +139,7 @@ class DummyParticles(AbstractFilling):
             return w, tuple(-w * c / h for c in pair.r), w * j.get("level_p", j["p"])
 
         zeroth, first, pressure = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
-        # the bound is far below what a single particle at the kernel's edge gives
+        # the bound is far below the sum of a single particle at the kernel's edge
         norm = 1.0 / jnp.maximum(zeroth, 1e-6)
         offset = tuple(c * norm * h for c in first)
         wet = jnp.clip((zeroth / brim.full - 0.05) / 0.2, 0.0, 1.0)
@@ -156,7 +155,7 @@ class DummyParticles(AbstractFilling):
 class MirrorImages(MirrorNodes):
     """Filling of the tank's walls by mirror images of the water's particles (`solids.images`).
 
-    The ghosts of plates and platforms stand on a lattice, and are filled from their mirror nodes.
+    The ghosts of plates and platforms stand on a lattice and are filled from their mirror nodes.
     """
 
 

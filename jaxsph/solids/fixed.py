@@ -16,7 +16,7 @@ __all__ = ["PlatformBed", "TankWalls", "ThinPlate"]
 class TankWalls(AbstractSolid):
     """Walls of a tank at rest.
 
-    A moving wall at the low end of the first axis is a solid of its own, and not among them.
+    A moving wall at the low end of the first axis is a separate solid, and is not included.
     """
 
     low: tuple[float, ...] = eqx.field(static=True)
@@ -24,9 +24,9 @@ class TankWalls(AbstractSolid):
     high: tuple[float, ...] = eqx.field(static=True)
     """High ends of the water's domain, m."""
     sides: tuple[str, ...] = eqx.field(static=True)
-    """Kind of boundary of every axis, one of `solids.box.SIDES`.
+    """Kind of boundary along each axis, one of `solids.box.SIDES`.
 
-    Where there is no wall, `low` and `high` only say how far the water may go.
+    At an end without a wall, `low` or `high` is only a limit that the water must not pass.
     """
     paddle: bool = eqx.field(static=True, default=False)
     """Whether the wall at the low end of the first axis moves."""
@@ -51,7 +51,7 @@ class TankWalls(AbstractSolid):
         if self.paddle:
             under = under.at[:, 0].set(False)
         over = x > high + 0.5 * dx
-        # over an open rim water is on its way out, beside the tank too
+        # water above an open rim is leaving the tank, even if it is beside the tank
         gone = over[:, -1] & (self.sides[-1] == "spill")
         return jnp.any(under | over, axis=1) & ~gone
 

@@ -1,13 +1,14 @@
-"""Mirror images of the water in the walls of a tank, in the place of ghosts on a lattice of their own.
+"""Mirror images of the water in the walls of a tank, used instead of ghosts on a lattice.
 
-A lattice of ghosts resists the water that slides past it by a share of a spacing, and its uppermost rows are
-wet or dry: both send out short waves where the surface meets a wall. An image is where its particle is
-mirrored, with the particle's volume, and the water beside a plane wall moves as in a tank twice as long
-without the wall. In a corner particles are mirrored in all its walls together. Where a wall ends an image
-counts for the share of its cell of dx that is within.
+A lattice of ghosts resists water that slides past it by a fraction of a spacing, and its uppermost rows
+switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image instead
+stands at the mirrored position of its particle and has the particle's volume, so that the water beside a
+plane wall moves as in a tank twice as long without the wall. In a corner, particles are also mirrored in all
+its walls together. At the end of a wall, an image counts with the share of its cell of side dx that is within
+the wall's extent.
 
-Plates and platforms have ghosts on a lattice: images, which come and go as water turns round an edge, made
-two to four times the noise in the OWC.
+Plates and platforms have ghosts on a lattice. There, images would appear and vanish as water turns round an
+edge; in the OWC they made the noise two to four times as large.
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from jaxsph.solids.divisions import PLAIN
 from jaxsph.solids.placement import GhostSet, join
 
 SPARE = 1.4
-"""Rows of images over those that a lattice of water beside the walls takes, up to their tops (-).
+"""Ratio of the rows for images to the particles of a lattice beside the walls, up to their tops (-).
 
-Water so much more crowded is none.
+A run stops if the water near a wall is denser than this ratio allows.
 """
 
 WIDEST_SKIN = 0.8
-"""Widest margin of a neighbour search over the spacing for which there are rows of images (-)."""
+"""Largest margin of the neighbour search, over the spacing, for which there are enough rows of images (-)."""
 
 Placed = Callable[[Float[Array, "M D"]], Float[Array, "M D"]]
-"""Places (m) that points of the paddle, given as they are at rest (m), have now."""
+"""Function from rest positions of points fixed to the paddle (m) to their present positions (m)."""
 
 
 class Plane(NamedTuple):
-    """Plane wall across an axis."""
+    """Plane wall normal to an axis."""
 
     axis: int
     at: float
@@ -46,49 +47,50 @@ class Plane(NamedTuple):
     side: float
     """Side of the water: 1 where it is above the plane along the axis, -1 where it is below."""
     moves: bool
-    """Whether it is the paddle."""
+    """Whether the wall is the paddle."""
     ends: tuple[tuple[int, float, float], ...]
-    """Axes along which the wall ends, each with its ends (m)."""
+    """Axes along which the wall has ends, each with its low and high end (m)."""
 
     def meets(self, other: Plane) -> bool:
         """Whether two walls meet in a corner."""
         return self.axis != other.axis and self._reaches(other) and other._reaches(self)
 
     def _reaches(self, other: Plane) -> bool:
-        """Whether this wall goes on as far as the other."""
+        """Whether this wall extends as far as the other one."""
         return all(low <= other.at <= high for along, low, high in self.ends if along == other.axis)
 
 
 class ImageSet(NamedTuple):
-    """Images of the water in one wall, or in the walls of a corner at once."""
+    """Images of the water in one wall, or in all walls of a corner together."""
 
     planes: tuple[Plane, ...]
     rows: tuple[int, int]
-    """Index of the first image, and of the one after the last."""
+    """Index of the first image, and of the image after the last."""
 
     @property
     def moves(self) -> bool:
-        """Whether the images are in the paddle."""
+        """Whether the paddle is one of the walls."""
         return any(plane.moves for plane in self.planes)
 
     @property
     def windows(self) -> tuple[tuple[int, float, float], ...]:
-        """Axes along which the images are cut off, each with the ends (m) between which they count."""
+        """Axes along which the walls have ends, each with the ends (m) between which images count."""
         axes = [plane.axis for plane in self.planes]
         return tuple(end for plane in self.planes for end in plane.ends if end[0] not in axes)
 
     def image(self, x: Float[Array, "M D"], paddle: Placed) -> Float[Array, "M D"]:
-        """Images (m) of particles at x (m); `paddle` places its points.
+        """Positions (m) of the images of particles at x (m); `paddle`: see `Placed`.
 
-        The reflection in the paddle where it is now is that at rest, moved twice as the paddle is: exact for
-        a displacement across its face, and for a rotation about an axis in it.
+        The reflection in the displaced paddle is the reflection in the paddle at rest, followed twice by the
+        paddle's displacement. This is exact for a translation normal to the paddle's face and for a rotation
+        about an axis in the face.
         """
         for plane in self.planes:
             x = x.at[:, plane.axis].set(2.0 * plane.at - x[:, plane.axis])
         return paddle(paddle(x)) if self.moves else x
 
     def share(self, images: Float[Array, "M D"], dx: float) -> Float[Array, " M"]:
-        """Shares of the images' cells of dx (m) that are inside the windows, 0 to 1."""
+        """Shares of the images' cells of side dx (m) that lie inside the windows, 0 to 1."""
         found = jnp.ones(len(images), images.dtype)
         for axis, low, high in self.windows:
             upper = jnp.minimum(images[:, axis] + 0.5 * dx, high)
@@ -98,18 +100,18 @@ class ImageSet(NamedTuple):
 
 
 class Images(eqx.Module):
-    """All images of the water in a tank's walls: rows of ghosts, each for a particle near its wall."""
+    """All images of the water in a tank's walls: rows of ghosts, each row for one particle near a wall."""
 
     sets: tuple[ImageSet, ...] = eqx.field(static=True, default=())
-    """Sets of images, those in the paddle first."""
+    """Sets of images; sets with the paddle come first."""
     dx: float = eqx.field(static=True, default=0.0)
     """Spacing, m."""
 
     @classmethod
     def of(cls, box: Box, platforms: Sequence[Platform], dx: float, radius: float) -> Images:
-        """Images of the water in the walls of a tank, up to where a platform is.
+        """Builds the images of the water in the walls of a tank, without the parts behind a platform.
 
-        `radius`: that of the kernel's support, m.
+        `radius`: radius of the kernel's support, m.
         """
         walls = list(_walls(box, platforms))
         corners = [corner for k, wall in enumerate(walls) for corner in _corners((wall,), walls[k + 1 :])]
@@ -127,21 +129,21 @@ class Images(eqx.Module):
         return self.sets[-1].rows[1] if self.sets else 0
 
     def image(self, x: Float[Array, "I D"], paddle: Placed) -> Float[Array, "I D"]:
-        """Images (m) of the particles at x (m), one for every row; `paddle` places its points."""
+        """Positions (m) of the images of particles at x (m), one for every row; `paddle`: see `Placed`."""
         return jnp.concatenate([x[:0], *(one.image(x[slice(*one.rows)], paddle) for one in self.sets)])
 
     def share(self, images: Float[Array, "I D"]) -> Float[Array, " I"]:
-        """Shares of the images (m) that count, 0 to 1."""
+        """Shares with which images at these positions (m) count, 0 to 1."""
         shares = (one.share(images[slice(*one.rows)], self.dx) for one in self.sets)
         return jnp.concatenate([images[:0, 0], *shares])
 
     def choose(
         self, x: Float[Array, "N D"], paddle: Placed, radius: float | Array, skin: float | Array
     ) -> tuple[Int[Array, " I"], Array]:
-        """Particle of every row, N for none, and whether a set has too few rows.
+        """Index of the particle of every row, N for an empty row, and whether a set has too few rows.
 
-        **Arguments**: positions x (m) of the water; `paddle` places its points; `radius` of the kernel's
-        support, m; `skin`, the margin of the search, of which a particle moves half at most, m.
+        **Arguments**: `x`: positions of the water, m; `paddle`: see `Placed`; `radius`: radius of the
+        kernel's support, m; `skin`: margin of the search, m, of which a particle may move at most half.
         """
         n, rows, full = len(x), [jnp.zeros(0, jnp.int32)], jnp.zeros((), bool)
         for one in self.sets:
@@ -159,9 +161,9 @@ class Images(eqx.Module):
         return jnp.concatenate(rows), full
 
     def empty_rows(self, box: Box, radius: float) -> GhostSet:
-        """Rows as they are while they have no particle, on a lattice behind their walls.
+        """Rows without particles, placed on a lattice behind their walls.
 
-        `radius`: that of the kernel's support, m.
+        `radius`: radius of the kernel's support, m.
         """
         x, none = np.zeros((0, len(box.low))), np.zeros(0, int)
         nothing = GhostSet(x, x, x, none, none, np.zeros(0, bool), np.zeros(0))
@@ -169,7 +171,7 @@ class Images(eqx.Module):
 
 
 def _walls(box: Box, platforms: Sequence[Platform]) -> Iterator[Plane]:
-    """Walls of a tank: where a platform is the bed ends, and the end wall begins at its top."""
+    """Walls of a tank. At a platform the bed ends, and the end wall begins at the platform's top."""
     top = len(box.low) - 1
     for axis, (floor, lid) in enumerate(box.walls):
         for there, at, side in ((floor, box.low[axis], 1.0), (lid, box.high[axis], -1.0)):
@@ -184,7 +186,7 @@ def _walls(box: Box, platforms: Sequence[Platform]) -> Iterator[Plane]:
 
 
 def _corners(planes: tuple[Plane, ...], walls: Sequence[Plane]) -> Iterator[tuple[Plane, ...]]:
-    """These walls, and every corner that they have with the others."""
+    """Yields `planes`, and every corner that they form with further `walls`."""
     yield planes
     for k, wall in enumerate(walls):
         if all(plane.meets(wall) for plane in planes):
@@ -192,7 +194,7 @@ def _corners(planes: tuple[Plane, ...], walls: Sequence[Plane]) -> Iterator[tupl
 
 
 def _extent(one: ImageSet, box: Box, axis: int) -> tuple[float, float]:
-    """Ends (m) of the images along an axis that no plane of theirs is across."""
+    """Low and high end (m) of a set's images along an axis to which none of its walls is normal."""
     ends = [end[1:] for end in one.windows if end[0] == axis]
     behind = box.stroke if axis == 0 else 0.0
     return max([box.low[axis] - behind, *(low for low, _ in ends)]), min(
@@ -201,7 +203,7 @@ def _extent(one: ImageSet, box: Box, axis: int) -> tuple[float, float]:
 
 
 def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
-    """Number of rows of a set."""
+    """Number of rows to provide for a set."""
     cells, planes = SPARE, [plane.axis for plane in one.planes]
     for axis in range(len(box.low)):
         low, high = (0.0, radius + 0.5 * WIDEST_SKIN * dx) if axis in planes else _extent(one, box, axis)
@@ -210,7 +212,7 @@ def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
 
 
 def _rows(one: ImageSet, box: Box, dx: float, radius: float) -> GhostSet:
-    """Rows of a set while they have no particle."""
+    """Rows of a set without particles, on a lattice behind its walls."""
     axes, planes = [], {plane.axis: plane for plane in one.planes}
     for axis in range(len(box.low)):
         if axis in planes:

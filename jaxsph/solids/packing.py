@@ -1,4 +1,4 @@
-"""Packing of the water around solids before a run: a lattice cut by their surfaces, relaxed until it fits."""
+"""Packing of the water around solids before a run: relaxation of a lattice that their surfaces cut."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from jaxsph.solids.divisions import region_bits
 from jaxsph.solids.walls import Ghosts
 
 REACH = 3.0
-"""Radius of the packing's Gaussian over dx; its smoothing length is dx."""
+"""Support radius of the packing's Gaussian, in spacings dx; its smoothing length is dx."""
 
 EDGE = np.exp(-(REACH**2))
-"""Value of the Gaussian there, which is taken off it: no pair may come or go with a jump."""
+"""Value of the Gaussian at `REACH`: it is subtracted, so that the Gaussian falls to zero without a jump."""
 
 NEAR = 6.0
-"""Distance from a solid in spacings within which particles move: two reaches."""
+"""Distance from a solid within which particles move, in spacings: twice `REACH`."""
 
 RATE = 0.5
-"""Share of dx^2 grad C by which an iteration moves a particle; a lattice trembles from about 1 on."""
+"""Displacement of a particle in an iteration over dx^2 grad C (-); above about 1 a lattice oscillates."""
 
 LARGEST = 0.1
-"""Largest displacement of an iteration, in spacings."""
+"""Largest displacement of a particle in an iteration, in spacings."""
 
 SETTLED = 2.0e-3
-"""Displacement of an iteration in spacings, the largest of all, at which the packing is done."""
+"""Largest displacement in an iteration below which the packing has settled, in spacings."""
 
 USUAL = 60
-"""Iterations that every packing takes: a disc and a tilted box settle in 20 to 60. That their number does not
-depend on a solid's place is what makes the water a smooth function of it."""
+"""Least number of iterations: a disc and a tilted box settle in 20 to 60. With the same number of iterations
+for every position of a solid, the packed water is a smooth function of that position."""
 
 ITERATIONS = 300
-"""Bound of the number of iterations."""
+"""Largest number of iterations."""
 
 ROUNDS = 4
-"""Number of times that the particles settle, and share what their number is off: a tenth is left of it."""
+"""Number of rounds of settling and volume correction; a tenth of the volume error remains after them."""
 
 SLACK = 0.5
-"""Reach of the lists of pairs beyond the Gaussian's, in spacings."""
+"""Margin of the pair lists beyond the Gaussian's radius, in spacings."""
 
 
 class Sight(NamedTuple):
-    """What particles beside thin plates see of each other and of ghosts, as bits (`solids.divisions`)."""
+    """Particles and ghosts that particles beside thin plates see, as bits (`solids.divisions`)."""
 
     sees: np.ndarray
-    """Bits of what every free particle sees."""
+    """Bits of the particles and ghosts that every free particle sees."""
     kind: np.ndarray
-    """Kind bits of the free particles, of the others, and of the mirror images of both."""
+    """Kind bits of the free particles, of the other particles and ghosts, and of all their mirror images."""
 
 
 def packed(
@@ -56,19 +56,20 @@ def packed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m^D) of still water, packed evenly around solids.
 
-    A lattice that a solid's surface cuts has gaps and crowds along it, which the pressures of a run's first
-    steps would shake out. Here every particle near a solid moves down the gradient of the concentration
-    C_i = sum_j V_j W_ij of water and ghosts (Colagrossi, Bouscasse, Antuono and Marrone 2012), until none
-    moves on; then all that moved share what their number is off the space that they have, so that C is 1.
-    The surface is a plane of symmetry: everything below has its mirror image above, and it stays where it is.
+    A lattice cut by a solid's surface has gaps and clusters along it, which the pressures of a run's first
+    steps would disperse. Here every particle near a solid moves down the gradient of the concentration
+    C_i = sum_j V_j W_ij of water and ghosts (Colagrossi, Bouscasse, Antuono and Marrone 2012), until the
+    particles have settled. Then the volumes of all particles that moved are scaled by a common factor, so
+    that the mean of C is 1. The water surface is a plane of symmetry and stays in place: all particles and
+    ghosts below it have mirror images above.
 
-    **Arguments**: positions `x` (m) and volumes (m^D) of the water on a lattice of spacing `dx` (m) up to a
-    `level` (m); `away` `[N]`: distance from the nearest solid, m; `walls`: ghosts of the tank, and of the
-    solids.
+    **Arguments**: `x`, `volume`: positions (m) and volumes (m^D) of the water on a lattice of spacing `dx`
+    (m), up to the `level` (m); `away` `[N]`: distance from the nearest solid, m; `walls`: ghosts of the tank
+    and of the solids.
     """
     free = away < NEAR * dx
     for axis, side in enumerate(walls.sides[:-1]):
-        if side in ("open", "periodic"):  # what is beyond such an end is not known here
+        if side in ("open", "periodic"):  # the water beyond such an end is not known here
             margin = (REACH + SLACK) * dx
             free &= (x[:, axis] > walls.low[axis] + margin) & (x[:, axis] < walls.high[axis] - margin)
     if not free.any():
@@ -76,12 +77,12 @@ def packed(
     beside = ~free & (away < (NEAR + REACH + 2 * SLACK) * dx)
     ghosts, size = np.asarray(walls.x, float), np.asarray(walls.volume, float) / dx ** x.shape[1]
     kind, sees = region_bits(walls.regions, x)
-    # an image stands for a cell, and has no volume while it has no particle
+    # a row for an image has no volume yet: it counts as one cell
     size = np.concatenate([np.ones(int(beside.sum())), np.where(size > 0.0, size, 1.0)])
     origin = np.append(x[free].mean(axis=0)[:-1], level)
     rest = (np.concatenate([x[beside], ghosts]) - origin) / dx
     before, share = (x[free] - origin) / dx, 1.0
-    # of a layer across the surface the part below it, which its mirror image makes whole
+    # a layer across the surface counts with its part below; the mirror image completes it
     below = size * np.clip(0.5 - rest[:, -1], 0.0, 1.0)
     # the walls of a long tank are mostly out of reach
     near = np.all((rest > before.min(axis=0) - NEAR) & (rest < before.max(axis=0) + NEAR), axis=1)
@@ -102,9 +103,10 @@ def packed(
 def _settled(
     free: np.ndarray, rest: np.ndarray, volume: np.ndarray, sight: Sight
 ) -> tuple[np.ndarray, float]:
-    """Places of free particles among others at rest where C is even, in spacings from the surface; its mean.
+    """Settled positions of the free particles among those at rest, in spacings, and the mean of C there.
 
-    `volume`: of the free particles and of the others, in cells of the lattice.
+    Heights are measured from the surface. `volume`: volumes of the free particles, then of the particles and
+    ghosts at rest, in cells of the lattice.
     """
     V = np.tile(volume, 2) / _gaussian(np.sum(_whole(free.shape[1]) ** 2, axis=1)).sum()
     since = np.inf
@@ -126,18 +128,18 @@ def _settled(
 
 
 def _gaussian(r2: np.ndarray) -> np.ndarray:
-    """Gaussian of squared distances in spacings, without a jump at its end."""
+    """Gaussian of squared distances (in spacings squared), without a jump at its radius."""
     return np.maximum(np.exp(-r2) - EDGE, 0.0)
 
 
 def _whole(dim: int) -> np.ndarray:
-    """Points `[K, D]` of the lattice around one of them, as far as the Gaussian reaches, in spacings."""
+    """Points `[K, D]` of a full lattice around one of them, up to the Gaussian's radius, in spacings."""
     line = np.arange(-REACH, REACH + 1)
     return np.stack(np.meshgrid(*dim * [line]), axis=-1).reshape(-1, dim)
 
 
 def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """All places below the surface and their mirror images above it."""
+    """All positions below the surface, then their mirror images above it."""
     below = np.concatenate([free, rest])
     above = np.array(below)
     above[:, -1] *= -1.0
@@ -145,7 +147,7 @@ def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
 
 
 def _pairs(free: np.ndarray, every: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the free particles and of what each of them sees around it."""
+    """Pairs of indices: free particles, and the particles and ghosts that each of them sees nearby."""
     found = KDTree(free).sparse_distance_matrix(KDTree(every), REACH + SLACK, output_type="ndarray")
     found = found[(sight.sees[found["i"]] & sight.kind[found["j"]]) != 0]
     return found["i"], found["j"]

@@ -1,4 +1,4 @@
-"""Placement of particles before a run, in NumPy: water on a lattice, and the ghosts of every kind of wall."""
+"""Placement of particles before a run, in NumPy: water on a lattice, and ghosts of every kind of wall."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def lattice(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m^D) of water that fills a box around plates and a platform.
 
-    The box from `low` to `high` (m) is a whole number of spacings `dx` (m), and so are the levels of the
-    plates' tips and the platform's lengths. A plate's faces need not be: beside it the columns of either side
-    are stretched to fill that side, below it they are not.
+    The box from `low` to `high` (m), the levels of the plates' tips and the platform's lengths must be whole
+    numbers of spacings `dx` (m). A plate's faces may lie anywhere: beside the plate, the columns on either
+    side are stretched to fill that side; below the plate they are not.
     """
     axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
     parts = []
@@ -58,7 +58,7 @@ def lattice(
 
 
 HELD = 1e-4
-"""Distance from a wall or a solid within which a plate's end is held by it, m."""
+"""Distance from a wall or a solid within which a plate's end counts as attached to it, m."""
 
 
 class GhostSet(NamedTuple):
@@ -71,11 +71,11 @@ class GhostSet(NamedTuple):
     mirror: np.ndarray
     """Factors `[G, D]` of the velocity's components: -1 normal to the wall, 1 along it."""
     kind: np.ndarray
-    """Kind bits `[G]`, by which regions tell whether they see a ghost."""
+    """Kind bits `[G]`, which determine the regions that see a ghost."""
     node_sees: np.ndarray
     """Bits `[G]` of the particles that the nodes use; -1 for those that the node's own region sees."""
     moves: np.ndarray
-    """Whether `[G]` the ghosts go with the paddle."""
+    """Mask `[G]` of the ghosts that move with the paddle."""
     volume: np.ndarray
     """Volumes `[G]`, m^D."""
 
@@ -88,18 +88,21 @@ def join(parts: Sequence[GhostSet]) -> GhostSet:
 def sliding_velocity(
     x: np.ndarray, box: Box, sliding: Mapping[tuple[int, int], Sequence[float]]
 ) -> np.ndarray:
-    """Velocity `[G, D]` of the wall in front of each ghost, for walls that move along themselves, m/s.
+    """Velocity `[G, D]` of the wall in front of each ghost, m/s, for walls that slide in their own plane.
 
-    **Arguments**: ghosts' positions `x` (m); `sliding`: velocities (m/s) by (axis, 0 for the low or 1 for the
-    high end).
-    **Raises** ValueError where there is no such wall, or its velocity is not along it.
+    **Arguments**: `x`: positions of the ghosts, m; `sliding`: velocities (m/s) by (axis, 0 for the low or 1
+    for the high end).
+    **Raises** ValueError if there is no such wall, or if its velocity has a component normal to it.
     """
     u = np.zeros_like(x)
     for (axis, end), velocity in sliding.items():
         if not box.walls[axis, end]:
             raise ValueError(f"sliding: there is no wall at end {end} of axis {axis} ({box.sides[axis]})")
         if velocity[axis]:
-            raise ValueError(f"sliding: wall {end} of axis {axis} may only move along itself, not {velocity}")
+            raise ValueError(
+                f"sliding: the wall at end {end} of axis {axis} can only move along itself, but its velocity "
+                f"{velocity} m/s has a component along that axis: set it to 0"
+            )
         behind = x[:, axis] > box.high[axis] if end else x[:, axis] < box.low[axis]
         u[behind] += np.asarray(velocity, float)
     return u
@@ -108,7 +111,7 @@ def sliding_velocity(
 def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
     """Ghosts of a tank's walls, on the lattice of spacing `dx` (m) outside its box, `layers` deep.
 
-    A corner's ghosts are mirrored in every wall that they are behind.
+    A ghost in a corner is mirrored in all walls that it is behind.
     """
     dim = len(box.low)
     low, high = np.array(box.low), np.array(box.high)
@@ -123,7 +126,7 @@ def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
     x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
     under, over = x < low, x > high
     outside = (under | over).any(axis=1)
-    # the paddle's own ghosts move with it, corner included; the bed's go on behind it as far as it withdraws
+    # the paddle's ghosts, also those in its corners, move with it; the bed's ghosts extend over its stroke
     x, under, over = x[outside], under[outside], over[outside]
     node = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))
     normal = under | over
@@ -162,8 +165,8 @@ def cut_by_platform(
 ) -> GhostSet:
     """Ghosts of a tank's walls where a platform fills its far end.
 
-    Those in the platform's two inner corners are mirrored in its faces too and seen from one side; all others
-    behind the platform are left out.
+    Ghosts in the platform's two inner corners are also mirrored in the platform's face there, and only the
+    water in front of that face sees them. All other ghosts behind the platform are removed.
     """
     x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
     kind, node_sees = ghosts.kind.copy(), ghosts.node_sees.copy()
@@ -177,7 +180,7 @@ def cut_by_platform(
         rows = rows & near
         which = regions.sets.index((len(regions.thin), name))
         node[rows, axis] = 2 * face - x[rows, axis]
-        # in the end wall's corner the bed was the other mirror, and the platform has taken its place
+        # in the corner with the end wall, the platform's top replaces the bed as the other mirror plane
         mirror[rows, axis] = -1.0
         kind[rows], node_sees[rows] = regions.set_kind(which), regions.node_sees(which)
         keep |= rows
@@ -186,7 +189,7 @@ def cut_by_platform(
 
 
 def platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> GhostSet:
-    """Ghosts of a platform: a full depth behind each face, which the water of the other face does not see."""
+    """Ghosts of a platform: a full depth behind each face, seen only by the water in front of that face."""
     depth = layers * dx
     faces = {
         "top": ((platform.start, box.high[0]), (platform.height - depth, platform.height)),
@@ -217,9 +220,9 @@ def plate_ghosts(
     dx: float,
     layers: int,
 ) -> GhostSet:
-    """Ghosts of a plate: a set behind each face, of the extents that `AbstractThinWall.body` gives.
+    """Ghosts of a plate: a set behind each face, with the extents that `AbstractThinWall.body` gives.
 
-    **Raises** ValueError for a plate too thin for the method `wall`.
+    **Raises** ValueError if the plate is too thin for the method `wall`.
     """
     first = len(SETS) * regions.plates.index(plate)
     wall.check(plate, dx, layers)
@@ -263,8 +266,8 @@ def solid_ghosts(
 ) -> GhostSet:
     """Dummy particles of a solid as ghosts, `layers` deep at the spacing dx (m).
 
-    They carry the solid's own velocity (mirror factors of 0), and no viscous force holds on to them. Those of
-    a plate that divides the water fill a full depth behind each face, outside the `others` and in the box.
+    The ghosts carry the solid's velocity (mirror factors of 0) and exert no viscous force. Behind each face
+    of a plate that divides the water they fill the full depth, outside the `others` and inside the box.
     """
     parts = [_behind_plate(plate, regions, box, others, dx, layers) for plate in shape.dividers()]
     return join(parts) if parts else _dummies(*shape.dummies(dx, layers), PLAIN, -1)
@@ -273,7 +276,7 @@ def solid_ghosts(
 def _behind_plate(
     plate: LeaningPlate, regions: Regions, box: Box, others: Sequence[AbstractShape], dx: float, layers: int
 ) -> GhostSet:
-    """Dummy particles of a plate as ghosts, a set for each of its faces."""
+    """Dummy particles of a plate as ghosts, one set for each of its faces."""
     held = [_is_held(end, box, others) for end in (plate.foot, plate.head)]
     first, parts = len(SETS) * regions.thin.index(plate), []
     for which in range(len(SETS)):
@@ -287,14 +290,14 @@ def _behind_plate(
 
 
 def _dummies(x: np.ndarray, volume: np.ndarray, kind: int, node_sees: int) -> GhostSet:
-    """Ghosts that carry the velocity of their solid, from places (m), volumes (m^D) and bits."""
+    """Ghosts that carry the velocity of their solid, from positions `x` (m), volumes (m^D) and bits."""
     n = len(x)
     kinds, sees = np.full(n, kind, np.int32), np.full(n, node_sees)
     return GhostSet(x, x, np.zeros_like(x), kinds, sees, np.zeros(n, bool), volume)
 
 
 def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]) -> bool:
-    """Whether a plate's end (m) is in a wall of the tank or in another solid, and no water passes it."""
+    """Whether a plate's end (m) is in a wall of the tank or in another solid, so that no water passes it."""
     at = np.asarray(end)
     walls = np.stack([at - box.low, np.asarray(box.high) - at], axis=1)
     if (box.walls & (walls < HELD)).any():
@@ -305,9 +308,9 @@ def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]
 def _behind_face(
     plate: LeaningPlate, which: int, held: Sequence[bool], dx: float, layers: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places `[B, 2]` (m) and volumes `[B]` (m2) of dummies behind one of a plate's `SETS` of faces.
+    """Positions `[B, 2]` (m) and volumes `[B]` (m2) of dummies behind a plate's face, `SETS[which]`.
 
-    Those of the two sides go on past an end that is `held`.
+    Behind the two sides they extend past every end that is `held`.
     """
     rows = max(1, round(plate.length / dx))
     step = plate.length / rows

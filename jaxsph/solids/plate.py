@@ -1,4 +1,4 @@
-"""Thin plate of any direction: a shape that keeps the water on its two sides apart."""
+"""Thin plate at any inclination: a shape that keeps the water on its two sides apart."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from jaxsph.solids.shapes import AbstractShape, box_distance, plain_numbers
 class Plate(AbstractShape):
     """Straight plate in the x-z plane, which may be thinner than the kernel.
 
-    Each face has a full depth of dummy particles of its own, which only the water on that side sees (Zhu et
-    al. 2020, section 2.4.1), so that the water on the two sides does not see each other.
+    Each face has a separate set of dummy particles of full kernel depth, which only the water on that side
+    sees (Zhu et al. 2020, section 2.4.1). The water on one side does not see the water on the other.
     """
 
     foot: Float[Array, "2"] = eqx.field(converter=plain_numbers)
@@ -57,6 +57,6 @@ class Plate(AbstractShape):
         return (self.straight(),)
 
     def straight(self) -> LeaningPlate:
-        """The plate in plain numbers."""
+        """Geometry of the plate in plain numbers."""
         (x0, z0), (x1, z1) = np.asarray(self.foot).tolist(), np.asarray(self.head).tolist()
         return LeaningPlate((x0, z0), (x1, z1), float(self.thickness))

@@ -1,4 +1,4 @@
-"""Shapes of solids: the distance from their surface, their volume's moments, and their dummy particles."""
+"""Shapes of solids: distance from the surface, moments of the volume, and dummy particles."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ from jaxsph.core.points import at_points
 from jaxsph.solids.box import LeaningPlate
 
 SHARP = 0.3
-"""Turn of an outline (rad) from which a corner has a particle of its own: a circle of 21 sides turns so."""
+"""Turning angle of an outline (rad) above which a corner gets a particle: that of a 21-sided polygon."""
 
 PARTS = 4
-"""Parts of a spacing in which a place without dummy particles is looked for."""
+"""Subdivisions of a spacing in the search for parts of a shape without dummy particles."""
 
 ALONE = 0.8
-"""Distance in spacings from the nearest place in the layers beyond which a part of a shape needs its own; a
-corner of a cell is 0.71 away."""
+"""Distance from the nearest particle of the layers, in spacings, beyond which a part of a shape gets another
+dummy particle; the corner of a cell is 0.71 spacings from its centre."""
 
 SLIVER = 1e-4
-"""Share of a cell below which a part of a shape is a rounding error, and has no dummy particle."""
+"""Share of a cell below which a part of a shape is a rounding error and gets no dummy particle."""
 
 
 def plain_numbers(given: Any) -> Any:
-    """Numbers as an array, in double precision until a model takes them; arrays of JAX as they are."""
+    """Converts plain numbers to a double-precision array, for a model to cast; keeps JAX arrays unchanged."""
     return np.asarray(given, float) if isinstance(given, (float, int, tuple, list)) else given
 
 
 FINE = 240
-"""Intervals of the grid along either axis on which the outline of a shape is found."""
+"""Number of grid intervals along each axis for finding the outline of a shape."""
 
 
 class AbstractShape(eqx.Module):
-    """Shape of a solid in its place at rest.
+    """Shape of a solid in its position at rest.
 
-    A shape of your own in the x-z plane needs `distance` and `bounds`: the rest follows from its outline, the
-    line of no distance. Numbers of a shape are leaves of the model.
+    To define a shape in the x-z plane, implement `distance` and `bounds`: everything else follows from the
+    outline, where the distance is zero. The numbers of a shape are leaves of the model.
     """
 
     @abc.abstractmethod
@@ -54,10 +54,10 @@ class AbstractShape(eqx.Module):
 
     @abc.abstractmethod
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner (m) of a box that holds the shape."""
+        """Lowest and highest corner (m) of a box that encloses the shape."""
 
     def region(self) -> Any:
-        """The shape in the x-z plane as an area of `shapely`, lengths in m."""
+        """Area of the shape in the x-z plane, as a geometry of `shapely` with lengths in m."""
         low, high = self.bounds()
         margin = 0.02 * np.max(high - low)
         ends = [np.linspace(a - margin, b + margin, FINE + 1) for a, b in zip(low, high, strict=True)]
@@ -66,14 +66,14 @@ class AbstractShape(eqx.Module):
         found: Any = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
         whole = shapely.Polygon()
         for line in sorted((shapely.Polygon(one) for one in found), key=lambda one: -one.area):
-            whole = whole.symmetric_difference(line)  # a line within another goes around a hole
+            whole = whole.symmetric_difference(line)  # a line inside another one is the outline of a hole
         return whole
 
     def moments(self) -> tuple[float, tuple[float, float], float]:
         """Volume, centre and second moment of the shape, for motion in the x-z plane.
 
         **Returns** the volume (m3; area, m2, in 2-D), the centre's (x, z) (m), and the second moment about
-        the centre for turning in the x-z plane (m5; m4 in 2-D).
+        the centre for rotation in the x-z plane (m5; m4 in 2-D).
         """
         whole = self.region()
         centre = np.array([whole.centroid.x, whole.centroid.y])
@@ -84,11 +84,12 @@ class AbstractShape(eqx.Module):
         return whole.area, (float(centre[0]), float(centre[1])), second
 
     def dummies(self, dx: float, layers: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places `[B, D]` (m) and volumes `[B]` (m^D) of the dummy particles behind the surface.
+        """Positions `[B, D]` (m) and volumes `[B]` (m^D) of the dummy particles behind the surface.
 
-        They stand in layers a spacing dx (m) apart, about dx apart along each, and in what the layers do not
-        reach, as a sharp edge. Every point of the shape down to the last layer belongs to the nearest of
-        them, which has the volume of what is its own and stands at its centroid.
+        The dummy particles form layers a spacing dx (m) apart and are about dx apart within a layer; further
+        ones fill parts that the layers do not reach, for example sharp edges. Each dummy particle represents
+        the part of the shape, down to the last layer, that is nearest to it: it has the volume of this part
+        and stands at its centroid.
         """
         whole, found = self.region(), [np.zeros((0, 2))]
         for layer in range(layers):
@@ -105,7 +106,7 @@ class AbstractShape(eqx.Module):
         return shapely.get_coordinates(shapely.centroid(cells[kept])), volume[kept]
 
     def dividers(self) -> tuple[LeaningPlate, ...]:
-        """Thin plates that keep the water on their two sides apart; none in a shape that is thick enough."""
+        """Thin plates that keep the water on their two sides apart; empty for a thick shape."""
         return ()
 
     def outline(self) -> np.ndarray:
@@ -115,7 +116,7 @@ class AbstractShape(eqx.Module):
 
 
 class Block(AbstractShape):
-    """Box with faces across the axes, in two or three dimensions."""
+    """Box with faces normal to the axes, in two or three dimensions."""
 
     low: Float[Array, " D"] = eqx.field(converter=plain_numbers)
     """Low ends along the axes, m."""
@@ -133,7 +134,7 @@ class Block(AbstractShape):
         return np.asarray(self.low), np.asarray(self.high)
 
     def region(self):
-        """See `AbstractShape`: its section across the width of a tank."""
+        """See `AbstractShape`: the section in the x-z plane."""
         return shapely.Polygon(self.outline())
 
     def moments(self):
@@ -165,10 +166,10 @@ class Polygon(AbstractShape):
     """Polygon in the x-z plane."""
 
     vertices: Float[Array, "K 2"] = eqx.field(converter=plain_numbers)
-    """Corners (x, z) in their order around it, m."""
+    """Corners (x, z) in order around the polygon, m."""
 
     def __check_init__(self) -> None:
-        """Refuses corners that do not go around one area once (ValueError)."""
+        """Checks the corners. **Raises** ValueError if the sides cross or touch each other."""
         if isinstance(self.vertices, np.ndarray):
             whole = shapely.Polygon(self.vertices)
             if not whole.is_valid:
@@ -201,7 +202,7 @@ class Polygon(AbstractShape):
 
 
 class Disc(AbstractShape):
-    """Disc in the x-z plane: the section of a circular cylinder across it."""
+    """Disc in the x-z plane: the cross-section of a circular cylinder."""
 
     centre: Float[Array, "2"] = eqx.field(converter=plain_numbers)
     """Centre (x, z), m."""
@@ -218,7 +219,7 @@ class Disc(AbstractShape):
         return np.asarray(self.centre) - float(self.radius), np.asarray(self.centre) + float(self.radius)
 
     def region(self):
-        """See `AbstractShape`: with a thousand corners, for unions and differences."""
+        """See `AbstractShape`: a polygon of a thousand corners, for unions and differences."""
         angle = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
         return shapely.Polygon(np.asarray(self.centre) + float(self.radius) * _circle(angle))
 
@@ -232,9 +233,9 @@ class Disc(AbstractShape):
 def box_distance(beyond: Float[Array, "N D"]) -> Float[Array, " N"]:
     """Distance of points from a box's surface, m, negative inside.
 
-    `beyond`: how far they are beyond its faces along each of its axes, m.
+    `beyond`: distances of the points beyond the box's faces along each of its axes, m.
     """
-    # the guard is for the derivative on an edge
+    # the guard keeps the derivative finite where the root is zero
     outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
     return outside + jnp.minimum(jnp.max(beyond, axis=1), 0.0)
 
@@ -251,13 +252,13 @@ def _circle(angle: np.ndarray) -> np.ndarray:
 
 
 def _parts(region: Any) -> list[shapely.Polygon]:
-    """Areas that a region of `shapely` is made of."""
+    """Polygons that make up a region of `shapely`."""
     parts = getattr(region, "geoms", [region])
     return [part for part in parts if isinstance(part, shapely.Polygon) and not part.is_empty]
 
 
 def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
-    """Second moment (m4) of the area within a ring about a point (m): over the triangles to every side."""
+    """Second moment (m4) of a ring's area about a point (m), summed over a triangle for every side."""
     a = np.asarray(ring.coords)[:-1] - about
     b = np.roll(a, -1, axis=0)
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -265,13 +266,13 @@ def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
 
 
 def _cells(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
-    """Low ends (m) of the cells of the lattice of spacing dx (m) over a box, along every axis."""
+    """Low ends (m), along every axis, of the lattice cells of side dx (m) that cover a box."""
     ends = zip(np.floor(low / dx + SLIVER), np.ceil(high / dx - SLIVER), strict=True)
     return [np.arange(first, max(last, first + 1)) * dx for first, last in ends]
 
 
 def _apart(x: np.ndarray, distance: float) -> np.ndarray:
-    """Points (m) of which none is nearer to one before it than the distance (m): the later ones give way."""
+    """Points (m) at least `distance` (m) apart: of two that are closer, the later one is dropped."""
     keep = np.ones(len(x), bool)
     close = KDTree(x).query_pairs(distance, output_type="ndarray")
     for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
@@ -280,18 +281,18 @@ def _apart(x: np.ndarray, distance: float) -> np.ndarray:
 
 
 def _inset(region: Any, depth: float) -> Any:
-    """The part of a region of `shapely` that is deeper than so much (m) behind its outline."""
+    """Part of a region of `shapely` that is more than `depth` (m) inside its outline."""
     return region.buffer(-depth, join_style="mitre", mitre_limit=20.0)
 
 
 def _boxes(low: np.ndarray, side: float) -> Any:
-    """Squares of `shapely` from their low corners `[K, 2]` (m) and their side (m)."""
+    """Squares as `shapely` polygons, from their low corners `[K, 2]` (m) and their side (m)."""
     (x0, z0), (x1, z1) = low.T, (low + side).T
     return shapely.box(x0, z0, x1, z1)
 
 
 def _nearest(x: np.ndarray, region: Any) -> np.ndarray:
-    """Parts of a region of `shapely` that are nearest to each of the points `[K, 2]` (m)."""
+    """For each of the points `[K, 2]` (m), the part of a region of `shapely` that is nearest to it."""
     low, high = np.reshape(region.bounds, (2, 2))
     # four points far away make the cells of all others finite
     far = 0.5 * (low + high) + 10.0 * np.max(high - low) * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
@@ -317,7 +318,7 @@ def _small_parts(region: Any, dx: float) -> np.ndarray:
 
 
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:
-    """Points (m) about dx (m) apart along every stretch of a closed line, its sharp corners included."""
+    """Points (m) about dx (m) apart along a closed line, with a point at each of its sharp corners."""
     corners = np.asarray(line.coords)[:-1]
     side = np.roll(corners, -1, axis=0) - corners
     before = np.roll(side, 1, axis=0)

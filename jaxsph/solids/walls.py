@@ -1,9 +1,9 @@
 """Ghost particles of all walls, and the pressure and velocity that they take from the water.
 
-A ghost stands in the wall. It is the mirror image of a particle near a plane wall, or it takes what it
-carries from its node: its own mirror image in the water, or the ghost itself. Each step the water's pressure
-and velocity are gathered from the particles, or interpolated at the nodes, and carried to the ghosts (Zhu et
-al. 2020, Eq. 18-20), which are from then on ordinary sources of the pair sums.
+A ghost stands inside a wall. Either it is the mirror image of a particle near a plane wall, or it
+interpolates from the water at its node: the ghost's mirror image in the water, or the ghost's own position.
+In each step the water's pressure and velocity are gathered from the particles, or interpolated at the nodes,
+and carried to the ghosts (Zhu et al. 2020, Eq. 18-20). The ghosts are then ordinary sources of the pair sums.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ from jaxsph.solids.placement import (
 from jaxsph.solids.shapes import AbstractShape
 
 AT_WALL = 1e-5
-"""Distance from a tank's wall within which a solid stands at it, m: what single precision resolves."""
+"""Distance from a tank's wall, m, within which a solid touches it: the resolution of single precision."""
 
 
 class Ghosts(eqx.Module):
     """Ghost particles of all walls, their interpolation nodes, and the method of filling them.
 
-    The leaves stay constant in a run: positions at rest, masks, mirror factors. Moving solids place their own
-    rows anew at every step (`Model.walls_at`). The images of particles come first; their positions here are
-    those where they stand while they have no particle, and their volumes are zero.
+    The leaves stay constant in a run: positions at rest, masks, mirror factors. Moving solids update the
+    positions of their rows at every step (`Model.walls_at`). The images of particles come first; here they
+    have the positions of rows without a particle, and no volume.
     """
 
     x: Float[Array, "G D"]
@@ -73,19 +73,19 @@ class Ghosts(eqx.Module):
     mirror: Float[Array, "G D"]
     """Factors of the velocity's components: -1 normal to the wall, 1 along it (0 at a thin wall's tip)."""
     shear: Float[Array, "G D"]
-    """Factors of the velocity that the viscous force sees: `mirror`, with the slip factor along the wall."""
+    """Factors of the velocity in the viscous force: `mirror`, with the slip factor along the wall."""
     brim: Brim
-    """What the nodes would see of the water were the tank full."""
+    """Kernel sums and mean water heights at the nodes in a full tank."""
     volume: Float[Array, " G"]
     """Volumes, m^D."""
     kind: Int[Array, " G"]
-    """Kind bits, by which regions tell whether they see a ghost."""
+    """Kind bits, which determine the regions that see a ghost."""
     node_sees: Int[Array, " G"]
     """Bits of the particles that the nodes use."""
     regions: Regions
-    """Regions of the water, and what each sees."""
+    """Regions of the water, with the particles and ghosts that each region sees."""
     paddle: tuple[int, ...] = eqx.field(static=True)
-    """Index of the paddle's first ghost and of the one after its last; () without a paddle."""
+    """Index of the paddle's first ghost, and of the ghost after its last; () without a paddle."""
     low: tuple[float, ...] = eqx.field(static=True)
     """Low ends of the water's domain, m."""
     high: tuple[float, ...] = eqx.field(static=True)
@@ -93,13 +93,13 @@ class Ghosts(eqx.Module):
     sides: tuple[str, ...] = eqx.field(static=True)
     """Kind of boundary of each axis, one of `solids.box.SIDES`."""
     sliding: Float[Array, "G D"]
-    """Velocity of walls that move along themselves, m/s; zero for others."""
+    """Velocity of walls that slide in their own plane, m/s; zero for other walls."""
     filling: AbstractFilling
     """Method by which the ghosts take their pressure and velocity from the water."""
     dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    """Index of the first ghost, and of the one after the last, of every solid of dummy particles."""
+    """Index of the first ghost, and of the ghost after the last, for every solid of dummy particles."""
     images: Images = eqx.field(default_factory=Images)
-    """Ghosts that are images of particles; none with a filling other than `MirrorImages`."""
+    """Ghosts that are images of particles; empty unless the filling is `MirrorImages`."""
 
     @classmethod
     def build(
@@ -119,13 +119,13 @@ class Ghosts(eqx.Module):
     ) -> Ghosts:
         """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
-        **Arguments**, one for each thing that walls can be made of: `dx`: spacing, m; `slip`: at the tank's
-        walls and plates; `sliding`: velocities (m/s) of walls that move along themselves, by (axis, 0 for
-        the low or 1 for the high end), which drag the water only without slip; `platform`: a raised bed at
-        the far end of a two-dimensional tank, of whole spacings; `filling`: by default `MirrorImages`;
-        `shapes`: solids in the water, which need `DummyParticles`; `fixed_shapes`: further ones, which never
-        move, and to which the tank's ghosts behind them belong, with all of the water's force.
-        **Raises** ValueError for a plate too thin for the method chosen, or a wall that cannot slide so.
+        **Arguments**: `dx`: spacing, m; `slip`: slip at the tank's walls and plates; `sliding`: velocities
+        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end), which
+        drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional tank,
+        with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the water,
+        which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's ghosts
+        behind fixed shapes count as theirs, so that these shapes receive all of the water's force.
+        **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
         thin_wall = RegionalGhosts() if thin_wall is None else thin_wall
@@ -140,7 +140,7 @@ class Ghosts(eqx.Module):
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         node_sees = _seen_by_nodes(ghosts, regions)
         at = slice(images.count, None)  # images have no nodes
-        # a shape that moves takes its dummies with it
+        # the level is evaluated at dummies that never move
         told = isinstance(filling, DummyParticles) & ~np.isin(owner, 1 + np.arange(len(shapes)))
         full = Full(box, regions, every, dx, (2 * layers - 1) * dx)
         return cls(
@@ -185,7 +185,7 @@ class Ghosts(eqx.Module):
 
     @property
     def at_nodes(self) -> slice:
-        """Rows of the ghosts that interpolate at nodes: those that are not images of particles."""
+        """Rows of the ghosts that interpolate at nodes: all but the images of particles."""
         return slice(self.images.count, None)
 
     def fit(
@@ -199,7 +199,7 @@ class Ghosts(eqx.Module):
     ) -> NodeFit:
         """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours.
 
-        An image needs none, and is wet where it has its particle in `images`; `weight`: rho0 g, N/m3.
+        An image needs no coefficients, and is wet if `images` has a particle for it. `weight`: rho0 g, N/m3.
         """
         rows, none = self.at_nodes, jnp.zeros(self.images.count, nodes.dtype)
         wet, zeros = images.there.astype(nodes.dtype), (none,) * nodes.shape[1]
@@ -219,7 +219,7 @@ class Ghosts(eqx.Module):
         images: Chosen,
         table: PointNeighbours,
     ):
-        """Values of `law(j)` (a pytree of fields of the water) at the particles or nodes of all ghosts."""
+        """Values of `law(j)` (a pytree of fields of the water) at the particle or the node of every ghost."""
 
         def weighted(pair: Pair, i, j):
             w = interpolation_weight(pair, i, j, smoothing.h)
@@ -242,7 +242,7 @@ class Ghosts(eqx.Module):
         images: Chosen,
         table: PointNeighbours,
     ) -> Callable[[Sources], Float[Array, " G"]]:
-        """Linear function that carries one field "f" of the water to all ghosts as `carried`; 0 where dry."""
+        """Linear function that carries one field "f" of the water to all ghosts, as `carried`; 0 if dry."""
         rows, wet = self.at_nodes, jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
 
         def law(pair: Pair, i, j):
@@ -265,12 +265,12 @@ class Ghosts(eqx.Module):
         nodes: Float[Array, "G D"],
         body_force: Float[Array, "G D"],
     ) -> Float[Array, " G"]:
-        """Pressure of the ghosts, Pa: the node's and the body force's part (Zhu et al. 2020, Eq. 19-20).
+        """Pressure of the ghosts, Pa: node pressure plus body-force part (Zhu et al. 2020, Eq. 19-20).
 
-        The slope between a node and its ghost balances the body force.
+        The pressure gradient between a node and its ghost balances the body force.
 
-        **Arguments**: `at_node`: pressure at the nodes (Pa); places `x` of the ghosts and of their `nodes`
-        (m); `body_force`: rho0 (f - a_wall), N/m3.
+        **Arguments**: `at_node`: pressure at the nodes, Pa; `x`, `nodes`: positions of the ghosts and of
+        their nodes, m; `body_force`: rho0 (f - a_wall), N/m3.
         """
         reach = tuple(g - n - o for g, n, o in zip(columns(x), columns(nodes), fit.offset, strict=True))
         return at_node + dot(columns(body_force), reach)
@@ -280,21 +280,22 @@ class Ghosts(eqx.Module):
     ) -> Float[Array, "G D"]:
         """Velocity of the ghosts, m/s: mirror u_node + (1 - mirror) u_wall in every component.
 
-        Zhu et al. 2020, section 2.4. **Arguments**: velocities (m/s) at the nodes and of the wall.
+        Zhu et al. 2020, section 2.4. **Arguments**: `at_node`, `wall`: velocities (m/s) at the nodes and of
+        the wall; `mirror`: factors of the components.
         """
         return stack([m * u + (1.0 - m) * w for m, u, w in zip(columns(mirror), at_node, wall, strict=True)])
 
 
 def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarray]:
-    """Ghosts of the walls (first) and of solids, and for each the place of its part.
+    """Ghosts of the walls and of solids, sorted, and for each ghost the index of its part.
 
-    The paddle's come first, then the walls' by column, the solids' last as they are: gathers from near memory
-    cost less. The first `kept` stay in their order.
+    The first `kept` ghosts keep their order. Then come the paddle's ghosts, the other ghosts of the walls by
+    column, and the solids' ghosts in their given order. Gathers from nearby memory are faster.
     """
     ghosts = join(parts)
     owner = np.repeat(np.arange(len(parts)), [len(part.x) for part in parts])
     first = np.minimum(np.arange(len(owner)), kept)
-    # those of solids go on around them: of two in one column either could be first
+    # a solid's ghosts run around it and are not sorted: two in one column could come in either order
     column, row = (np.where(owner > 0, 0.0, ghosts.x[:, axis]) for axis in (0, -1))
     order = np.lexsort((row, column, ~ghosts.moves, owner, first))
     return GhostSet(*(a[order] for a in ghosts)), owner[order]
@@ -303,9 +304,9 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
 def _tank(
     filling: AbstractFilling, box: Box, regions: Regions, dx: float, layers: int, radius: float
 ) -> tuple[Images, GhostSet]:
-    """Ghosts of a tank's walls: rows for images of the water, or with another filling a lattice alone.
+    """Images and ghosts of a tank's walls: rows for images with `MirrorImages`, otherwise a lattice.
 
-    **Raises** ValueError for a platform in a tank that cannot have one.
+    **Raises** ValueError if the tank cannot have the platform.
     """
     if regions.platforms and (len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]):
         raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
@@ -319,7 +320,7 @@ def _tank(
 
 
 def _rows(parts: Sequence[GhostSet]) -> tuple[tuple[int, int], ...]:
-    """Index of the first ghost, and of the one after the last, of every part but the first."""
+    """Index of the first ghost, and of the ghost after the last, of every part but the first."""
     ends = [int(end) for end in np.cumsum([len(part.x) for part in parts])]
     return tuple(itertools.pairwise(ends))
 
@@ -327,11 +328,11 @@ def _rows(parts: Sequence[GhostSet]) -> tuple[tuple[int, int], ...]:
 def _checked(
     filling: AbstractFilling, moving: Sequence[AbstractShape], every: Sequence[AbstractShape]
 ) -> AbstractFilling:
-    """The filling. **Raises** ValueError for shapes that walls of it cannot have, or that cannot move."""
+    """Returns the filling. **Raises** ValueError if it allows no solids, or if a plate can move."""
     if every and not isinstance(filling, DummyParticles):
-        raise ValueError("a solid needs walls of DummyParticles: its dummies have no mirror image")
+        raise ValueError("filling: solids need DummyParticles, since their dummies have no mirror images")
     if any(shape.dividers() for shape in moving):
-        raise ValueError("shapes: a thin plate divides the water where it is built, and cannot move")
+        raise ValueError("shapes: a thin plate cannot move; give it among the fixed_shapes")
     return filling
 
 
@@ -347,8 +348,8 @@ def _of_solids(
 def _with_walls_behind(
     parts: list[GhostSet], box: Box, fixed_shapes: Sequence[AbstractShape]
 ) -> list[GhostSet]:
-    """Ghosts of a tank (first) and of solids, with those of the tank's behind a solid that stands at its
-    walls among that solid's; the solids of `fixed_shapes` are the last."""
+    """Ghosts of a tank (first) and of solids, the `fixed_shapes` last. The tank's ghosts behind a fixed solid
+    that stands at its walls are moved to that solid."""
     parts = list(parts)
     for k, shape in enumerate(fixed_shapes, len(parts) - len(fixed_shapes)):
         tank = parts[0]
@@ -363,13 +364,13 @@ def _with_walls_behind(
 def _in_the_tank(
     box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int, imaged: bool
 ) -> Iterator[GhostSet]:
-    """Ghosts of the platform and of the plates in a tank, and of the platform's corners with it if `imaged`.
+    """Ghosts of the platform and plates in a tank; if `imaged`, also of the platform's corners with walls.
 
-    **Raises** ValueError for a plate that is too thin.
+    **Raises** ValueError if a plate is too thin.
     """
     for platform in regions.platforms:
         yield platform_ghosts(box, platform, regions, dx, layers)
-        if imaged:  # what images would have to be images of is a lattice
+        if imaged:  # images in these corners would mirror the platform's ghosts, which stand on a lattice
             whole = cut_by_platform(box_ghosts(box, dx, layers), box, platform, regions, dx, layers)
             behind = (whole.x[:, 0] > platform.start) & (whole.x[:, -1] < platform.height)
             yield GhostSet(*(a[behind] for a in whole))
@@ -378,16 +379,16 @@ def _in_the_tank(
 
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
-    """Bits of the particles that every node uses: those of its ghost set, or those its own region sees."""
+    """Bits of the particles that every node uses: as its ghost set states, or all that its region sees."""
     _, sees = region_bits(regions, ghosts.node)
     plain = sees & ((1 << regions.count) - 1)
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
 
 
 def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.ndarray:
-    """Factors `[G, D]` of the velocity that the viscous force sees.
+    """Factors `[G, D]` of the velocity in the viscous force.
 
-    The paddle is free-slip whatever the walls are (Zhu et al. 2020, section 2.4), and so are dummies.
+    The paddle is free-slip whatever the slip at the walls (Zhu et al. 2020, section 2.4), and so are dummies.
     """
     tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
     normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]

@@ -1,1 +1,1 @@
-"""Studies over many runs: sweeps, slopes over a number of a case, searches for the best values."""
+"""Studies with many runs: sweeps, slopes with respect to a parameter, searches for the best values."""

@@ -1,4 +1,4 @@
-"""Base of the methods for slopes: parameters, `Derivative`."""
+"""Base class of the methods for slopes, their result `Derivative`, and checks of their arguments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jaxsph.problem.source import Source
 
 @dataclass(frozen=True)
 class Derivative:
-    """A result, its slope over a number of what is run, and how far the slope can be trusted."""
+    """Value of a result, its slope with respect to a parameter, and how far the slope can be trusted."""
 
     parameter: str
     of: str
@@ -27,40 +27,40 @@ class Derivative:
     slope: float
     """Slope d(of)/d(parameter), in the result's unit over the parameter's."""
     error: float | None
-    """Standard error of the slope, or a filter's bias; None where the method has none to give."""
+    """Standard error of the slope, or the expected bias of a filter; None if the method gives neither."""
     reach: float
-    """Largest change of the parameter for which the slope holds, in the parameter's unit: an ensemble's
-    spread, or what moves neighbouring particles a tenth of a spacing against each other."""
+    """Largest change of the parameter for which the slope is valid, in the parameter's unit: an ensemble's
+    spread, or the change that moves neighbouring particles a tenth of a spacing relative to each other."""
     method: AbstractMethod
     series: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
-    """Readings of the chamber, `[T]`, "time" among them; empty for an ensemble."""
+    """Readings of the parts with a power take-off, and "time" (s), over the run; empty for an ensemble."""
     slopes: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
-    """Slopes of the readings, and "grain": how far the particles' slopes of place differ from their
-    neighbours', m per unit of the parameter."""
+    """Slopes of the readings, and "grain": RMS deviation of the particles' position slopes from local linear
+    fits, m per unit of the parameter."""
     members: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
-    """Values in an ensemble of the parameter and of the result; empty otherwise."""
+    """Values of the parameter and of the result over an ensemble's members; empty for other methods."""
 
 
 class AbstractMethod(eqx.Module):
-    """Method that finds the slope of a result over a number of what is run."""
+    """Method that computes the slope of a result with respect to a parameter."""
 
     @abc.abstractmethod
     def derivative(self, source: Source, parameter: str, of: str, progress: bool) -> Derivative:
-        """Value and slope of a result; arguments and errors are those of `study.derivative`."""
+        """Value and slope of a result; arguments and errors as for `study.derivative`."""
 
     def identity(self) -> dict[str, Any]:
-        """All that decides the method's slopes, as numbers, texts and lists by name: a search goes on only
-        with the method that it began with."""
+        """Settings on which the method's slopes depend, by name, as numbers, texts and lists. A search can
+        continue only with the method with which it began."""
         return {"method": type(self).__name__} | _told(self, "method.")
 
     def kept(self, path: Path) -> AbstractMethod:
-        """The method with its runs kept in a file of this path, where it has many and no path yet."""
+        """This method with its runs stored in a file at `path`, if it makes many runs and has no path yet."""
         del path
         return self
 
 
 def _told(one: Any, before: str) -> dict[str, Any]:
-    """Fields of a dataclass by dotted name, without those that say where to write and how many at a time."""
+    """Fields of a dataclass by dotted name, except the output file and the number of workers."""
     found: dict[str, Any] = {}
     for part in dataclasses.fields(one):
         value, name = getattr(one, part.name), before + part.name
@@ -72,21 +72,23 @@ def _told(one: Any, before: str) -> dict[str, Any]:
             found |= _told(value, f"{name}.")
         else:
             found[name] = value.tolist() if hasattr(value, "tolist") else value
-    # as they come back from a file
+    # converted to the types that JSON returns from a file
     return json.loads(json.dumps(found, default=str))
 
 
 def parameter_value(source: Source, parameter: str) -> float:
-    """Value of a number of what is run, by name. **Raises** CaseError where there is none."""
+    """Value of a parameter by name. **Raises** CaseError if it is not given or is not a real number."""
     value = source.value(parameter)
     if value is None:
         raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")
     if not isinstance(value, float):
-        raise CaseError(f"{parameter} = {value!r}: must be a number that can vary a little, such as pto.K_dm")
+        raise CaseError(
+            f"{parameter} = {value!r}: must be a number that varies continuously, such as pto.K_dm"
+        )
     return value
 
 
 def check_result(problem: Problem, of: str) -> None:
-    """**Raises** CaseError for a result that the problem's runs do not have."""
+    """**Raises** CaseError if runs of the problem do not have the result `of`."""
     if of not in problem.labels:
         problem.mean_of_power(of)

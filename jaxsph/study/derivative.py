@@ -1,4 +1,4 @@
-"""The slope of a result over one number of what is run."""
+"""Slope of a result with respect to one parameter of a case or a program."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def derivative(
     method: AbstractMethod | None = None,
     progress: bool = True,
 ) -> Derivative:
-    """Value of a result at the end of a run, and its slope over one number of what is run.
+    """Value of a result at the end of a run, and its slope with respect to one parameter.
 
     **Arguments**: `given`: a case, or a function that returns a `Problem`; `parameter`: the dotted name of a
-    number, or an argument of the function, for methods through the loop one on which the model depends
-    smoothly; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1), or of an ensemble any
-    result that a problem brings with it. `method`: `Exact()`, for a fraction of a
-    second; `Filtered()`, one run for whole wave periods, with a bias; `Ensemble()`, the default, many runs,
-    with a standard error.
-    **Raises** CaseError for a parameter or a result that the case or the method does not have,
-    DerivativeError where the slope would not be one of the flow, SimulationError as `run`.
+    number in the case, or an argument of the function; for `Exact` and `Filtered` the model must depend on it
+    smoothly; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1); for an ensemble also any
+    result that the problem itself defines; `method`: `Exact()`, for runs of a fraction of a second;
+    `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()`, the default, many runs, with a
+    standard error.
+    **Raises** CaseError if the case or the method does not have the parameter or the result, DerivativeError
+    if the slope would not be that of the flow, SimulationError as `run`.
     """
     source = source_of(given)
     parameter_value(source, parameter)

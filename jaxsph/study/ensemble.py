@@ -1,4 +1,4 @@
-"""Slope of a result by an ensemble of runs around the case's value."""
+"""Slope of a result from an ensemble of runs around the case's value of a parameter."""
 
 from __future__ import annotations
 
@@ -21,46 +21,46 @@ from jaxsph.study.sweep import MOST_MEMBERS, sweep
 
 
 class Ensemble(AbstractMethod):
-    """Ensemble of runs around the case's value, whose slope is that of a parabola through their results.
+    """Ensemble of runs around the case's value; the slope is that of a parabola fitted to their results.
 
-    Each member is a whole run with its own chaotic particles, so the scatter about the parabola is the error
-    to reckon with, and a wide enough spread the remedy. `out` keeps the members in a file that resumes.
+    Each member is a complete run with its own chaotic particle motion, which scatters the results about the
+    parabola. The scatter gives the standard error of the slope, and a wider spread reduces this error.
     """
 
     spread: float = eqx.field(static=True, default=0.3)
-    """Share of the value, to either side, over which the members lie evenly."""
+    """Largest change of the value, to either side, as a share of it; members are spaced evenly."""
     members: int = eqx.field(static=True, default=9)
     """Number of runs, four or more."""
     out: str | Path | None = eqx.field(static=True, default=None)
-    """File that keeps the members; None keeps none."""
+    """File that stores the members, and from which an interrupted ensemble continues; None stores nothing."""
     workers: int | None = eqx.field(static=True, default=None)
     """Number of runs at a time; by default one per core."""
 
     def __check_init__(self) -> None:
-        """Refuses what gives no slope, or one without an error."""
+        """**Raises** CaseError for settings that give no slope, or a slope without an error."""
         if not 0.0 < self.spread < 1.0 or not 4 <= self.members <= MOST_MEMBERS:
             raise CaseError(
-                f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} be four "
-                f"or more, up to {MOST_MEMBERS}"
+                f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} must lie "
+                f"between 4 and {MOST_MEMBERS}"
             )
 
     def kept(self, path):
-        """See `AbstractMethod`."""
+        """See `AbstractMethod.kept`."""
         return self if self.out is not None else dataclasses.replace(self, out=path)
 
     def derivative(self, source, parameter, of, progress):
-        """See `AbstractMethod`."""
+        """See `AbstractMethod.derivative`."""
         value = parameter_value(source, parameter)
         check_result(source.problem(), of)
         if value == 0.0:
-            raise CaseError(f"{parameter} = 0: an ensemble spreads by a share of the value")
+            raise CaseError(f"{parameter} = 0: must not be 0: an ensemble varies the value by a share of it")
         offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
         values = [float(v) for v in value * (1.0 + offsets)]
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
             done = sweep(source, {parameter: values}, out, workers=self.workers, progress=progress)
-        # the energy of the whole run, where its budget is beside that of settled periods; of a body the mean
-        # power has a name of its own
+        # energy_pto: of the whole run, if there is also a budget over settled periods only; P_owc: for a body
+        # the mean power is called P_pto
         names = {"energy_pto": ("whole_energy_pto", "energy_pto"), "P_owc": ("P_owc", "P_pto")}.get(of, (of,))
         nothing = np.full(len(values), np.nan)
         found = next((done[name] for name in names if name in done.results), nothing)
@@ -85,7 +85,7 @@ class Ensemble(AbstractMethod):
 
 @dataclass(frozen=True)
 class Parabola:
-    """y = value + slope x + curvature x^2/2 through points, and the standard error of its slope."""
+    """Parabola y = value + slope x + curvature x^2/2, and the standard error of its slope."""
 
     value: float
     slope: float
@@ -94,7 +94,7 @@ class Parabola:
 
 
 def parabola(x: np.ndarray, y: np.ndarray) -> Parabola:
-    """Parabola through points by least squares; four points or more also give the error of its slope."""
+    """Least-squares parabola through at least four points, which the error of its slope needs."""
     A = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
     found, *_ = np.linalg.lstsq(A, y, rcond=None)
     variance = np.sum((y - A @ found) ** 2) / (len(x) - 3)

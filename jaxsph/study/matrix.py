@@ -21,12 +21,12 @@ from jaxsph.errors import CaseError
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
 HOURS = 8766.0
-"""Hours of a year, leap years counted."""
+"""Hours in a year, averaged over leap years."""
 
 
 @dataclass(frozen=True)
 class ScatterTable:
-    """Sea states of a place by their share of the year."""
+    """Scatter table: sea states at a site, and their shares of the year."""
 
     Hs: NDArray[np.float64]
     """Significant wave heights, m."""
@@ -37,9 +37,9 @@ class ScatterTable:
 
     @classmethod
     def read(cls, path: str | Path) -> ScatterTable:
-        """Table of a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h).
+        """Reads a table from a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h).
 
-        **Raises** CaseError for other columns, and shares that are negative or do not sum to 1.
+        **Raises** CaseError for other columns, and for shares that are negative or do not sum to 1.
         """
         units = {"Hs": "m", "Tp": "s", "share": "-", "hours": "h"}
         found = read_columns(path, units, [{"Hs", "Tp", "share"}, {"Hs", "Tp", "hours"}])
@@ -47,10 +47,10 @@ class ScatterTable:
         kind = "share" if "share" in columns else "hours"
         weight = columns[kind]
         if np.any(weight < 0.0) or not np.sum(weight) > 0.0:
-            raise CaseError(f"{path}: {kind}: must not be negative, and not all be zero")
+            raise CaseError(f"{path}: {kind}: must not be negative, and at least one must be positive")
         if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
             raise CaseError(
-                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; give hours where they are counts"
+                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; name the column hours for counts"
             )
         return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight))
 
@@ -64,31 +64,33 @@ class PowerMatrix:
     Tp: NDArray[np.float64]
     """Peak periods, s."""
     P: NDArray[np.float64]
-    """Mean absorbed power, `[Hs, Tp]`, W (W/m in 2-D), a mean over the seeds; NaN where none ended."""
+    """Mean absorbed power, averaged over the seeds, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run ended."""
     error: NDArray[np.float64]
-    """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN where it is not known, as of a single
-    run in a tank with a width."""
+    """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN if it is unknown, for example for a
+    single run in a three-dimensional tank."""
     xi: NDArray[np.float64]
-    """Hydrodynamic efficiency, `[Hs, Tp]` (-); NaN in a tank with a width, which has none."""
+    """Hydrodynamic efficiency, `[Hs, Tp]` (-); NaN in a three-dimensional tank, where it is undefined."""
     linear: NDArray[np.float64]
-    """Mean power by linear theory, `[Hs, Tp]`, W/m; NaN where the theory does not cover the case."""
+    """Mean power by linear theory, `[Hs, Tp]`, W/m; NaN if the theory does not cover the case."""
     sweep: Sweep
-    """The runs."""
+    """Sweep with the runs."""
 
     @property
     def unit(self) -> str:
-        """Unit of the powers: W, and W/m in two dimensions."""
+        """Unit of the powers: W, or W/m in two dimensions."""
         return "W/m" if self.sweep.case.tank.width is None else "W"
 
     def annual(self, table: ScatterTable) -> Mean:
-        """Mean power over a year of a scatter table and its standard error, W (W/m in 2-D).
+        """Mean power over the year of a scatter table, and its standard error, W (W/m in 2-D).
 
-        Between the matrix's sea states the power is interpolated linearly. **Raises** CaseError for sea
-        states beyond the matrix, and for a matrix with cells that failed.
+        The power is interpolated linearly between the sea states of the matrix. **Raises** CaseError if the
+        table has sea states outside the matrix, or needs a cell whose runs failed.
         """
         weight = self._weights(table)
         if np.any(~np.isfinite(self.P) & (weight > 0.0)):
-            raise CaseError("the matrix has sea states whose runs failed: run it again, or leave them out")
+            raise CaseError(
+                "the matrix has sea states whose runs failed: run it again, or remove them from the table"
+            )
         P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
         return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
 
@@ -99,7 +101,7 @@ class PowerMatrix:
             outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
             if np.any(outside):
                 raise CaseError(
-                    f"the table has {name} = {values[outside][0]:g}: beyond the matrix, which has "
+                    f"the table has {name} = {values[outside][0]:g}: outside the matrix, which covers "
                     f"{np.min(axis):g} to {np.max(axis):g}"
                 )
         places = np.stack([table.Hs[used], table.Tp[used]], axis=1)
@@ -112,7 +114,7 @@ class PowerMatrix:
 
 
 def _interpolated(Hs: NDArray, Tp: NDArray, values: NDArray, places: NDArray) -> NDArray[np.float64]:
-    """Values between sea states, linear; an axis of one value has no between."""
+    """Values interpolated linearly between sea states; along an axis with one value they are constant."""
     axes, at, kept = [], [], values
     for axis, points in enumerate((Hs, Tp)):
         if len(points) > 1:
@@ -136,21 +138,22 @@ def power_matrix(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> PowerMatrix:
-    """Mean power of a case's device in every sea state of a grid, each with so many `seeds`.
+    """Mean power of a case's device in every sea state of a grid, each with a number of `seeds`.
 
-    **Arguments**: significant heights `Hs` (m) and peak periods `Tp` (s), ascending; `out`: the file of the
-    runs, a sweep's, which goes on where it was interrupted; `workers`, `executor`: see `sweep`. The error of
-    a cell is that between its seeds, or that of its runs' means where it is larger. **Raises** CaseError for
-    a case without irregular waves or a power take-off, and for a sea state that the tank cannot have.
+    **Arguments**: significant heights `Hs` (m) and peak periods `Tp` (s), ascending; `out`: the sweep file of
+    the runs, from which an interrupted matrix continues; `workers`, `executor`: see `sweep`. The error of a
+    cell is the larger of two standard errors: from the scatter between seeds, and from the errors of the
+    runs' means. **Raises** CaseError if the case has no irregular waves or no power take-off, or if a sea
+    state is not possible in the tank.
     """
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
-        raise CaseError('a power matrix needs waves.kind = "irregular", whose Hs, Tp and seed it varies')
+        raise CaseError('a power matrix needs waves.kind = "irregular": it varies their Hs, Tp and seed')
     if not 1 <= seeds <= MOST_MEMBERS:
-        raise CaseError(f"seeds = {seeds}: must be 1 or more, up to {MOST_MEMBERS}")
+        raise CaseError(f"seeds = {seeds}: must be from 1 to {MOST_MEMBERS}")
     axes = {"Hs": np.asarray(Hs, float), "Tp": np.asarray(Tp, float)}
     for name, values in axes.items():
         if values.ndim != 1 or not values.size or np.any(np.diff(values) <= 0.0):
-            raise CaseError(f"{name} = {list(values)}: must be one value or more, ascending")
+            raise CaseError(f"{name} = {list(values)}: must be at least one value, in ascending order")
     for height, period in itertools.product(axes["Hs"].tolist(), axes["Tp"].tolist()):
         mean_of_power(case.replace({"waves.Hs": height, "waves.Tp": period}), "P_owc")
     first = case.waves.seed
@@ -164,7 +167,7 @@ def power_matrix(
 
 
 def matrix_of(done: Sweep) -> PowerMatrix:
-    """Power matrix of a sweep over waves.Hs, waves.Tp and waves.seed. **Raises** CaseError for another."""
+    """Power matrix of a sweep over waves.Hs, Tp and seed. **Raises** CaseError for other sweeps."""
     if [*done.axes] != ["waves.Hs", "waves.Tp", "waves.seed"]:
         raise CaseError(
             f"a power matrix is a sweep over waves.Hs, Tp and seed, not over {', '.join(done.axes)}"
@@ -172,10 +175,10 @@ def matrix_of(done: Sweep) -> PowerMatrix:
     named = [name for name in ("P_owc", "P_pto") if name in done.results]
     if not named:
         raise CaseError(
-            "the runs have no absorbed power: is there a device with a damping, and t1 long enough?"
+            "the runs have no absorbed power: check that a device has a damping, and that t1 is long enough"
         )
     powers = done.results[named[0]]
-    # a tank with a width has neither an efficiency nor its error
+    # in three dimensions there is neither an efficiency nor its error
     unknown = np.full(powers.shape, np.nan)
     efficiency, xi_error = (done.results.get(name, unknown) for name in ("xi", "xi_error"))
     within = xi_error * done.results["P_inc"]

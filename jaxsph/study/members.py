@@ -1,9 +1,9 @@
-"""Members of a sweep: runs in processes of their own, here or wherever an executor takes them.
+"""Members of a sweep: runs in batches, or in separate processes, here or on the workers of an executor.
 
-All that a member has done lies in the sweep's folder, so whoever takes it up next goes on from its last
-checkpoint. Two rules keep a member from being run twice at a time when a worker, or the sweep itself, was
-lost: its process ends when the worker that started it does, and a worker gives up a member that another has
-claimed.
+All files of a member are in the sweep's folder, so the next worker can continue from its last checkpoint. Two
+rules prevent a member from running twice at a time after a worker, or the sweep itself, was lost: the
+member's process ends together with the worker that started it, and a worker gives up a member that another
+worker has claimed.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from jaxsph.run.together import run_together, shape
 from jaxsph.study.ownership import refuse_other
 
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-"""Flags of the compiler (XLA) for members: a step takes 0.83 of its time. With them a checkpointed reverse
-pass cannot be compiled, so they are no default of the package; a member only runs forward."""
+"""Flags of the compiler (XLA) for members: they reduce the time of a step to 0.83. They are not the package's
+default, because a checkpointed reverse pass cannot be compiled with them; members only run forward."""
 
 
 LOOK = 0.5
-"""Time between two looks of a worker at a member's process and claim, s."""
+"""Interval at which a worker checks a member's process and claim, s."""
 
 
 GRACE = 4 * LOOK
-"""Time in which a worker that has lost its claim ends its process, s; the new one waits for so long."""
+"""Time in which a worker that has lost its claim ends its process, s; the new worker waits this long."""
 
 
 Ended = tuple[dict[str, Any], Meanings]
@@ -51,7 +51,7 @@ Ended = tuple[dict[str, Any], Meanings]
 
 
 def check_members(sources: Sequence[Source], folder: Path) -> None:
-    """**Raises** FileError where the folder holds a member that is not of these."""
+    """**Raises** FileError if the folder holds a member that does not belong to these sources."""
     for run in sorted(folder.glob("[0-9]*.h5")):
         i = int(run.stem) if run.stem.isdecimal() else len(sources)
         if i < len(sources):
@@ -64,17 +64,17 @@ def check_members(sources: Sequence[Source], folder: Path) -> None:
 
 
 def run_each(sources: Mapping[int, Source], folder: Path, executor: Executor) -> Iterator[tuple[int, Ended]]:
-    """Members as they end, each a job of the executor; all that it does lies in the folder.
+    """Runs each member as a job of the executor, with its files in the folder; yields members as they end.
 
-    The executor may be of any kind with `submit` of `concurrent.futures`. A job that is lost for good counts
-    as a member that failed. Where the iteration is given up, members that run stop within a second.
+    Any executor with the `submit` of `concurrent.futures` can be used. A job that is lost for good counts as
+    a failed member. If the iteration is abandoned, running members stop within a second.
     """
     jobs = {executor.submit(run_member, one, folder / f"{i:04d}"): i for i, one in sources.items()}
     try:
         for job in as_completed(jobs):
             try:
                 ended = job.result()
-            except Exception as error:  # of the executor, such as a worker lost again and again
+            except Exception as error:  # of the executor, such as a worker that was lost repeatedly
                 text = f"{type(error).__name__}: {error}"
                 ended = {"results": {}, "series": {}, "failure": text}, Meanings()
             yield jobs[job], ended
@@ -88,7 +88,7 @@ def run_each(sources: Mapping[int, Source], folder: Path, executor: Executor) ->
 def run_in_batches(
     sources: Mapping[int, Source], folder: Path, size: int, progress: bool
 ) -> Iterator[tuple[int, Ended]]:
-    """Members as they end, up to `size` of them side by side in this process."""
+    """Runs members in this process, up to `size` of them in one call; yields members as they end."""
     runs = {i: folder / f"{i:04d}.h5" for i in sources}
     alike: dict[Any, list[int]] = {}
     for i, member in sources.items():
@@ -108,11 +108,11 @@ def run_in_batches(
 # --------------------------------------------------------------------------- one member
 
 _thread = threading.local()
-"""Core on which this thread runs its members, as `core`; a thread that is not of `one_per_core` has none."""
+"""Attribute `core`: core on which this thread runs its members, set only in threads of `one_per_core`."""
 
 
 def one_per_core(workers: int | None) -> Executor:
-    """Threads of this process that run members, each on a core of its own; by default one for every core."""
+    """Executor whose threads run members, each thread on its own core; by default one thread per core."""
     here = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
     workers = workers or len(here)
     cores: SimpleQueue[int] = SimpleQueue()
@@ -126,20 +126,20 @@ def one_per_core(workers: int | None) -> Executor:
 
 
 def run_member(source: Source, stem: Path) -> Ended:
-    """Runs, or finishes, one member in a process of its own; its files have the path `stem` and a suffix.
+    """Runs or continues one member in its own process; the paths of its files are `stem` with a suffix.
 
-    **Raises** FileError where this machine does not see the folder, where another worker has claimed the
-    member, or where its file is of another problem.
+    **Raises** FileError if this machine cannot see the folder, if another worker has claimed the member, or
+    if the member's file belongs to another problem.
     """
     if not stem.parent.is_dir():
         raise FileError(
-            f"{stem.parent}: the worker on {socket.gethostname()} sees no such folder; give the sweep an "
+            f"{stem.parent}: the worker on {socket.gethostname()} cannot see this folder; give the sweep an "
             "output on a disk that all its workers share"
         )
     run, log = (stem.with_suffix(suffix) for suffix in (".h5", ".log"))
     status = 0
     with _claim(stem.with_suffix(".owner")) as claim:
-        # only now: a worker that had it before may have taken it on, or to its end
+        # after the claim, because the previous worker may have continued or ended the member
         begun, ended = _stage(run, source)
         if not ended:
             what = _on(source, run) if begun else _anew(source, run)
@@ -168,20 +168,20 @@ def _anew(source: Source, run: Path) -> list[Any]:
 
 
 def _on(source: Source, run: Path) -> list[Any]:
-    """Arguments of the command that goes on with a member: with its own end, whatever that of the file is."""
+    """Arguments of the command that continues a member; `t1` is that of the member, not of its file."""
     if isinstance(source, Program):
         return ["resume", run, "--program", source.place]
     return ["resume", run, "--t1", repr(source.value("t1"))]
 
 
 class _Claim:
-    """Mark of the worker that runs a member, in a file which the next worker's mark takes the place of."""
+    """Claim on a member: a file with the mark of the worker that runs it; the next worker overwrites it."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._mark = path, uuid.uuid4().hex
 
     def make(self) -> None:
-        """Claims the member, and waits until a worker that had it has given it up."""
+        """Claims the member, and waits until a previous worker has given it up."""
         taken_over = self._path.exists()
         part = self._path.with_name(f".{self._path.name}.{self._mark}")
         part.write_text(self._mark, encoding="utf-8")
@@ -190,7 +190,7 @@ class _Claim:
             time.sleep(GRACE)
 
     def holds(self) -> bool:
-        """Whether the member is this worker's still: no other has claimed it, and the sweep goes on."""
+        """Whether the claim holds: no other worker has claimed the member, and the sweep has not ended."""
         try:
             return self._path.read_text(encoding="utf-8") == self._mark
         except FileNotFoundError:
@@ -199,23 +199,23 @@ class _Claim:
 
 @contextlib.contextmanager
 def _claim(path: Path) -> Iterator[_Claim]:
-    """Context in which a member is this worker's. **Raises** FileError where another has claimed it."""
+    """Context in which this worker claims a member. **Raises** FileError if the claim is lost."""
     claim = _Claim(path)
     claim.make()
     yield claim
     if not claim.holds():
         raise FileError(
-            f"{path.with_suffix('')}: was given up, for another worker has it or the sweep has ended"
+            f"{path.with_suffix('')}: was given up, because another worker claimed it or the sweep ended"
         )
     path.unlink(missing_ok=True)
 
 
 def _run_process(command: list[Any], log: Path, claim: _Claim) -> int:
-    """Runs a command for as long as the claim holds, its messages going to a file; returns its status."""
+    """Runs a command while the claim holds, with its output in the file `log`; returns the exit status."""
     environment = {"XLA_FLAGS": FORWARD_FLAGS} | os.environ | {ATTACHED: "1"}
     with (
         log.open("w") as messages,
-        # the pipe closes when this process ends, in whatever way, and the child ends with it
+        # the pipe closes when this process ends, for whatever reason, and then the child ends too
         subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=messages, stderr=messages, env=environment
         ) as child,
@@ -223,7 +223,7 @@ def _run_process(command: list[Any], log: Path, claim: _Claim) -> int:
         core = getattr(_thread, "core", None)
         if core is not None and hasattr(os, "sched_setaffinity"):
             with contextlib.suppress(ProcessLookupError):
-                os.sched_setaffinity(child.pid, {core})  # before it starts threads of its own
+                os.sched_setaffinity(child.pid, {core})  # before the child starts threads
         while child.poll() is None:
             if not claim.holds():
                 child.kill()
@@ -243,19 +243,19 @@ def _read(run: Path) -> Ended:
 
 
 def _stage(run: Path, source: Source) -> tuple[bool, bool]:
-    """Whether a member has a checkpoint to go on from, and whether it has ended: a sweep that was stopped
-    before it recorded such a member has nothing left to run.
+    """Whether a member has a checkpoint to continue from, and whether it has ended.
 
-    **Raises** FileError where the file is of another problem.
+    A member has ended without being recorded if the sweep was stopped in between. **Raises** FileError if the
+    member's file belongs to another problem.
     """
     try:
         file = RunFile.open(run)
         text, stage = file.case_toml, (file.has_checkpoint(), bool(file.results()))
-    except FileError:  # missing or damaged: the member is run anew
+    except FileError:  # missing or damaged: the member is run from the start
         return False, False
     try:
         stored = stored_identity(run, text, file.version)
-    except FileError:  # of another version of jaxsph
+    except FileError:  # written by another version of jaxsph
         stored = {}
     refuse_other(run, "a member of another sweep", stored, identity(source.to_toml()), run.parent)
     return stage

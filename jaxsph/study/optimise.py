@@ -1,4 +1,4 @@
-"""`maximise`: climbs along slopes to the values of a case that make a result largest."""
+"""`maximise`: gradient search for the parameter values of a case that maximise a result."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from jaxsph.study.ownership import only_study, refuse_other
 
 @dataclass(frozen=True)
 class Maximum:
-    """Best evaluation of a search, and all evaluations on the way to it."""
+    """Best evaluation of a search, and all its evaluations."""
 
     case: Any
-    """Case, or program, with the best values."""
+    """Case or program with the best values."""
     of: str
     value: float
     reason: str
-    """Reason for which the search ended."""
+    """Reason why the search ended."""
     history: list[dict[str, float]]
-    """Evaluations: the parameters, the result, and "slope KEY" and "error KEY" of each parameter."""
+    """Evaluations: parameter values, the result, and "slope KEY" and "error KEY" for each parameter."""
 
 
 def maximise(
@@ -49,19 +49,19 @@ def maximise(
     evaluations: int = 10,
     progress: bool = True,
 ) -> Maximum:
-    """Climbs along slopes to the largest result of a case, or of a function that returns a `Problem`.
+    """Maximises a result of a case, or of a function that returns a `Problem`, by a gradient search.
 
-    The search begins at its own values.
+    The search begins at the parameter values of the case or function.
 
-    **Arguments**: `over`: (lowest, highest) of every parameter, lengths of the device too, above zero: the
-    search is in their logarithms. `out`: the file of the evaluations; called again, the search goes on from
-    them, and an ensemble's unfinished members from beside it, in `<out>.evaluations`. `method`: as in
-    `derivative`; `optimiser`: any of optax (by default Adam, whose first steps are a factor of 1.8, the last
-    ones of 1.1).
-    **Returns** the best evaluation. The search ends where every slope is within its error, or points out of
+    **Arguments**: `over`: bounds (lowest, highest) of every parameter, which may be a length of the device;
+    they must be positive, because the search uses logarithms. `out`: the file of the evaluations; a repeated
+    call continues from it, and from an ensemble's unfinished members in `<out>.evaluations`. `method`: as in
+    `derivative`; `optimiser`: any optimiser of optax (by default Adam, which changes a parameter by a factor
+    of 1.8 in the first steps and 1.1 in the last).
+    **Returns** the best evaluation. The search ends when every slope is within its error, or points out of
     the bounds.
-    **Raises** as `derivative`; FileError where `out`, or what lies in `<out>.evaluations`, is of a search of
-    another case, result, scatter table or method, or where another process runs a study with this output.
+    **Raises** as `derivative`; FileError if `out` or `<out>.evaluations` belongs to a search with another
+    case, result, scatter table or method, or if another process runs a study with this output.
     """
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
@@ -110,7 +110,7 @@ def _climb(
         if np.all(outward | (np.abs(slopes) <= errors)):
             reason = "at the bounds" if outward.all() else "every slope is within its error"
             break
-        # a slope that points out of the bounds moves nothing
+        # a slope that points out of the bounds does not move its parameter
         step, memory = optimiser.update(jnp.asarray(np.where(outward, 0.0, -slopes)), memory, jnp.asarray(z))
         z = np.clip(z + np.asarray(step), bounds[:, 0], bounds[:, 1])
     best = max(history, key=lambda found: found[of])
@@ -125,7 +125,7 @@ def _check_bounds(source: Source, over: Mapping[str, tuple[float, float]]) -> No
         value = parameter_value(source, name)
         if not 0.0 < low < high < np.inf or not low <= value <= high:
             raise CaseError(
-                f"{name} from {low:g} to {high:g}: must be positive and in order, and hold the case's own "
+                f"{name} from {low:g} to {high:g}: bounds must be positive, ascending and contain the case's "
                 f"value, {value:g}"
             )
 
@@ -142,7 +142,7 @@ def _evaluate(
 
 
 def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
-    """Marks the folder of the evaluations as of this search. **Raises** FileError where it is of another."""
+    """Marks the folder of the evaluations for this search. **Raises** FileError if it belongs to another."""
     mark = folder / "search.json"
     if folder.exists() and any(folder.iterdir()):
         try:

@@ -1,4 +1,4 @@
-"""Slope of the mean power over a year: the seas of a scatter table, each by another method."""
+"""Slope of the mean power over a year, from slopes in the seas of a scatter table."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from jaxsph.study.matrix import ScatterTable
 
 
 class OverSeas(AbstractMethod):
-    """Mean over a scatter table of the slopes in its seas, each with the weight of its share of the year.
+    """Mean of the slopes in the seas of a scatter table, weighted by the seas' shares of the year.
 
-    The case's irregular waves get every sea's height and period; its seed stays. Only the mean power
-    `P_owc` has a meaning over a year: an efficiency is one of each sea.
+    The case's irregular waves take the height and period of each sea and keep their seed. Only the mean power
+    `P_owc` can be averaged over a year; an efficiency belongs to a single sea.
     """
 
     table: ScatterTable
@@ -25,17 +25,17 @@ class OverSeas(AbstractMethod):
     method: AbstractMethod = Ensemble(members=5)
     """Method for the slope in one sea."""
     out: Path | None = None
-    """Path from which the files of the seas are named; None keeps none."""
+    """Path from which the names of the seas' files are made; None stores no files."""
 
     def kept(self, path):
-        """See `AbstractMethod`."""
+        """See `AbstractMethod.kept`."""
         return self if self.out is not None else dataclasses.replace(self, out=Path(path))
 
     def derivative(self, source, parameter, of, progress):
-        """See `AbstractMethod`."""
+        """See `AbstractMethod.derivative`."""
         waves = getattr(source, "waves", None)
         if waves is None or waves.kind != "irregular":
-            raise CaseError('a scatter table needs waves.kind = "irregular", whose Hs and Tp it gives')
+            raise CaseError('a scatter table needs waves.kind = "irregular": it sets Hs and Tp of the waves')
         if of != "P_owc":
             raise CaseError(f"of = {of!r}: over a scatter table it must be 'P_owc', the mean power")
         found: list[tuple[float, Derivative]] = []
@@ -56,7 +56,7 @@ class OverSeas(AbstractMethod):
         )
 
     def _of_sea(self, i: int) -> AbstractMethod:
-        """Method for sea number i, with a file of its own where files are kept."""
+        """Method for sea number i, with a separate file if files are stored."""
         if self.out is None:
             return self.method
         return self.method.kept(self.out.with_name(f"{self.out.stem}_sea{i:02d}.h5"))

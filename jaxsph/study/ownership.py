@@ -1,5 +1,5 @@
-"""Ownership of the files of a study: one process writes to an output, and nothing of another study is taken
-over."""
+"""Ownership of a study's files: only one process writes to an output, and files of another study are
+refused."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _FEW = 5
 
 _held: set[Path] = set()
 _guard = threading.Lock()
-"""Outputs that studies of this process write to: a process does not exclude itself by locks of files."""
+"""Guards `_held`, the outputs of this process's studies: file locks do not exclude the same process."""
 
 
 def refuse_other(
     path: Path, what: str, stored: Mapping[str, Any], given: Mapping[str, Any], remove: Path | None = None
 ) -> None:
-    """**Raises** FileError that names what differs between the study stored at a path and the one given.
+    """**Raises** FileError, naming what differs, if the study stored at a path is not the one given.
 
-    `remove`: what to remove where the stored study is not wanted; by default the path.
+    `what`: the stored study in words; `remove`: path that the message suggests to remove, by default `path`.
     """
     differing = [
         f"{name} ({_shown(stored, name)} there, {_shown(given, name)} here)"
@@ -55,11 +55,11 @@ def _shown(values: Mapping[str, Any], name: str) -> str:
 
 @contextlib.contextmanager
 def only_study(out: Path) -> Iterator[None]:
-    """Context in which this process alone runs a study with the output `out`.
+    """Context in which only this process runs a study with the output `out`.
 
-    The lock is the system's, on a file beside the output, and ends with the process, however it ends. Only
-    the process that coordinates takes it, not the workers. On a disk without locks only studies of the same
-    process exclude each other. **Raises** FileError where another study has the output.
+    The lock is a system lock on a file next to the output, and is released when the process ends, for
+    whatever reason. Only the coordinating process takes it, not the workers. On a disk without locks, only
+    studies of the same process exclude each other. **Raises** FileError if another study has the output.
     """
     out = out.resolve()
     lock = out.with_name(f".{out.name}.lock")
@@ -81,11 +81,11 @@ def only_study(out: Path) -> Iterator[None]:
 
 
 def _lock(out: Path, lock: Path) -> int:
-    """Handle of the lock's file, locked. **Raises** FileError where another process has it."""
+    """Locks the lock file and returns its handle. **Raises** FileError if another process has locked it."""
     while True:
         handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            # of the process, not of the handle: a child that was forked does not keep it
+            # the lock belongs to the process, not to the handle, so a forked child does not keep it
             if fcntl is not None:
                 fcntl.lockf(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
@@ -99,7 +99,7 @@ def _lock(out: Path, lock: Path) -> int:
                 os.ftruncate(handle, 0)
                 os.write(handle, f"process {os.getpid()} on {socket.gethostname()}".encode())
                 return handle
-        os.close(handle)  # the study before has ended just now, and its file is gone
+        os.close(handle)  # the previous study has just ended and removed its lock file
 
 
 def _taken(out: Path, who: str) -> str:

@@ -1,5 +1,5 @@
-"""Many runs of one case: `sweep` over parameters, one member per core or many in one call, in one file that
-resumes."""
+"""`sweep`: many runs of one case over parameters, one member per core or in batches, recorded in one file. An
+interrupted sweep continues from this file."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from jaxsph.study.members import Ended, check_members, one_per_core, run_each, r
 from jaxsph.study.ownership import only_study, refuse_other
 
 BATCH = 8
-"""Number of members in one vmapped call on an accelerator, by default."""
+"""Default number of members in one vmapped call on an accelerator."""
 MOST_MEMBERS = 100_000
-"""Largest number of members of a sweep: each is a run, and its case is checked before any begins."""
+"""Largest number of members of a sweep; the cases of all members are checked before the first run."""
 
 
 @dataclass(frozen=True)
@@ -41,20 +41,20 @@ class Sweep:
     """Results of every member over the swept parameters."""
 
     case: Any
-    """Case that all members share, or program; None for that of a program whose file was read."""
+    """Case or program that all members share; None for a sweep of a program that was read from a file."""
     axes: dict[str, np.ndarray]
     """Values of each parameter by dotted name."""
     results: dict[str, np.ndarray]
-    """Scalar results over the grid (or list) of members; NaN where a member has none."""
+    """Scalar results over the grid (or list) of members; NaN if a member does not have the result."""
     failures: dict[tuple[int, ...], str]
-    """Error messages of the members that failed, by their place; empty where all went well."""
+    """Error messages of the failed members, by their indices; empty if all members succeeded."""
     members: dict[tuple[int, ...], dict[str, np.ndarray]] = field(repr=False)
-    """Series of each member by its place, "time" (s) among them."""
+    """Series of each member by its indices, including "time" (s)."""
     meanings: Meanings = field(repr=False, default=Meanings())
-    """Meanings of the series, and of results that brought labels with them."""
+    """Meanings of the series, and labels of results outside the package's standard list."""
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Scalar result called `name`, over the members."""
+        """Scalar result `name` over the members."""
         if name not in self.results:
             raise KeyError(f"no result {name!r}; there are {', '.join(sorted(self.results))}")
         return self.results[name]
@@ -71,37 +71,38 @@ def sweep(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Sweep:
-    """Runs a case, or a function that returns a `Problem`, for every combination of values: on a CPU each
-    member in a process of its own on one core, on an accelerator in vmapped batches, on a cluster wherever an
-    executor takes them.
+    """Runs a case, or a function that returns a `Problem`, for every combination of parameter values.
 
-    **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`, of a
-    function by argument, geometry and `t1` included; `grid`: every combination, or one member for each place
-    in lists of equal length; `out`: the file. Called again it goes on where it was interrupted: a member's
-    checkpoints lie beside the file, in `<out>.members`, until the member has ended. `workers`: members at a
-    time (by default one per core). `batch`: in its place, so many members in one vmapped call in this
-    process, as far as their arrays have the same shapes. On a CPU a member of a batch takes 1.3 times as long
-    as alone (`python -m experiments run bench_batch`), so batches are the default on an accelerator only.
-    `executor`: in the place of both, any executor with the interface of `concurrent.futures`, such as Dask's
-    `client.get_executor(pure=False)`; its workers must see the folder of `out`, and a function's file. A
-    member whose worker was lost goes on from its last checkpoint on the next one. The executor is left open.
-    **Returns** all results. A member that fails does not stop the others: see `Sweep.failures`.
-    **Raises** CaseError for a member that cannot be built, and for values that are no numbers, before any
-    runs; FileError where `out`, or a member in `<out>.members`, is of another sweep, or another process
-    runs one with this output.
+    On a CPU each member runs in its own process on one core, on an accelerator members run in vmapped
+    batches, and on a cluster an executor distributes them.
+
+    **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`, or by
+    argument of a function; geometry and `t1` can vary too; `grid`: every combination, or one member for each
+    position in lists of equal length; `out`: the file. A repeated call continues an interrupted sweep: the
+    checkpoints of a member are in `<out>.members` until it has ended. `workers`: members at a time (by
+    default one per core). `batch`: instead of `workers`, number of members in one vmapped call in this
+    process; only members with equal array shapes share a call. On a CPU a member of a batch takes 1.3 times
+    as long as alone (`python -m experiments run bench_batch`), so batches are the default on an accelerator
+    only. `executor`: instead of both, any executor with the interface of `concurrent.futures`, such as Dask's
+    `client.get_executor(pure=False)`. Its workers must see the folder of `out` and the file of a function. If
+    a worker is lost, another one continues its member from the last checkpoint. The executor is left open.
+    **Returns** all results. A failed member does not stop the others: see `Sweep.failures`.
+    **Raises** CaseError if a member cannot be built or values are not numbers, before any member runs;
+    FileError if `out`, or a member in `<out>.members`, belongs to another sweep, or if another process runs a
+    sweep with this output.
     """
     source = source_of(given)
     if os.environ.get(ATTACHED):
         raise CaseError(
-            f"{source.name}: a member of a sweep has begun a sweep when its program was imported: put what "
-            'the program does beside defining functions under if __name__ == "__main__":'
+            f"{source.name}: a member of a sweep started a sweep when it imported its program: put all that "
+            'the program does besides defining functions under if __name__ == "__main__":'
         )
     batch = _checked_batch(workers, batch, executor)
     if isinstance(source, Program) and not source.importable:
-        batch = batch or 1  # in this process, which alone has the function
+        batch = batch or 1  # only this process has the function
     axes = {name: _numbers(name, values) for name, values in over.items()}
     sources, shape = _members(source, axes, grid)
-    file = SweepFile(Path(out).resolve())  # workers may be in other folders
+    file = SweepFile(Path(out).resolve())  # absolute, as workers may run in other folders
     runner = _Runner(batch, workers, executor)
     with only_study(file.path):
         members, meanings = _run_missing(file, source, axes, shape, sources, runner, progress)
@@ -118,7 +119,7 @@ class _Runner(NamedTuple):
     def run(
         self, sources: Mapping[int, Source], folder: Path, stack: contextlib.ExitStack, progress: bool
     ) -> Iterator[tuple[int, Ended]]:
-        """Members as they end; what is opened for them closes with the stack."""
+        """Runs members and yields them as they end; the stack closes what is opened for them."""
         if self.batch is not None:
             return run_in_batches(sources, folder, self.batch, progress)
         executor = self.executor or stack.enter_context(one_per_core(self.workers))
@@ -134,7 +135,7 @@ def _run_missing(
     runner: _Runner,
     progress: bool,
 ) -> tuple[dict[int, Any], Meanings]:
-    """Runs the members that the file does not hold yet; returns all, and their meanings."""
+    """Runs the members that are not in the file yet; returns all members and their meanings."""
     members, meanings = {}, Meanings()
     if file.path.exists():
         members, meanings = _ended_before(file, source, axes, shape)
@@ -160,11 +161,11 @@ def _run_missing(
 
 
 def _checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
-    """Size of batches, None for members apart. **Raises** CaseError for choices that exclude each other."""
+    """Size of batches; None for separate processes. **Raises** CaseError if choices exclude each other."""
     given = {"batch": batch, "workers": workers, "executor": executor}
     both = [f"{name} = {value}" for name, value in given.items() if value is not None]
     if len(both) > 1:
-        raise CaseError(f"{' and '.join(both)}: one of batch, workers and executor goes without the others")
+        raise CaseError(f"{' and '.join(both)}: give only one of batch, workers and executor")
     if batch is not None and batch < 1:
         raise CaseError(f"batch = {batch}: must be 1 or more")
     if workers is not None and workers < 1:
@@ -175,7 +176,7 @@ def _checked_batch(workers: int | None, batch: int | None, executor: Executor | 
 def _ended_before(
     file: SweepFile, source: Source, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]
 ) -> tuple[dict[int, Any], Meanings]:
-    """Members of an earlier call that went well, and their meanings; failed ones are tried again."""
+    """Members that succeeded in an earlier call, and their meanings; failed members are run again."""
     stored = file.read()
     before = stored_identity(file.path, stored.case_toml, stored.version)
     before = before | _told(stored.axes, stored.shape) | stored.about
@@ -185,30 +186,30 @@ def _ended_before(
 
 
 def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, Any]:
-    """Axes and shape of a sweep by words of an error."""
+    """Axes and shape of a sweep, by their names in an error message."""
     values = {f"values of {name}": values.tolist() for name, values in axes.items()}
     return values | {"parameters in order": [*axes], "members": list(shape)}
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """Results in a sweep's file, whether the sweep has ended or not. **Raises** FileError."""
+    """Reads the results of a sweep, ended or not, from a file. **Raises** FileError if this is impossible."""
     stored = SweepFile(path).read()
-    stored_identity(Path(path), stored.case_toml, stored.version)  # refuses what this version does not read
+    stored_identity(Path(path), stored.case_toml, stored.version)  # refuses unreadable versions
     keys = tomllib.loads(stored.case_toml)
     case = None if "program" in keys else Case.from_dict(keys)
     return _make_sweep(case, stored.axes, stored.shape, stored.members, stored.meanings)
 
 
 def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
-    """Values of a parameter as an array. **Raises** CaseError for what is no row of finite numbers."""
+    """Values of a parameter as an array. **Raises** CaseError if they are not a list of finite numbers."""
     try:
         found = np.asarray(values)
-    except ValueError:  # rows of several lengths
+    except ValueError:  # nested lists of different lengths
         found = np.asarray(None)
     if found.ndim != 1 or not found.size or found.dtype.kind not in "iuf" or not np.all(np.isfinite(found)):
         raise CaseError(
-            f"{name} = {values!r}: a sweep goes over a row of finite numbers; for texts, switches and absent "
-            "keys run a sweep of each case, made by case.replace"
+            f"{name} = {values!r}: must be a list of finite numbers; to vary texts, switches or absent keys, "
+            "run a sweep of each case, made by case.replace"
         )
     return found
 
@@ -216,16 +217,16 @@ def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
 def _members(
     source: Source, axes: Mapping[str, np.ndarray], grid: bool
 ) -> tuple[list[Source], tuple[int, ...]]:
-    """What every member runs, and the shape of the sweep."""
+    """Source of every member, and the shape of the sweep."""
     if not axes:
-        raise CaseError("a sweep needs at least one parameter, and a row of values for it")
+        raise CaseError("a sweep needs at least one parameter, with a list of values")
     lengths = [values.size for values in axes.values()]
     count = math.prod(lengths) if grid else lengths[0]
     if count > MOST_MEMBERS:
         raise CaseError(f"{' x '.join(map(str, lengths))} members: a sweep has at most {MOST_MEMBERS}")
     if not grid and len(set(lengths)) > 1:
         names = ", ".join(axes)
-        raise CaseError(f"values of {names} have lengths {lengths}: a list of members needs equal ones")
+        raise CaseError(f"values of {names} have lengths {lengths}: a list of members needs equal lengths")
     combined = itertools.product(*axes.values()) if grid else zip(*axes.values(), strict=True)
     sources = [
         source.replace({name: value.item() for name, value in zip(axes, values, strict=True)})

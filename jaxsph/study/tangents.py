@@ -1,4 +1,4 @@
-"""Slope of a result by forward mode through every step: exact, or filtered."""
+"""Slope of a result by forward-mode differentiation through every step: exact, or filtered."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ S = TypeVar("S", bound=Source)
 
 
 class _ThroughLoop(AbstractMethod):
-    """Forward mode through every step."""
+    """Method of forward-mode differentiation through every step."""
 
     @abc.abstractmethod
     def _model_to_differentiate(self, model: Model) -> Model:
-        """The model to differentiate."""
+        """Model to differentiate, made from the given model."""
 
     @abc.abstractmethod
     def _check(self, parameter: str, value: float, t: float, reach: float) -> None:
-        """Raises DerivativeError where at the time t the slopes are not worth going on."""
+        """Raises DerivativeError if the slopes at time t are too poor to continue."""
 
     @abc.abstractmethod
     def _error(self, parameter: str, source: Source, value: float, slope: float) -> float | None:
-        """What is known of the slope's error."""
+        """Estimated error of the slope; None if it is not known."""
 
     def derivative(self, source, parameter, of, progress):
-        """See `AbstractMethod`."""
+        """See `AbstractMethod.derivative`."""
         if rough := source.roughness(parameter):
             raise CaseError(
-                f"{parameter}: the model may jump with it ({rough}); take method=js.Ensemble(), which builds "
-                "every member anew"
+                f"{parameter}: the model may change discontinuously with it ({rough}); use "
+                "method=js.Ensemble(), which rebuilds the model for every member"
             )
         problem = source.problem()
         result = problem.mean_of_power(of)
@@ -102,14 +102,14 @@ class _ThroughLoop(AbstractMethod):
 class Exact(_ThroughLoop):
     """Exact derivative of the discrete program, carried through every step.
 
-    While neighbouring particles agree it is the derivative of the flow. Then, within a fraction of a second,
-    it becomes that of the particles' own chaotic paths, and holds for smaller and smaller changes: the run
-    stops when a change of the parameter by the share `least` would, by these slopes, move neighbours a tenth
-    of a spacing against each other.
+    As long as the slopes of neighbouring particles agree, it is the derivative of the flow. Within a fraction
+    of a second it becomes the derivative of chaotic particle paths, which is valid only for smaller and
+    smaller changes. The run stops when, by these slopes, a relative change `least` of the parameter would
+    move neighbours by a tenth of a spacing relative to each other.
     """
 
     least: float = eqx.field(static=True, default=0.01)
-    """Smallest change for which a slope is worth having, as a share of the parameter."""
+    """Smallest relative change of the parameter for which the slope must be valid."""
 
     def _model_to_differentiate(self, model):
         return model
@@ -117,8 +117,8 @@ class Exact(_ThroughLoop):
     def _check(self, parameter, value, t, reach):
         if not reach > self.least * abs(value):  # NaN too
             raise DerivativeError(
-                f"the exact derivative over {parameter} is lost to the paths of single particles: at "
-                f"t = {t:.2f} s it speaks of changes below {reach:.1g} only.\n"
+                f"the exact derivative over {parameter} has become that of chaotic particle paths: at "
+                f"t = {t:.2f} s it is valid only for changes below {reach:.1g}.\n"
                 "What to change: an earlier t1, method=js.Filtered() or js.Ensemble()"
             )
 
@@ -127,25 +127,26 @@ class Exact(_ThroughLoop):
 
 
 LOST = {"weakly_compressible": 0.7, "incompressible": 0.25}
-"""Share of the water's response that the filter may take, by scheme.
+"""Share of the water's response that the filter may remove, by scheme.
 
-Measured in the OWC at dx = 0.02 m at three dampings: 0.33 to 0.67 weakly compressible, with artificial
-viscosity and for nine periods; 0.10 to 0.15 incompressible (`python -m experiments run filter_study`).
+Measured in the OWC at dx = 0.02 m with three dampings: 0.33 to 0.67 in the weakly compressible scheme, with
+artificial viscosity and over nine periods; 0.10 to 0.15 in the incompressible scheme
+(`python -m experiments run filter_study`).
 """
 
 
 class Filtered(_ThroughLoop):
-    """Derivative through every step whose tangents are averaged over neighbours as it goes (`TangentFilter`).
+    """Derivative through every step, with tangents averaged over neighbours during the run (`TangentFilter`).
 
-    One run gives slopes for thirty wave periods and more, and a part of the water's response is lost.
-    A result changes with K_dm directly, by 2/K_dm of itself, and because the water moves otherwise; near the
-    best damping the two nearly cancel. The filter leaves the first alone and takes a share `lost` of the
-    second, and that share is the error that a slope over K_dm is given.
+    One run gives slopes over thirty wave periods or more, but a part of the water's response is lost.
+    A result depends on K_dm directly, with the relative slope 2/K_dm, and through the water's response; near
+    the best damping the two parts nearly cancel. The filter does not affect the direct part, and removes a
+    share `lost` of the response. This share of the response is given as the error of a slope over K_dm.
     """
 
     filter: TangentFilter = eqx.field(default_factory=TangentFilter)
     lost: float | None = eqx.field(static=True, default=None)
-    """Share of the water's response taken as lost; by default the scheme's own (`LOST`)."""
+    """Share of the water's response that is assumed lost; by default the value of the scheme in `LOST`."""
 
     def _model_to_differentiate(self, model):
         return dataclasses.replace(model, tangents=self.filter)
@@ -168,7 +169,7 @@ class Filtered(_ThroughLoop):
 def _simulate_tangents(model, state, d_model, d_state, probes, n_steps, sample_every):
     """`simulate` and its derivative along (d_model, d_state): (state, (d_state, readings, d_readings))."""
     varying, fixed = eqx.partition((model, state), eqx.is_inexact_array)
-    # the structure of a model tells its tables' sizes, which may have grown since the seed
+    # the structure of a model includes the sizes of its tables, which may have grown since the seed was made
     seeds = jax.tree.unflatten(jax.tree.structure(varying), jax.tree.leaves((d_model, d_state)))
 
     def advance(varying):
@@ -183,18 +184,18 @@ def _simulate_tangents(model, state, d_model, d_state, probes, n_steps, sample_e
 
 
 def _beside(source: S, parameter: str, model: Model) -> tuple[S, S, float]:
-    """What is run with a little more and a little less of the parameter, and by how much."""
+    """Sources with the parameter increased and decreased by a small step, and this step."""
     value = parameter_value(source, parameter)
-    # the error of a central difference: the square of the share, and round-off over the share
+    # the error of a central difference is the square of the share plus round-off divided by the share
     share = 1e-4 if model.dt.dtype == np.float64 else 1e-2
     step = share * value if value else share
     return source.replace({parameter: value + step}), source.replace({parameter: value - step}), step
 
 
 def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
-    """Slopes of the floats of model and initial state over the parameter, by differences of two builds.
+    """Slopes of all floats in model and initial state over the parameter, by differences of two builds.
 
-    The time step counts as constant: it only ever jumps, to divide the sampling interval.
+    The time step is held constant: it changes only in jumps, because it must divide the sampling interval.
     """
     ahead, behind, step = _beside(source, parameter, problem.model)
     settings = search_settings(problem.model)
@@ -207,12 +208,12 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     beside = [found for found, _ in others]
     shapes = [[leaf.shape for leaf in one] for one in (leaves, *beside)]
     if not shapes[0] == shapes[1] == shapes[2]:
-        raise CaseError(f"{parameter} changes the number of ghosts here: compare runs with js.sweep")
+        raise CaseError(f"{parameter} changes the number of ghost particles: compare runs with js.sweep")
     if isinstance(source, Program):
         if any(other != structure for _, other in others):
             raise CaseError(
-                f"{parameter} changes what the compiled loop holds fixed, such as the ends of a tank or a "
-                "thin plate: take method=js.Ensemble(), which builds every member anew"
+                f"{parameter} changes values that are fixed in the compiled loop, such as the ends of a tank "
+                "or a thin plate: use method=js.Ensemble(), which rebuilds the model for every member"
             )
         _check_smooth(parameter, leaves, *beside)
     slopes = [(a - b) / (2 * step) for a, b in zip(*beside, strict=True)]
@@ -221,27 +222,27 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
 
 
 CURVED = 0.1
-"""Difference of the two one-sided slopes of a model's number, over their sum, above which it jumps: of a
-smooth one it is of the order of the share of the parameter by which builds differ."""
+"""Difference of the two one-sided slopes of a number in the model, relative to their sum, above which the
+number counts as discontinuous. If it is smooth, this ratio is about the relative step of the parameter."""
 
 
 def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None:
-    """**Raises** CaseError where a number of the model jumps with the parameter, as it does with lengths."""
+    """**Raises** CaseError if a number in the model jumps with the parameter, such as a rounded length."""
     for at, more, less in zip(here, ahead, behind, strict=True):
         at, more, less = (np.asarray(a, np.float64) for a in (at, more, less))
         rounding = 8 * np.finfo(here[0].dtype).eps * (np.max(np.abs(at), initial=0.0) + 1e-30)
         jump = np.max(np.abs((more - at) - (at - less)), initial=0.0)
         if jump > CURVED * np.max(np.abs(more - less), initial=0.0) + rounding:
             raise CaseError(
-                f"{parameter}: the model jumps with it, as where a length is rounded to the lattice; take "
-                "method=js.Ensemble(), which builds every member anew"
+                f"{parameter}: the model changes discontinuously with it, for example because a length is "
+                "rounded to the lattice; use method=js.Ensemble(), which rebuilds the model for every member"
             )
 
 
 def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:
     """Root mean square difference (m) of a field `[N, D]` from linear fits in cells of four spacings.
 
-    It is near zero for the field of a flow, and the field's own size where neighbours have nothing in common.
+    It is near zero for a smooth flow field, and as large as the field itself if neighbours are uncorrelated.
     """
     cells = np.unique(np.floor(x / (4 * spacing)).astype(int), axis=0, return_inverse=True)[1].ravel()
     rest = 0.0

@@ -1,8 +1,8 @@
 """Active absorption of reflected waves by a piston wavemaker, Eq. 23 of Zhu et al. (2020).
 
 SI units; x from the paddle's rest position, positive into the tank. The paddle's displacement X is positive
-into the tank, and its velocity U = (omega / Phi) eta makes the progressive elevation eta (Phi:
-`theory.biesel`).
+into the tank. Its velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
+`theory.biesel`.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ class ActiveAbsorption(eqx.Module):
 
     Eq. 23, U = (omega / Phi)(2 eta - eta_sph), is feed-forward plus feedback,
     (omega / Phi) eta + (omega / Phi)(eta - eta_sph). Here the feed-forward is the
-    paddle's own velocity (with its second-order part) and the feedback compares the
-    gauge with what it would read without reflection:
+    target velocity of the paddle (with its second-order part), and the feedback compares
+    the gauge reading with the elevation expected there without reflected waves:
 
         U = U_target + gain (omega / Phi)(eta_gauge - eta_sph) - drift_rate (X - X_target)
         eta_gauge = eta_progressive(distance, t) + near_field X_1(t)
 
-    The defaults are Eq. 23 as printed. A gauge a few h away lags the paddle by
-    k * distance and sees the piston's evanescent modes, which Eq. 23 as printed takes
-    for a reflection; `at_gauge` allows for both. The near field is that of the TARGET
-    motion: with the actual X any slow drift would feed itself at the rate
-    near_field * omega / Phi, though a slow paddle raises no elevation.
+    The defaults give Eq. 23 as printed. A gauge a few smoothing lengths h away lags the
+    paddle by k * distance and measures the piston's evanescent modes. Eq. 23 as printed
+    mistakes both for a reflection; `at_gauge` allows for them. The near field is computed
+    from the TARGET displacement X_1: with the actual X a slow drift would amplify itself at
+    the rate near_field * omega / Phi, although a slow paddle raises no elevation.
 
-    A constant error of the gauge moves the paddle until the displaced water makes up for the
-    error (closed tank) or until drift_rate holds it, at (omega / Phi) error / drift_rate.
+    A constant error of the gauge moves the paddle until the displaced water compensates for the
+    error (closed tank), or until drift_rate stops it at an offset of (omega / Phi) error / drift_rate.
     """
 
     gain: Scalar = eqx.field(converter=real, default=1.0)
@@ -43,7 +43,7 @@ class ActiveAbsorption(eqx.Module):
     distance: Scalar = eqx.field(converter=real, default=0.0)
     """Distance of the gauge from the paddle, m."""
     near_field: Float[Array, "..."] = eqx.field(converter=real, default=0.0)
-    """Ratio of the evanescent elevation at the gauge to the paddle's displacement, of every wave (-)."""
+    """Ratio of the evanescent elevation at the gauge to the paddle's displacement, for every wave (-)."""
 
     @classmethod
     def at_gauge(
@@ -55,8 +55,8 @@ class ActiveAbsorption(eqx.Module):
     ) -> "ActiveAbsorption":
         """Absorption with a gauge `distance` (m) in front of the paddle.
 
-        The near field is summed on the host for the present periods and depth of `waves`; it is a leaf,
-        constant under differentiation with respect to them. **Arguments**: `gain` (-);
+        The near field is computed on the host from the present periods and depth of `waves`. It is a leaf,
+        constant under differentiation with respect to periods and depth. **Arguments**: `gain` (-);
         `drift_rate` (1/s).
         """
         return cls(gain, drift_rate, distance, waves.near_field(distance))
@@ -85,10 +85,11 @@ class ActiveAbsorption(eqx.Module):
     def filter_time(self, waves: AbstractWaves) -> Scalar:
         """Time constant of a low-pass filter on the feedback that suits this gauge, s.
 
-        The gauge meets the arriving wave k * distance early, and the near field of the
-        absorbing motion adds near_field / Phi to that. A first-order filter of this time
-        constant on (gauge_elevation - eta_measured) lags by their sum: for T = 1.2 s,
-        d = 0.5 m and a gauge at 0.06 m the residual reflection falls from 14 % to 1 %.
+        An arriving wave passes the gauge with a phase lead of k * distance over the paddle, and
+        the near field of the absorbing motion adds a lead of near_field / Phi. A first-order
+        filter with this time constant, applied to (gauge_elevation - eta_measured), lags by
+        the sum of both. For T = 1.2 s, d = 0.5 m and a gauge at 0.06 m the residual reflection
+        falls from 14 % to 1 %.
         """
         lead = waves.k * self.distance + waves.at_peak(self.near_field) / waves.Phi
         return jnp.tan(lead) / waves.omega

@@ -1,14 +1,14 @@
 """Linear theory of the onshore oscillating water column in regular waves, the limit of small waves.
 
-The water's part is `waves.radiation`, which has the symbols and the signs: q = q_S - Z p. Here a turbine and
-the air in front of it answer, q being the flow of air out of the chamber per unit width and p its gauge
-pressure. Host numpy in double precision; nothing here is traced.
+`waves.radiation` solves the water's motion and defines symbols and signs: q = q_S - Z p, with the flow q of
+air out of the chamber per unit width and the gauge pressure p of the chamber. This module couples the water
+to a turbine and to the air in front of the turbine. Host numpy in double precision; nothing here is traced.
 
-Potential flow goes round the lip of the front wall without a loss; a real flow separates there. What that
-costs may be put in as a loss of head, Delta p = zeta rho |v| v / 2 with the column's mean velocity v = q / b.
-The mean velocity in the gap under the lip is q / gap: referred to that, the same loss has the coefficient
-zeta (gap / b)^2. It acts on the whole column as more pressure of the air would: a quadratic resistance
-rho zeta / (2 b^2) in series with the turbine's K_dm^2. Nothing here knows zeta; it is an assumption.
+Potential flow passes the lip of the front wall without loss; a real flow separates there. The loss can be
+included as a head loss Delta p = zeta rho |v| v / 2 with the column's mean velocity v = q / b. Referred to
+the mean velocity q / gap under the lip, the same loss has the coefficient zeta (gap / b)^2. The loss acts on
+the column like additional air pressure: a quadratic resistance rho zeta / (2 b^2) in series with the
+turbine's K_dm^2. The theory does not provide zeta; its value is an assumption.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from jaxsph.waves.radiation import RadiationAndScattering
 
 @dataclass(frozen=True)
 class LinearAir:
-    """Linear part of a turbine, and compliance of the air between it and the water; none by default."""
+    """Linear resistance of a turbine, and compliance of the air in front of it; both are 0 by default."""
 
     resistance: float = 0.0
     """Resistance of a linear turbine, Pa s/m2: P_a = resistance q + K_dm^2 |q| q."""
     give: float = 0.0
-    """Compliance of the air, volume over gamma p0, m2/Pa; 0 of incompressible air."""
+    """Compliance of the air, volume over gamma p0, m2/Pa; 0 for incompressible air."""
 
     def __post_init__(self) -> None:
         """**Raises** ValueError for a value below zero."""
@@ -44,9 +44,9 @@ IDEAL_AIR = LinearAir()
 class LinearOWC:
     """Linear response of a chamber to regular waves, with a turbine of the quadratic law P_a = K_dm^2 |q| q.
 
-    The energy that comes in is the turbine's, the lip's or goes back: 1 = xi + P_lip / P_inc + |R|^2.
+    Incident power is absorbed by the turbine, lost at the lip or reflected: 1 = xi + P_lip / P_inc + |R|^2.
     Amplitudes a are complex, standing for Re(a exp(-i omega t)); see `RadiationAndScattering` for the
-    phase. Where `linear_response` was given arrays of H and K_dm, the results have their common shape.
+    phase. If `linear_response` was given arrays of H and K_dm, the results have their broadcast shape.
     """
 
     water: RadiationAndScattering
@@ -56,7 +56,7 @@ class LinearOWC:
     K_dm: NDArray
     """Damping coefficient K_dm of the quadratic law, kg^0.5 m^-2.5."""
     Lambda: NDArray
-    """Linear turbine q = Lambda p of the same mean power: Lambda, m2/(s Pa); inf for an open chamber."""
+    """Admittance of the linear turbine q = Lambda p of equal mean power, m2/(s Pa); inf if open."""
     q: NDArray
     """Flow of air out of the chamber per unit width, complex, m2/s."""
     P_a: NDArray
@@ -70,19 +70,19 @@ class LinearOWC:
     R: NDArray
     """Reflection coefficient of the device, complex, at the back wall (-)."""
     K_dm_best: NDArray
-    """Damping coefficient of the largest efficiency, `eta_max`, in waves of height H where the lip costs
-    nothing, kg^0.5 m^-2.5."""
+    """Damping coefficient for the largest efficiency `eta_max` in waves of height H, without lip loss,
+    kg^0.5 m^-2.5."""
     lip_loss: NDArray
-    """Loss coefficient zeta of the lip, of the column's mean velocity (-)."""
+    """Loss coefficient zeta of the lip, referred to the column's mean velocity (-)."""
     P_lip: NDArray
     """Mean power lost at the lip, W/m."""
     air: LinearAir
     """Linear part of the turbine, and compliance of the air."""
     q_pto: NDArray
-    """Flow through the turbine per unit width, complex, m2/s; q where the air is incompressible."""
+    """Flow through the turbine per unit width, complex, m2/s; equal to q in incompressible air."""
     eta_max: NDArray
-    """Largest efficiency that any linear turbine reaches behind this air at this period, where the lip costs
-    nothing (-)."""
+    """Largest efficiency that any linear turbine reaches behind this air at this period, without lip loss
+    (-)."""
 
     @property
     def omega(self) -> float:
@@ -111,12 +111,15 @@ class LinearOWC:
 
     @property
     def xi(self) -> NDArray:
-        """Hydrodynamic efficiency xi (-); without a lip loss 1 - |Lambda - Z|^2 / |Lambda + Z|^2."""
+        """Hydrodynamic efficiency xi (-).
+
+        Without lip loss and in incompressible air it is 1 - |Lambda - Z|^2 / |Lambda + Z|^2.
+        """
         return self.P_owc / self.P_inc
 
     @property
     def P_a_peak(self) -> NDArray:
-        """Peak pressure of the air by the turbine's law of a sinusoidal flow, Pa: 3 pi/8 |P_a| of a K_dm."""
+        """Peak air pressure of the turbine's law in sinusoidal flow, Pa; 3 pi/8 |P_a| if purely quadratic."""
         size = np.abs(self.q_pto)
         return (self.K_dm**2 * size + self.air.resistance) * size
 
@@ -131,21 +134,21 @@ def linear_response(
 ) -> LinearOWC:
     """Linear response of a chamber to regular waves of height H (m), with a quadratic turbine.
 
-    The turbine is replaced by the linear one that takes the same mean power. With q sinusoidal that is
-    1 / Lambda = (8 / (3 pi)) K_dm^2 |q|, which is solved together with
-    q = q_S A Lambda / (Lambda + Z), A = H / 2. There is one solution: |q| falls as the damping grows.
-    K_dm may be 0 (an open chamber) or as large as a closed one's.
+    The turbine is replaced by the linear turbine that absorbs the same mean power. For a sinusoidal q its
+    resistance is 1 / Lambda = (8 / (3 pi)) K_dm^2 |q|, which is solved together with
+    q = q_S A Lambda / (Lambda + Z), A = H / 2. The solution is unique because |q| falls as the damping grows.
+    K_dm may range from 0 (an open chamber) to values so large that the chamber is practically closed.
 
     `lip_loss` is the coefficient zeta of a head loss Delta p = zeta rho0 |v| v / 2 at the lip of the front
-    wall, v = q / b being the column's mean velocity (see the head of this file). Both laws are quadratic
-    in q: K_dm^2 + rho0 zeta / (2 b^2) takes the place of K_dm^2, and each has its share of the drop.
+    wall, with the column's mean velocity v = q / b (see the head of this file). Both laws are quadratic in q:
+    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2, and turbine and lip share the pressure drop accordingly.
 
-    With a linear turbine's resistance r and air of the compliance c in `air`, q_t = q + i omega c p flows
-    through the turbine, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t: Z - i omega c takes the place of Z.
+    With a linear turbine's resistance r and the air's compliance c in `air`, the turbine's flow is
+    q_t = q + i omega c p, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t. Z - i omega c then replaces Z.
 
     **Arguments**: `H` (m, > 0), `K_dm` (kg^0.5 m^-2.5, >= 0) and `lip_loss` (-, >= 0) broadcast; `rho0`
     density, kg/m3.
-    **Raises** ValueError for values out of range, and for a lip loss together with `air`.
+    **Raises** ValueError for values out of range, and for a lip loss combined with `air`.
     """
     H, K_dm, lip_loss = np.broadcast_arrays(*(np.asarray(a, float) for a in (H, K_dm, lip_loss)))
     _check_response(H, K_dm, rho0, lip_loss, air)
@@ -155,7 +158,7 @@ def linear_response(
     resistance, total = _resistances(q_open, Z, K_dm**2, lip, air.resistance)
     q_pto = q_open / (1.0 + Z * total)
     q = q_pto * (1.0 - 1j * water.omega * air.give * resistance)
-    # Lambda = |Z| is best; there |q| = |q_S| A / |1 + Z/|Z||.
+    # Lambda = |Z| gives the largest power, with |q| = |q_S| A / |1 + Z/|Z||.
     best_q = np.abs(q_open) / abs(1.0 + Z / abs(Z))
     weight = rho0 * water.g * water.group_velocity
     P_inc = 0.125 * weight * H**2
@@ -188,19 +191,19 @@ def _check_response(H: NDArray, K_dm: NDArray, rho0: float, lip_loss: NDArray, a
     if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
         raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
     if air != IDEAL_AIR and np.any(lip_loss > 0.0):
-        raise ValueError("a lip loss goes with incompressible air and a quadratic turbine only")
+        raise ValueError("lip_loss must be 0 with compressible air or a linear resistance (`air`)")
 
 
 def _resistances(
     q_open: NDArray, Z: complex, turbine: NDArray, lip: NDArray, linear: float
 ) -> tuple[NDArray, NDArray]:
-    """Linear resistances (Pa s/m2) of the same mean power: of the turbine, and of turbine and lip together.
+    """Equivalent linear resistances (Pa s/m2) of the turbine, and of turbine and lip together.
 
     **Arguments**: flow of the open chamber, m2/s; admittance Z of water and air; coefficients (kg/m5) of the
     quadratic laws of turbine and lip; resistance of the linear turbine.
     """
     series = turbine + lip
-    # the quadratic laws see water, air and linear turbine together
+    # combine water, air and linear turbine into one source and one admittance for the quadratic laws
     softened = 1.0 + Z * linear
     drive = 8.0 / (3.0 * np.pi) * series * np.abs(q_open / softened)
     quadratic = _resistance(drive, complex(Z / softened))
@@ -209,14 +212,15 @@ def _resistances(
 
 
 def _resistance(drive: NDArray, Z: complex) -> NDArray:
-    """Resistance r = 1 / Lambda >= 0 (Pa s/m2) of r |1 + Z r| = `drive`; Re Z >= 0 makes it unique.
+    """Solution r = 1 / Lambda >= 0 (Pa s/m2) of r |1 + Z r| = `drive`; unique because Re Z >= 0.
 
-    In x = r |Z| the left side lies between x max(1, x) and x (1 + x), which brackets the root within a
-    factor of 1.3; its logarithm has a slope between 1 and 2 in log x, so that Newton cannot fail.
+    With x = r |Z| the left side times |Z| lies between x max(1, x) and x (1 + x), which brackets the root
+    within a factor of 1.3. Its logarithm has a slope between 1 and 2 in log x, so that Newton's method
+    converges.
     """
     size = abs(Z)
     cosine = Z.real / size
-    some = drive * size > 1e-300  # less is nothing, and its ratios are lost
+    some = drive * size > 1e-300  # below this r is 0, and ratios would underflow
     target = np.where(some, drive * size, 1.0)
     x = np.minimum(target, np.sqrt(target))
     for _ in range(8):

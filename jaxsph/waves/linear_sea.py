@@ -1,14 +1,14 @@
 """Linear theory of an oscillating water column in an irregular sea, with a quadratic turbine.
 
-The water is linear, wave by wave (`waves.radiation`), and so are compressible air and a linear turbine; a
-quadratic one, P_a = K_dm^2 |q| q, is not. Two ways to it:
+The water is linear and is solved wave by wave (`waves.radiation`). Compressible air and a linear turbine are
+linear too; a quadratic turbine, P_a = K_dm^2 |q| q, is not. It is treated in one of two ways:
 
 - stochastic linearisation: for a Gaussian flow the linear resistance of the same mean power is
-  K_dm^2 sqrt(8 / pi) sigma_q, with sigma_q the flow's standard deviation that follows from it;
-- integration: the flow that fulfils both the linear water and the quadratic turbine at every time, of a sea
-  that repeats.
+  K_dm^2 sqrt(8 / pi) sigma_q; the flow's standard deviation sigma_q depends on this resistance in turn;
+- integration: for a sea that repeats, the flow that satisfies the equations of the linear water and of the
+  quadratic turbine at every time.
 
-Host numpy in double precision; time goes as exp(-i omega t), as in `waves.radiation`.
+Host numpy in double precision; the time factor is exp(-i omega t), as in `waves.radiation`.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ Real = NDArray[np.floating]
 _GAUSSIAN = np.sqrt(8.0 / np.pi)
 """Ratio of E|q|^3 to sigma_q^3 for a Gaussian flow (-)."""
 _NODES = 80
-"""Number of frequencies at which the water's equations are solved: for 0.5 to 2.8 peak frequencies, 1e-5."""
+"""Number of frequencies at which the water's equations are solved, which gives an interpolation error of 1e-5
+over 0.5 to 2.8 peak frequencies."""
 _HARMONICS = 4
-"""Frequencies over the sea's highest up to which the turbine's pressure is kept."""
+"""Highest frequency kept of the turbine's pressure, in multiples of the sea's highest frequency."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class LinearSea:
 
 @dataclass(frozen=True)
 class _Water:
-    """Linear water at the frequencies of a sea: flow of the open chamber, and admittance."""
+    """Response of the linear water at the frequencies of a sea: flow of the open chamber, and admittance."""
 
     omega: Real
     q_open: Complex
@@ -83,7 +84,7 @@ def linear_sea_response(
     **Raises** ValueError for a damping below zero.
     """
     water = _water(geometry, np.abs(amplitude), omega, rho0, g, K_dm)
-    softness = 1j * water.omega * air.give  # as of the water by pressure, but by its rate
+    softness = 1j * water.omega * air.give  # admittance of the air: flow per pressure
 
     def passed(quadratic: float) -> Complex:
         return water.q_open / (1.0 + (water.Z - softness) * (air.resistance + quadratic))
@@ -91,14 +92,15 @@ def linear_sea_response(
     def sigma(quadratic: float) -> float:
         return _deviation(passed(quadratic))
 
-    # resistance to flow falls with the flow that it leaves: one root, at most that of the open chamber
+    # a larger resistance lowers the flow, which lowers the equivalent resistance: there is one root, at most
+    # the equivalent resistance at the flow of the open chamber
     most = K_dm**2 * _GAUSSIAN * sigma(0.0)
     quadratic = 0.0
     if most > 0.0:
         root = scipy.optimize.brentq(
             lambda r: K_dm**2 * _GAUSSIAN * sigma(r) - r, 0.0, most, xtol=1e-12 * most
         )
-        quadratic = cast(float, root)  # and no more without full_output
+        quadratic = cast(float, root)  # brentq returns the root alone without full_output
     found, resistance = sigma(quadratic), air.resistance + quadratic
     q = passed(quadratic) * (1.0 - softness * resistance)
     # P_a = r q + K_dm^2 |q| q of a Gaussian flow: E |q|^3 = sqrt(8/pi) sigma^3, E q^4 = 3 sigma^4
@@ -127,17 +129,17 @@ def integrated_sea_response(
     rho0: float = 1000.0,
     g: float = theory.GRAVITY,
 ) -> LinearSea:
-    """Response of a chamber to a sea that repeats after `duration` (s), with the quadratic turbine itself.
+    """Response of a chamber to a sea that repeats after `duration` (s), with the exact quadratic turbine.
 
-    The flow q(t) of one repetition fulfils q = q_open - Z P_a at every frequency, of which there are four
-    times as many as the sea has, and P_a = K_dm^2 |q| q at every time. It is found by iteration about the
-    linearised turbine; it knows no linear turbine and no compressible air. **Raises** ValueError for waves at
-    other frequencies than multiples of 1/duration, and where the iteration does not end.
+    The flow q(t) of one repetition satisfies q = q_open - Z P_a at every frequency up to four times the sea's
+    highest, and P_a = K_dm^2 |q| q at every time. It is found by iteration about the linearised turbine.
+    Linear turbines and compressible air are not supported. **Raises** ValueError if a frequency is not a
+    multiple of 1/duration, and if the iteration does not converge.
     """
     turns = omega * duration / (2.0 * np.pi)
     index = np.round(turns).astype(int)
     if np.max(np.abs(turns - index)) > 1e-6:
-        raise ValueError(f"duration = {duration:g} s: the sea does not repeat after it")
+        raise ValueError(f"duration = {duration:g} s: the sea does not repeat after this time")
     linear = linear_sea_response(geometry, amplitude, omega, K_dm, rho0, g)
     last = _HARMONICS * int(index.max())
     every = 2.0 * np.pi * np.arange(last + 1) / duration
@@ -147,10 +149,10 @@ def integrated_sea_response(
     Z = np.zeros(last + 1, complex)
     Z[1:] = _of_frequency(geometry, every[1:], g)[1] / rho0
     resistance = linear.P_owc / max(linear.sigma_q**2, 1e-300)
-    n = 4 * last  # samples of a repetition: |q| q has no bounded spectrum
+    n = 4 * last  # samples per repetition: the spectrum of |q| q is not bounded
 
     def in_time(a: NDArray[Any]) -> Real:
-        return np.fft.irfft(np.conj(a), n) * n / 2.0  # of exp(-i omega t); twice a real's spectrum
+        return np.fft.irfft(np.conj(a), n) * n / 2.0  # for exp(-i omega t); a line of rfft is n/2 amplitudes
 
     def in_frequency(y: Real) -> Complex:
         return np.asarray(2.0 / n * np.conj(np.fft.rfft(y))[: last + 1], complex)
@@ -165,7 +167,7 @@ def integrated_sea_response(
         if change < 1e-8:
             break
     else:
-        raise ValueError(f"the iteration does not end at K_dm = {K_dm:g} (change {change:.1g})")
+        raise ValueError(f"the iteration does not converge at K_dm = {K_dm:g} (change {change:.1g})")
     flow = in_time(q)
     pressure = K_dm**2 * np.abs(flow) * flow
     level = np.abs(q[1:]) / (every[1:] * water.length)
@@ -195,9 +197,9 @@ def _water(
 
 
 def _of_frequency(geometry: ChamberGeometry, omega: Real, g: float) -> tuple[Complex, Complex]:
-    """Flow of the open chamber per metre of amplitude (m/s), and rho0 times the admittance (m2/s Pa kg/m3).
+    """Flow of the open chamber per metre of amplitude (m/s), and rho0 times the admittance (s).
 
-    Splines through `_NODES` frequencies: both are smooth, and a sea has hundreds.
+    Both are smooth, and a sea has hundreds of frequencies: splines through `_NODES` frequencies give them.
     """
     if len(omega) <= _NODES:
         exact = [radiation_and_scattering(geometry, float(w), g) for w in omega]

@@ -1,33 +1,33 @@
 """Radiation and scattering of regular waves by the chamber of an onshore oscillating water column.
 
-A chamber of length b on depth h, closed by a vertical back wall at x = 0 and by a front wall of draught a
-at x = b; waves come from x = +inf. Incompressible air of uniform gauge pressure p acts on the chamber's
-surface. Host numpy in double precision; nothing here is traced.
+A chamber of length b in water of depth h is closed by a vertical back wall at x = 0 and by a front wall of
+draught a at x = b; waves come from x = +inf. Incompressible air of uniform gauge pressure p acts on the
+chamber's surface. Host numpy in double precision; nothing here is traced.
 
-Time goes as exp(-i omega t), z = 0 is the still water level and K = omega^2 / g. The potential is
+The time factor is exp(-i omega t), z = 0 is the still water level and K = omega^2 / g. The potential is
 phi_S + (i omega p / (rho g)) phi_R, where phi_S scatters the incident wave in the open chamber and phi_R has
-phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of the chamber per unit width, the rate
-at which the column rises times b:
+phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of the chamber per unit width, b times
+the rate at which the column rises:
 
     q = q_S - Z p,    Z = B - iA = -(i omega / (rho g)) q_R
 
-mu = Re q_R / b and nu = Im q_R / b are the dimensionless added mass and damping. Two identities: the open
-chamber sends everything back, |R| = 1, and Im q_R = |q_S|^2 / (4 K k h) where q_S belongs to the incident
-wave exp(-ikx) psi_0(z), of unit coefficient and (1/h) int psi_0^2 dz = 1. Here q_S is given for a unit
-amplitude of the elevation instead: the wave's coefficient is then -i g / (omega psi_0(0)), and the identity
-Im q_R = |q_S|^2 / (4 omega c_g), c_g being the group velocity.
+mu = Re q_R / b and nu = Im q_R / b are the dimensionless added mass and damping. Two identities hold: the
+open chamber reflects all energy, |R| = 1; and Im q_R = |q_S|^2 / (4 K k h), where q_S is the flow caused by
+the incident potential exp(-ikx) psi_0(z), of unit coefficient and with (1/h) int psi_0^2 dz = 1. This module
+gives q_S for a unit amplitude of the elevation instead. The potential's coefficient is then
+-i g / (omega psi_0(0)), and the identity becomes Im q_R = |q_S|^2 / (4 omega c_g); c_g is the group velocity.
 
-Sources: D. V. Evans and R. Porter, Hydrodynamic characteristics of an oscillating water column device,
-Applied Ocean Research 17 (1995) 155-164, for the thin wall; the thick one is matched in the same way under
-the wall, with the weaker singularity of a right-angled edge. How the horizontal velocity u(z) in the gap
-is found (Galerkin):
+Source for the thin wall: D. V. Evans and R. Porter, Hydrodynamic characteristics of an oscillating water
+column device, Applied Ocean Research 17 (1995) 155-164. The thick wall is solved by the same matching, with
+modes under the wall and the weaker singularity of right-angled edges. The horizontal velocity u(z) in the
+gap is found by Galerkin's method:
 
 - On both sides of the gap the potential is a sum over the vertical modes psi_n = cos k_n(z + h) / sqrt(N_n)
-  of the whole depth, (1/h) int psi_n^2 dz = 1, with k_0 = -ik for the wave. Its continuity is an equation
-  for u, whose kernel is singular as a logarithm.
-- u is a series of v_m = (1 - s^2)^(L - 1/2) C_2m^(L)(s), s = (z + h) / (h - a), which has the edge's own
-  singularity: L = 0 (Chebyshev, u ~ r^-1/2) for a thin wall, L = 1/6 (Gegenbauer, u ~ r^-1/3) for a right
-  angle. Its cosine transform is a Bessel function, J_{2m+L}(kappa) / kappa^L but for a factor.
+  of the whole depth, (1/h) int psi_n^2 dz = 1, with k_0 = -ik for the progressive wave. Continuity of the
+  potential in the gap gives an integral equation for u with a logarithmically singular kernel.
+- u is expanded in v_m = (1 - s^2)^(L - 1/2) C_2m^(L)(s), s = (z + h) / (h - a), which have the singularity
+  of the edge: L = 0 (Chebyshev, u ~ r^-1/2) for a thin wall, L = 1/6 (Gegenbauer, u ~ r^-1/3) for a right
+  angle. The cosine transform of v_m is, up to a factor, the Bessel function J_{2m+L}(kappa) / kappa^L.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ Matrix = NDArray[np.floating]
 
 
 _FUNCTIONS = 16
-"""Number of edge functions v_m on each edge of the gap."""
+"""Number of edge functions v_m at each edge of the gap."""
 
 
 _FAR = 4000.0
-"""Argument kappa (-) from where the Bessel functions in a sum over modes are replaced by asymptotes."""
+"""Argument kappa (-) beyond which sums over modes replace the Bessel functions by their asymptotes."""
 
 
 @dataclass(frozen=True)
 class ChamberGeometry:
     """Section of an onshore oscillating water column; all lengths in m.
 
-    **Raises** ValueError for lengths that make no chamber.
+    **Raises** ValueError for lengths that are out of range.
     """
 
     depth: float
@@ -71,7 +71,7 @@ class ChamberGeometry:
     """Thickness t of the front wall, m; 0 is a thin wall."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError for lengths that make no chamber."""
+        """**Raises** ValueError for lengths that are out of range."""
         if not (self.depth > 0.0 and self.length > 0.0 and self.thickness >= 0.0):
             raise ValueError(f"{self}: depth and length must be positive, thickness not negative")
         if not 0.0 < self.draught < self.depth:
@@ -87,7 +87,7 @@ class ChamberGeometry:
 class RadiationAndScattering:
     """Radiation and scattering of waves by a chamber at one frequency, for any turbine and wave height.
 
-    Phases are those of an incident wave whose crest, undisturbed, is at the back wall at t = 0.
+    Phases refer to an incident wave whose undisturbed crest is at the back wall at t = 0.
     """
 
     geometry: ChamberGeometry
@@ -100,7 +100,7 @@ class RadiationAndScattering:
     q_R: complex
     """Flow q_R of the radiation potential phi_R, m."""
     q_S: complex
-    """Flow of air q_S out of the open chamber per unit width and metre of incident amplitude, m/s."""
+    """Flow of air q_S out of the open chamber per unit width and per metre of incident amplitude, m/s."""
     R: complex
     """Reflection coefficient of the open chamber, at the back wall (-); its modulus is 1."""
 
@@ -128,7 +128,7 @@ class RadiationAndScattering:
     @property
     def eta_max(self) -> float:
         """Largest efficiency of any linear turbine (-): 2 / (1 + sqrt(1 + (mu/nu)^2))."""
-        nu = max(self.nu, 0.0)  # which rounding can miss where no wave reaches the chamber
+        nu = max(self.nu, 0.0)  # rounding makes it negative where no wave reaches the chamber
         return float(2.0 * nu / (nu + np.hypot(self.mu, nu)))
 
     def Z(self, rho0: float = 1000.0) -> complex:
@@ -142,9 +142,10 @@ def radiation_and_scattering(
 ) -> RadiationAndScattering:
     """Radiation and scattering by a chamber at the angular frequency `omega` (rad/s, > 0).
 
-    Takes some milliseconds, and some tens for the first frequency of a geometry; results are cached.
-    The error is below 1e-6 of |q_R| up to Kh = 3 for a thin wall, and for a thickness of 1/50 of the gap
-    under the wall or more; it grows to 3e-5 at 1/300, and to 4e-4 where the thickness ceases to matter.
+    A call takes some milliseconds, or some tens of milliseconds for the first frequency of a geometry;
+    results are cached. Up to Kh = 3 the error is below 1e-6 of |q_R| for a thin wall and for a thickness of
+    at least 1/50 of the gap under the wall. It grows to 3e-5 at 1/300, and to 4e-4 for walls so thin that
+    the thickness has no effect.
     **Raises** ValueError for omega or g (m/s2) that is not positive.
     """
     if not (omega > 0.0 and g > 0.0):
@@ -153,23 +154,24 @@ def radiation_and_scattering(
 
 
 def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) -> RadiationAndScattering:
-    """Radiation and scattering as in `radiation_and_scattering`, by `functions` edge functions on each edge.
+    """Radiation and scattering as in `radiation_and_scattering`, with `functions` functions at each edge.
 
     Without the propagating mode the equations are real: A a = rhs. `_thin` and `_thick` give S = V^T A^-1 V
-    for V = (e, f1, f2): e integrates the velocity at the chamber's edge, f1 and f2 take its propagating
-    part (h U_0) there and at the outer edge. That mode then comes back as a correction of rank two,
-    A + alpha1 f1 f1^T + alpha2 f2 f2^T with alpha1 = -cot(kb) / (kh) and alpha2 = i / (kh).
+    for V = (e, f1, f2): e integrates the velocity at the chamber's edge; f1 and f2 project the velocities at
+    the chamber's and at the outer edge on the propagating mode (h U_0). That mode is then added as a
+    correction of rank two, A + alpha1 f1 f1^T + alpha2 f2 f2^T with alpha1 = -cot(kb) / (kh) and
+    alpha2 = i / (kh).
     """
     h, b, t = geometry.depth, geometry.length, geometry.thickness
     K = omega**2 / g
     kh = _propagating(K * h)
     k, kb = kh / h, kh * b / h
-    # N_0 without its factor exp(2kh), which overflows in deep water; the mode's value at the surface.
+    # norm: N_0 without its factor exp(2kh), which overflows in deep water; surface: the mode's value there
     norm = 0.5 * (np.exp(-2.0 * kh) - np.expm1(-4.0 * kh) / (4.0 * kh))
     surface = 0.5 * (1.0 + np.exp(-2.0 * kh)) / np.sqrt(norm)
     S = (_thick if t > 0.0 else _thin)(geometry, K * h, kh, norm, functions)
 
-    # h U_0 = (sin(kb) y1, y2): with the sine taken out, a standing wave that fits the chamber does no harm.
+    # h U_0 = (sin(kb) y1, y2): without the sine the system stays regular if a standing wave fits the chamber
     matrix = np.array(
         [
             [np.sin(kb) - S[1, 1] * np.cos(kb) / kh, 1j * S[1, 2] / kh],
@@ -177,7 +179,7 @@ def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) ->
         ]
     )
     facing = np.exp(-1j * k * (b + t))
-    # Radiation: pressure 1/K on the inner edge. Scattering: the incident wave and its mirror image.
+    # Radiation: pressure 1/K at the inner edge. Scattering: the incident wave and its mirror image.
     rhs = np.stack([S[:, 0] / K, 2.0 * facing * S[:, 2]], axis=-1)
     y = np.linalg.solve(matrix, rhs[1:])
     back = np.stack([-np.cos(kb) * y[0], 1j * y[1]]) / kh
@@ -194,7 +196,7 @@ def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) ->
 
 
 def _thin(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functions: int) -> Matrix:
-    """S of `_solve` for a wall without thickness, where both edges are one."""
+    """S of `_solve` for a wall without thickness, where both edges coincide."""
     ratio = geometry.gap / geometry.depth
     inner, outer = _modes(ratio, Kh, geometry.length / geometry.depth, 0.0, functions)
     e = _mean(0.0, functions)
@@ -229,14 +231,14 @@ def _thick(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functio
 
 @lru_cache(maxsize=64)
 def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
-    """Sums over the modes under the wall, of coth(x) and of 1 / sinh(x), x = j pi slender.
+    """Sums over the modes under the wall with coth(x) and with 1 / sinh(x), x = j pi slender.
 
-    Both are over j pi / 2, times the transforms' products at kappa = j pi; `slender` is t / (h - a). They do
-    not depend on the frequency.
+    The terms are coth(x) or 1 / sinh(x), divided by j pi / 2, times the products of the transforms at
+    kappa = j pi; `slender` is t / (h - a). The sums do not depend on the frequency.
     """
     whole, W = _static(1.0, order, functions)
-    # coth - 1 and 1 / sinh are below rounding from x = 37 on. Under a wall so thin that x does not get there
-    # the edge functions do not see the last modes.
+    # coth - 1 and 1 / sinh are below rounding from x = 37 on. For a wall so thin that x stays below 37, the
+    # edge functions do not resolve the modes that are left out.
     count = min(int(37.0 / (np.pi * slender)) + 1, 5000)
     j = np.arange(1, count + 1)
     W = W[:count] if count <= len(W) else _transform(j * np.pi, order, functions)
@@ -246,7 +248,7 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
 
 
 def _propagating(Kh: float) -> float:
-    """Root kh of kh tanh kh = Kh, of the propagating mode (-)."""
+    """Root kh of kh tanh kh = Kh, for the propagating mode (-)."""
     found = scipy.optimize.brentq(
         lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=np.float64(1e-15)
     )
@@ -254,7 +256,7 @@ def _propagating(Kh: float) -> float:
 
 
 def _evanescent(Kh: float, count: int) -> NDArray[np.floating]:
-    """Roots k_n h, n = 1 .. count, of k_n h tan k_n h = -Kh, of the evanescent modes (-)."""
+    """Roots k_n h, n = 1 .. count, of k_n h tan k_n h = -Kh, for the evanescent modes (-)."""
     n = np.arange(1, count + 1)
     x = n * np.pi - np.arctan(Kh / (n * np.pi))
     for _ in range(8):  # Newton; the slope of the bracket lies between 1 - 1/pi and 1
@@ -284,8 +286,8 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
     """Sums over the evanescent modes of the chamber and of the sea.
 
     The terms are [coth k_n b or 1] / (k_n h) times int v_m psi_n dz int v_m' psi_n dz; `length` is b / h. The
-    modes differ from those of K = 0 by a term that falls by two orders faster, so that a few make up
-    the difference to the sum over all of those, which does not depend on the frequency.
+    terms differ from those for K = 0 by a part that decays two orders faster. A few terms of this difference
+    are therefore added to the full sum for K = 0, which does not depend on the frequency.
     """
     whole, F0 = _static(ratio, order, functions)
     F0 = F0[: int(150 + 20.0 * Kh + 6.0 / length)]
@@ -301,12 +303,12 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
 
 @lru_cache(maxsize=64)
 def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
-    """Sum over the modes of K = 0, of 2 / (n pi) times the transforms' products, and the transforms [n, m].
+    """Sum of 2 / (n pi) times the products of the transforms over the modes for K = 0; the transforms [n, m].
 
-    n goes from 1 and kappa = n pi ratio. From kappa = `_FAR` on the product is
-    (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)): the first part sums to Hurwitz's zeta
-    function, and so does the second under the wall, where 2 kappa is a multiple of 2 pi; elsewhere it is
-    summed by parts.
+    n starts at 1, and kappa = n pi ratio. From kappa = `_FAR` on the product is
+    (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)). The first part sums to Hurwitz's zeta
+    function. So does the second part under the wall, where 2 kappa is a multiple of 2 pi; elsewhere the
+    second part is summed by parts.
     """
     step = np.pi * ratio
     count = int(_FAR / step) + 1
@@ -315,7 +317,7 @@ def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]
     near = F.T @ ((2.0 / (n * np.pi))[:, None] * F)
     power = 2.0 + 2.0 * order
     turn = np.exp(2j * step)
-    # Summed by parts the rest is of order 1 / |1 - turn|, which is no use where the turns do not cancel.
+    # Summation by parts leaves a remainder of order 1 / |1 - turn|, which is too large for turn near 1.
     steady = float(zeta(power, count + 1))
     if abs(1.0 - turn) * count > 1.0:
         swinging = (count + 1.0) ** -power * turn ** (count + 1) / (1.0 - turn)

@@ -1,16 +1,17 @@
 """Second-order wavemaker theory of a piston for any number of waves, after Schaeffer (1996); host numpy.
 
 H. A. Schaeffer, Second-order wavemaker theory for irregular waves, Ocean Engineering 23 (1996) 47-88, solved
-here for a piston by projection on the free wave: two first-order modes p and q (progressive or evanescent,
+here for a piston by projection on the free wave. Two first-order modes p and q (progressive or evanescent,
 of one or two of the waves) force a bound wave of frequency Omega = omega_p + omega_q or omega_p - omega_q
-and wavenumber K. With the first-order displacement's own error at the wall, X1 phi1_xx, it would set off a
-free wave of that frequency; the second-order displacement is the one that sends out the same with its sign
-turned.
+and wavenumber K. The bound wave and the first-order error of the condition at the displaced wall, X1 phi1_xx,
+would generate a free wave of that frequency. The second-order displacement generates the same free wave with
+opposite sign and so cancels it.
 
-Time goes as exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an imaginary
-wavenumber k = -i kappa. A difference takes the second mode's conjugate: its frequency, wavenumber and
-amplitude become -omega, -conj(k), conj(B). Since Omega^2 = g k0 tanh(k0 h) for the free wave's k0, the
-projection of a bound wave cancels the denominator that its amplitude has: nothing here is near-resonant.
+Waves are exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an imaginary
+wavenumber k = -i kappa. For a difference frequency the second mode is replaced by its conjugate: frequency,
+wavenumber and amplitude become -omega, -conj(k), conj(B). The free wave's k0 satisfies
+Omega^2 = g k0 tanh(k0 h), so that the projection of a bound wave cancels the denominator of its amplitude:
+no term is near-resonant.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ Real = NDArray[np.floating]
 MODES = 16
 """Number of evanescent modes of every wave.
 
-The wave's corner with the piston makes the sum over modes J converge as 1/J only: at 16 it is 8 % off for
-T = 1.2 s on a depth of 0.5 m, and 0.1 % once the sums of 8 and 16 are extrapolated.
+Because of the corner between the free surface and the piston, the sum over J modes converges only as 1/J:
+the error of 16 modes is 8 % for T = 1.2 s on a depth of 0.5 m, and 0.1 % after extrapolation of the sums of 8
+and 16 modes.
 """
 MANY = 100
-"""Number of waves above which half of the modes will do: 0.3 % off in a sea of 160, four times as fast."""
+"""Number of waves above which half of the modes suffice: in a sea of 160 waves the error is 0.3 % and the
+sum is four times as fast."""
 
 
 class Harmonics(NamedTuple):
@@ -45,7 +48,7 @@ class Harmonics(NamedTuple):
     omega: Real
     """Angular frequencies, rad/s."""
     k: Real
-    """Wavenumbers with which the amplitudes turn along the tank, rad/m; a mean where several meet."""
+    """Wavenumbers of the phase along the tank, rad/m; a weighted mean where pairs share a frequency."""
 
     def at(self, t: Real) -> Real:
         """Value of the sum at the times t (s)."""
@@ -68,7 +71,7 @@ class _Modes(NamedTuple):
 
 
 def wavenumbers(omega: Real, d: float, g: float) -> Real:
-    """Wavenumbers of linear waves on the depth d (m), rad/m, in double precision whatever JAX's is."""
+    """Wavenumbers of linear waves on the depth d (m), rad/m, always in double precision."""
     y = np.asarray(omega, float) ** 2 * d / g
     kd = y / (-np.expm1(-(y**1.25))) ** 0.4  # Guo (2002)
     for _ in range(4):
@@ -101,10 +104,11 @@ def displacement(a: Complex, omega: Real, d: float, g: float = theory.GRAVITY) -
 def second_order_displacement(
     a: Complex, omega: Real, d: float, g: float = theory.GRAVITY, modes: int = MODES
 ) -> Harmonics:
-    """Second-order displacement of a piston that sends out no free waves of second order, m.
+    """Second-order displacement of a piston that generates no free second-order waves, m.
 
     **Arguments**: complex amplitudes a (m) of the progressive waves at the piston, their angular frequencies
-    (rad/s), depth d (m). Sums and differences of the frequencies; none of frequency zero.
+    (rad/s), depth d (m). The result has the sums and differences of the
+    frequencies, without frequency zero.
     """
     if len(omega) > MANY:
         modes = min(modes, MODES // 2)
@@ -113,7 +117,7 @@ def second_order_displacement(
 
 
 def _with_modes(a: Complex, omega: Real, d: float, g: float, modes: int) -> Harmonics:
-    """Second-order displacement of a piston by a number of evanescent modes, m."""
+    """Second-order displacement of a piston, computed with `modes` evanescent modes, m."""
     first = displacement(a, omega, d, g)
     p = _modes(first, d, g, modes)
 
@@ -126,7 +130,7 @@ def _with_modes(a: Complex, omega: Real, d: float, g: float, modes: int) -> Harm
         safe = np.where(Omega == 0.0, 1.0, np.abs(Omega))
         k0 = wavenumbers(safe, d, g)
         W0 = safe**2 / g
-        # the bound waves, and the wall's displaced place, each for both orders of the two modes
+        # the bound waves, and the wall's displacement, each for both orders of the two modes
         K = one.k + other.k
         k2 = k0[None, :, None] ** 2
         bound = -1j * K * (_forcing(one, other, g) + _forcing(other, one, g)) / (g * (K**2 - k2))
@@ -144,7 +148,7 @@ def second_order_elevation(
     """Second-order elevation bound to waves at x (m) from the piston, m (Sharma and Dean 1981).
 
     Complex amplitudes a (m) at x = 0 and angular frequencies (rad/s) of the waves. The mean level is the
-    still water level. Bound waves of evanescent modes are not in it.
+    still water level. Bound waves of evanescent modes are not included.
     """
     k = wavenumbers(omega, d, g)
     B = 1j * g / omega * a * np.exp(-1j * k * x)
@@ -155,7 +159,7 @@ def second_order_elevation(
         Omega = np.real(one.omega + other.omega)
         K = one.k + other.k
         stiffness = g * K * np.tanh(K * d) - Omega**2
-        stiffness = np.where(stiffness == 0.0, 1.0, stiffness)  # a wave with itself: a mean, left out
+        stiffness = np.where(stiffness == 0.0, 1.0, stiffness)  # a wave with itself: a mean level, left out
         total = 0.0
         for f, s in ((one, other), (other, one)):
             C = _forcing(f, s, g) / stiffness
@@ -167,7 +171,7 @@ def second_order_elevation(
 
 
 def _modes(first: Harmonics, d: float, g: float, modes: int) -> _Modes:
-    """Modes that a piston's first-order displacement sends out, the progressive one first."""
+    """Modes that a piston's first-order displacement generates, the progressive one first."""
     omega = first.omega
     k = np.concatenate([first.k[:, None] + 0j, -1j * evanescent_wavenumbers(omega, d, g, modes)], axis=1)
     W = (omega**2 / g)[:, None] + 0j
@@ -186,7 +190,7 @@ def _speeds(p: _Modes, q: _Modes, g: float) -> Complex:
 
 
 def _forcing(p: _Modes, q: _Modes, g: float) -> Complex:
-    """Forcing of the free surface's second-order condition by two modes in this order, m2/s3.
+    """Forcing of the second-order free-surface condition by two modes in this order, m2/s3.
 
     phi2_tt + g phi2_z = -eta1 d/dz (phi1_tt + g phi1_z) - d/dt |grad phi1|^2 at z = 0.
     """
@@ -196,9 +200,9 @@ def _forcing(p: _Modes, q: _Modes, g: float) -> Complex:
 
 
 def _wall(q: _Modes, k0: Real, W0: Real, d: float, g: float) -> Complex:
-    """Projection on the free wave of phi_xx of modes `[M, J]` at the wall, per unit of displacement, 1/s."""
+    """Projection of phi_xx of modes `[M, J]` at the wall on the free wave, m/s."""
     W, k2, free2 = q.omega**2 / g, q.k**2, k0[:, None] ** 2
-    # the free wave of a pair may be a wave of the sea itself
+    # the free wave of a pair can coincide with a wave of the sea
     same = np.abs(k2 - free2) < 1e-8 * free2
     product = (W - W0[:, None]) / np.where(same, 1.0, k2 - free2)
     product = np.where(same, _size(q.k, W, d), product)
@@ -211,9 +215,10 @@ def _size(k: Complex, W: Complex, d: float) -> Complex:
 
 
 def _collected(pair, count: int) -> Harmonics:
-    """Sum of `pair(n, m, sign)` over all pairs of waves, the amplitudes of equal frequencies added.
+    """Sum of `pair(n, m, sign)` over all pairs of waves; amplitudes of equal frequencies are added.
 
-    `pair` gives twice the amplitude of both orders of the two, their wavenumbers, and the frequencies.
+    `pair` returns twice the amplitude, summed over both orders of the two waves, the wavenumbers and the
+    frequencies.
     """
     amplitudes, K, Omega = [], [], []
     for n in range(count):
@@ -223,8 +228,8 @@ def _collected(pair, count: int) -> Harmonics:
             found, k, at = pair(n, m, sign)
             half = np.full(len(at), 0.5)
             if sign > 0:
-                half[0] = 0.25  # the pair of a wave with itself has one order
-            # a difference of waves listed out of order is the conjugate of the one wanted
+                half[0] = 0.25  # the pair of a wave with itself has only one order
+            # a negative difference frequency: the conjugate has the positive one
             back = at < 0.0
             found = np.where(back, np.conj(found), found) * half
             amplitudes.append(found)
@@ -233,7 +238,7 @@ def _collected(pair, count: int) -> Harmonics:
     every, K, Omega = (np.concatenate(one) for one in (amplitudes, K, Omega))
     moving = Omega > 0.0
     every, K, Omega = every[moving], K[moving], Omega[moving]
-    # frequencies that differ by rounding are one
+    # merge frequencies that differ only by rounding
     rounded, place = np.unique(np.round(Omega / np.max(Omega), 10), return_inverse=True)
     weight = np.abs(every) + 1e-300
     total = np.bincount(place, weight)

@@ -16,13 +16,16 @@ Real = NDArray[np.floating]
 """Real numbers in double precision."""
 
 LOWEST, HIGHEST = 0.5, 2.8
-"""Frequencies over the peak's between which a sea is made: outside lie 1.3 % of a JONSWAP
-spectrum's variance and 2 % of Bretschneider's, which the amplitudes of the rest make up for."""
+"""Lowest and highest frequency of a drawn sea, in multiples of the peak frequency.
+
+Outside lie 1.3 % of the variance of a JONSWAP spectrum and 2 % of Bretschneider's; the amplitudes inside are
+scaled up by it.
+"""
 
 
 @dataclass(frozen=True)
 class AbstractSpectrum(abc.ABC):
-    """Variance spectrum of a sea state, of the significant height Hs and the peak period Tp."""
+    """Variance spectrum of a sea state with significant wave height Hs and peak period Tp."""
 
     Hs: float
     """Significant wave height, m."""
@@ -31,7 +34,7 @@ class AbstractSpectrum(abc.ABC):
 
     @abc.abstractmethod
     def shape(self, ratio: Real) -> Real:
-        """Shape of the spectrum over the frequency's ratio to the peak's (-); any factor."""
+        """Shape of the spectrum at a `ratio` of frequency to peak frequency (-), up to a constant factor."""
 
     def density(self, f: ArrayLike) -> Real:
         """Variance density S at the frequencies f (Hz), m2/Hz."""
@@ -44,10 +47,10 @@ class AbstractSpectrum(abc.ABC):
 
 @dataclass(frozen=True)
 class JONSWAP(AbstractSpectrum):
-    """Spectrum of seas that grow (Hasselmann et al. 1973), scaled to its significant height."""
+    """JONSWAP spectrum of a growing sea (Hasselmann et al. 1973), scaled to the significant wave height."""
 
     gamma: float = 3.3
-    """Peak enhancement (-); 1 is the spectrum of a grown sea."""
+    """Peak enhancement (-); 1 gives the spectrum of a fully developed sea."""
 
     def shape(self, ratio):
         """See `AbstractSpectrum`."""
@@ -58,7 +61,7 @@ class JONSWAP(AbstractSpectrum):
 
 @dataclass(frozen=True)
 class Bretschneider(AbstractSpectrum):
-    """Spectrum of a grown sea of any height and period (Bretschneider 1959; ITTC's of two parameters)."""
+    """Spectrum of a developed sea of any height and period (Bretschneider 1959; two-parameter ITTC)."""
 
     def shape(self, ratio):
         """See `AbstractSpectrum`."""
@@ -66,10 +69,10 @@ class Bretschneider(AbstractSpectrum):
 
 
 def pierson_moskowitz_height(Tp: float, g: float = 9.81) -> float:
-    """Significant height (m) of a sea that is fully grown at its peak period Tp (s).
+    """Significant wave height (m) of a fully developed sea of peak period Tp (s).
 
     Pierson and Moskowitz (1964): Hs = 4 sqrt(alpha / 5) g (Tp / 2 pi)^2 with alpha = 0.0081. The spectrum is
-    Bretschneider's of that height.
+    Bretschneider's with this height.
     """
     return float(4.0 * np.sqrt(0.0081 / 5.0) * g * (Tp / (2.0 * np.pi)) ** 2)
 
@@ -79,8 +82,8 @@ def draw_sea(
 ) -> tuple[NDArray[np.complexfloating], Real]:
     """Complex amplitudes (m) and angular frequencies (rad/s) of a sea that repeats after `duration` (s).
 
-    Amplitudes are those of the spectrum, sqrt(2 S df), and phases random: every sea has the same variance,
-    and its groups are those of a sum of waves.
+    Amplitudes follow the spectrum, sqrt(2 S df), and only the phases are random. Every sea therefore has the
+    same variance; wave groups arise from the superposition of the waves.
     """
     f = _frequencies(spectrum, duration)
     phase = 2.0 * np.pi * np.random.default_rng(seed).random(len(f))
@@ -90,10 +93,11 @@ def draw_sea(
 def draw_group(
     spectrum: AbstractSpectrum, duration: float, crest: float
 ) -> tuple[NDArray[np.complexfloating], Real]:
-    """Complex amplitudes (m) and angular frequencies (rad/s) of the group whose crest is at x = 0, t = 0.
+    """Complex amplitudes (m) and angular frequencies (rad/s) of a group whose crest is at x = 0, t = 0.
 
-    NewWave (Tromans, Anaturk and Hagemeijer 1991): amplitudes go with S df, and their sum is the crest's
-    elevation (m); the mean shape of a sea about its highest crests. It repeats after `duration` (s).
+    NewWave (Tromans, Anaturk and Hagemeijer 1991), the mean shape of a sea about its highest crests:
+    amplitudes are proportional to S df, and their sum is the elevation `crest` (m). The group repeats after
+    `duration` (s).
     """
     f = _frequencies(spectrum, duration)
     share = spectrum.density(f)
@@ -101,12 +105,12 @@ def draw_group(
 
 
 def _frequencies(spectrum: AbstractSpectrum, duration: float) -> Real:
-    """Multiples of 1 / duration at which there are waves, Hz."""
+    """Frequencies of the waves, multiples of 1 / duration, Hz."""
     first, last = (np.ceil(ratio * duration / spectrum.Tp) for ratio in (LOWEST, HIGHEST))
     return np.arange(first, last + 1) / duration
 
 
 def _amplitudes(spectrum: AbstractSpectrum, f: Real) -> Real:
-    """Amplitudes (m) of waves at frequencies f (Hz) in equal steps, of the spectrum's whole variance."""
+    """Amplitudes (m) of waves at evenly spaced frequencies f (Hz), scaled to the spectrum's variance."""
     a = np.sqrt(2.0 * spectrum.density(f))
     return a * spectrum.Hs / 4.0 / np.sqrt(0.5 * np.sum(a**2))

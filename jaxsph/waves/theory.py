@@ -3,7 +3,7 @@ a piston wavemaker.
 
 Equation numbers are those of Zhu et al. (2020) unless another source is named. SI units; x from the paddle's
 rest position, positive into the tank; z from the BED, so that z = d is the still water level; a crest passes
-x = 0 at t = 0. Functions broadcast over arrays and can be differentiated, but for those on the host.
+x = 0 at t = 0. Functions broadcast over arrays and can be differentiated, except host functions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _URSELL_LIMIT = 8.0 * np.pi**2 / 3.0
 
 
 def _sech2(x: Array) -> Array:
-    """Square of the hyperbolic secant of x (-), which as 1 - tanh^2 x is lost to rounding from x = 4 on."""
+    """Square of the hyperbolic secant of x (-); 1 - tanh^2 x would lose its digits to rounding from x = 4."""
     e = jnp.exp(-2.0 * x)
     return 4.0 * e / (1.0 + e) ** 2
 
@@ -33,8 +33,8 @@ def _sech2(x: Array) -> Array:
 def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
     """Wavenumber k (rad/m) of the dispersion relation omega^2 = g k tanh kd.
 
-    The explicit start of Guo (2002) is within 0.8 %; each Newton step squares the
-    error, so that three reach the rounding of float32 and nearly that of float64.
+    The explicit start of Guo (2002) is within 0.8 %. Each Newton step squares the error,
+    so that three steps reach the rounding of float32 and nearly that of float64.
     """
     y = omega**2 * d / g
     kd = y / (-jnp.expm1(-(y**1.25))) ** 0.4
@@ -45,13 +45,13 @@ def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
 
 
 _solve_once = jax.jit(_solve_dispersion)
-"""`_solve_dispersion`, traced once: the waves of a step ask for it in several places."""
+"""Jitted `_solve_dispersion`: traced once, although a time step calls it in several places."""
 
 
 @_solve_dispersion.defjvp
 def _solve_dispersion_jvp(primals, tangents):
-    # The derivative by the implicit function theorem is exact at the root, whatever the iteration did, and
-    # can itself be differentiated.
+    # The derivative by the implicit function theorem is exact at the root, regardless of the iteration,
+    # and can itself be differentiated.
     (omega, d, g), (omega_dot, d_dot, g_dot) = primals, tangents
     k = _solve_dispersion(omega, d, g)
     sech2 = _sech2(k * d)
@@ -78,16 +78,16 @@ def wavelength(T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Arra
 def stokes3_wavenumber(
     H: ArrayLike, T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY
 ) -> Float[Array, "..."]:
-    """Wavenumber k of third-order Stokes waves in a closed tank, rad/m: longer waves the higher they are.
+    """Wavenumber k of third-order Stokes waves in a closed tank, rad/m: higher waves are longer.
 
-    omega^2 = g k s (1 + (kH/2)^2 ((9 - 10 s^2 + 9 s^4) / 8 s^4 - 1 / (kd s))) with s = tanh kd. The first
-    term is that of waves without a mean velocity below the troughs (Whitham 1974, section 13.13); the last is
-    the return current of a tank with ends, which carries the waves' mass transport E/c back (Stokes' second
-    definition of the celerity). Height `H` (m), period `T` (s) and depth `d` (m) broadcast.
+    omega^2 = g k s (1 + (kH/2)^2 ((9 - 10 s^2 + 9 s^4) / 8 s^4 - 1 / (kd s))) with s = tanh kd. The fraction
+    with 8 s^4 holds for waves without a mean velocity below the troughs (Whitham 1974, section 13.13). The
+    last term is the return current of a closed tank, which balances the waves' mass transport E/c (Stokes'
+    second definition of the celerity). Height `H` (m), period `T` (s) and depth `d` (m) broadcast.
     """
     H, d, omega = real(H), real(d), 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)
-    # each pass adds two digits and more: the height's part is a few hundredths
+    # each pass adds at least two digits, since the height changes k by a few hundredths
     for _ in range(6):
         s, kd = jnp.tanh(k * d), k * d
         part = (9.0 - 10.0 * s**2 + 9.0 * s**4) / (8.0 * s**4) - 1.0 / (kd * s)
@@ -147,8 +147,8 @@ def stokes2_elevation(
 ) -> Float[Array, "..."]:
     """Elevation eta of a second-order Stokes wave travelling along +x, m.
 
-    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is that of linear waves, as
-    second order has it; many wavelengths on, see `stokes3_wavenumber` and `stokes2_profile`.
+    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is that of linear waves,
+    which is consistent to second order. Over many wavelengths use `stokes3_wavenumber` and `stokes2_profile`.
     """
     omega = 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)
@@ -198,18 +198,18 @@ def stokes2_velocity(
 def largest_stroke(d: float) -> float:
     """Largest stroke, crest to trough, of a piston for waves within `theory_limits` on depth `d` (m), m.
 
-    At the limits' H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
-    where the first two meet, at kd = 1.007: 0.684 d.
+    With the limits H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
+    where the first two limits are equal, at kd = 1.007, and is 0.684 d there.
     """
     return 0.685 * d
 
 
 def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]:
-    """Warnings where the theory of this module does not hold for a wave; empty where it does.
+    """Warnings if the theory of this module does not hold for a wave; an empty list if it holds.
 
     Host function; height `H` (m), period `T` (s), depth `d` (m). Each warning gives the value and the limit:
     breaking by steepness (Miche 1944) and by depth (McCowan 1894), the Ursell number for
-    second-order Stokes waves, and the kd in which a piston makes clean waves.
+    second-order Stokes waves, and the range of kd in which a piston generates clean waves.
     """
     k = float(wavenumber(2.0 * np.pi / T, d, g))
     kd, length = k * d, 2.0 * np.pi / k
@@ -226,12 +226,12 @@ def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]
     if ursell > _URSELL_LIMIT:
         limits.append(
             f"Ursell number H lambda^2/d^3 = {ursell:.3g} is over 8 pi^2/3 = "
-            f"{_URSELL_LIMIT:.3g}: second-order Stokes theory has a second crest in the trough"
+            f"{_URSELL_LIMIT:.3g}: second-order Stokes theory gives a second crest in the trough"
         )
     if kd > np.pi:
         limits.append(
-            f"kd = {kd:.3g} is over pi: deep water, where a piston moves water that "
-            "the wave does not and its near field is large"
+            f"kd = {kd:.3g} is over pi: deep water, where a piston also moves the water "
+            "below the wave and its near field is large"
         )
     if kd < np.pi / 10.0:
         limits.append(f"kd = {kd:.3g} is under pi/10 = {np.pi / 10.0:.3g}: shallow water, use cnoidal waves")

@@ -1,1 +1,1 @@
-"""Neighbour searches: the interface, the search by cells and the one by jax-md."""
+"""Neighbour searches: the interface, the search by cells, the search by jax-md, and the tables."""

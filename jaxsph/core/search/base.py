@@ -1,8 +1,9 @@
 """Interface of a neighbour search: positions in, slot-major tables `[K, N]` of source indices out.
 
-A search finds all sources within its radius of every target. Which sources a target may see near a thin wall
-is a bit mask: a target sees a source where their bits meet. Tables are allocated on the host, with the same
-number of slots for every target; inside the loop they keep that shape, and a table that is too small says so.
+A search finds all sources within its radius around every target. Near a thin wall, bit masks select the
+sources that a target sees: a target sees a source if their masks share a bit. Tables are allocated on the
+host, with the same number of slots for every target. They keep that shape inside the loop, where an overflow
+is reported if a table is too small.
 """
 
 from __future__ import annotations
@@ -17,19 +18,21 @@ from jaxsph.core.arrays import Array, Bool, Float, Int
 from jaxsph.core.pairs import SPARE, Period
 
 WIDTH = 2
-"""Cells per search radius (-): five lines of half-radius cells hold 30 % fewer candidates than three of whole
-ones."""
+"""Cells per search radius (-): five lines of cells of half the radius hold 30 % fewer candidates than three
+lines of cells of the whole radius."""
 
 SPREADING = 1.3
-"""Ratio of the places for points beside the water to those there are when they are counted (-): water that
-spreads wets walls, and every count anew compiles the step again."""
+"""Ratio of the places for points near the water to the number of such points when they are counted (-).
+
+Spreading water comes near more points, and every change of the number of places recompiles the step.
+"""
 
 
 class Grid(eqx.Module):
-    """A box of cells that particles are sorted by.
+    """A box of cells by which particles are sorted.
 
-    Particles outside the box are counted in the nearest cell, which loses no pair; along a periodic axis
-    they must have been moved into the box (`cells.wrap`).
+    A particle outside the box counts in the nearest cell, so that no pair is lost. Along a periodic axis
+    particles must first be moved into the box (`cells.wrap`).
     """
 
     origin: tuple[float, ...] = eqx.field(static=True)
@@ -54,12 +57,12 @@ class Grid(eqx.Module):
 
 
 class Table(NamedTuple):
-    """Table of the neighbours of every target, and the number of slots that it needed."""
+    """Table of the neighbours of every target, and the number of slots that it needs."""
 
     indices: Int[Array, "K N"]
     """Index of the source in each slot; the number of sources (the empty source) where the slot is empty."""
     most: Int[Array, ""]
-    """Largest number of neighbours of any target: above K, the table has overflowed."""
+    """Largest number of neighbours of any target; if it is above K, the table has overflowed."""
 
     @property
     def overflow(self) -> Bool[Array, ""]:
@@ -68,17 +71,17 @@ class Table(NamedTuple):
 
 
 class AbstractSearch(eqx.Module):
-    """A neighbour search, with all that it has allocated on the host."""
+    """A neighbour search, with the sizes that it has allocated on the host."""
 
     @classmethod
     @abc.abstractmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> AbstractSearch:
         """Search allocated for the initial state.
 
-        **Arguments**: `grid` covers the walls at rest and has the search's radius; `water`, `nodes`:
-        positions `[N, D]` (m), targets and sources together, of a search around the water's particles and
-        of one around other points.
-        **Raises** ValueError for a grid that the search cannot do, ImportError naming the missing extra.
+        **Arguments**: `grid`: covers the walls at rest, and sets the search radius; `water`, `nodes`:
+        positions `[N, D]` (m) of targets and sources together, for the search around the water's particles
+        and for the search around other points.
+        **Raises** ValueError if the search does not support the grid, ImportError if its package is missing.
         """
 
     @abc.abstractmethod
@@ -94,18 +97,18 @@ class AbstractSearch(eqx.Module):
         """Table of all sources within the radius of each target, `capacity` of them at most; positions in m.
 
         **Arguments**: `sees` and `kind` are bit masks: a pair counts where `sees[i] & kind[j]` is not zero;
-        `same`: the first N sources are the targets, and a particle is not its own neighbour.
-        Not differentiated: the table is a piecewise constant function of the positions.
+        `same`: whether the first N sources are the targets; a particle is then not its own neighbour.
+        The table is not differentiated: it is a piecewise constant function of the positions.
         """
 
     @abc.abstractmethod
     def grown(self) -> AbstractSearch:
-        """The same search with a quarter more room in what it has allocated beside the tables."""
+        """The same search with a quarter more space in its allocations other than the tables."""
 
 
 def needed_capacity(most: int, spare: float = SPARE) -> int:
-    """Number of slots of a table whose fullest target has `most` neighbours now.
+    """Number of slots of a table whose largest number of neighbours is now `most`.
 
-    `spare` times as many, rounded up to a multiple of four.
+    It is `spare` times `most`, rounded up to a multiple of four.
     """
     return max(4, int(np.ceil(most * spare / 4)) * 4)

@@ -1,8 +1,8 @@
 """Neighbour search by cells of half the search radius, into slot-major tables `[K, N]` of source indices.
 
-Sources are sorted by cell; in every line of cells the candidates of a target are one contiguous range of the
-sorted sources, which a loop walks and compacts. Along a periodic axis the cells divide the period, the lines
-go on at the other end, and distances are those to the nearest image.
+Sources are sorted by cell. In every line of cells the candidates of a target are one contiguous range of the
+sorted sources; a loop over this range keeps those within the radius. Along a periodic axis a whole number of
+cells fits the period, lines continue at the other end, and distances are taken to the nearest image.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ class Cells(AbstractSearch):
     """Neighbour search in cells of half the search radius: the default."""
 
     grid: Grid
-    """Cells that the sources are sorted by."""
+    """Cells by which the sources are sorted."""
 
     @classmethod
     def of(cls, grid, water, nodes):
-        """See `AbstractSearch`: nothing is allocated beside the tables."""
+        """See `AbstractSearch.of`: only the tables are allocated."""
         del water, nodes
         return cls(grid)
 
     def table(self, targets, sources, capacity, sees, kind, same):
-        """See `AbstractSearch`."""
+        """See `AbstractSearch.table`."""
         return search(targets, sources, self.grid, capacity, sees, kind, same)
 
     def grown(self):
-        """See `AbstractSearch`: nothing is allocated beside the tables."""
+        """See `AbstractSearch.grown`: only the tables are allocated."""
         return self
 
 
 def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period = ()) -> Grid:
     """Grid of cells over the box from `low` to `high` (m), for searches within `radius` (m).
 
-    Along a periodic axis the grid covers one period from `low`. **Raises** ValueError for a period so short
-    that a particle would see a cell, and with it a source, from both ends.
+    Along a periodic axis the grid covers one period from `low`. **Raises** ValueError if a period is so short
+    that a particle would find the same cell, and thus the same sources, in both directions.
     """
     cell = float(radius) / WIDTH
     span = np.asarray(high, float) - np.asarray(low, float)
@@ -66,9 +66,9 @@ def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period =
 def wrap(
     x: Float[Array, "N D"], carry: Float[Array, "N D"], low: tuple[float, ...], period: Period
 ) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
-    """Positions (m) moved by a period into [low, low + period), and their rounding errors (m).
+    """Positions (m) shifted by a period into [low, low + period), and their rounding errors (m).
 
-    The move is exact: what x cannot hold of it goes into `carry` (Knuth's two-sum).
+    The shift is exact: its rounding error is added to `carry` (Knuth's two-sum).
     """
     if not period:
         return x, carry
@@ -116,8 +116,8 @@ def search(
     """Table of all sources within the grid's radius of each target, `capacity` of them at most.
 
     **Arguments**: positions in m; `sees` and `kind` are bit masks: a pair counts where
-    `sees[i] & kind[j]` is not zero; `same`: the first N sources are the targets, and a particle is not its
-    own neighbour. Not differentiated: the table is a piecewise constant function of the positions.
+    `sees[i] & kind[j]` is not zero; `same`: whether the first N sources are the targets; a particle is then
+    not its own neighbour. The table is not differentiated: it is a piecewise constant function of positions.
     """
     targets, sources = jax.lax.stop_gradient((targets, sources))
     find = functools.partial(_search, grid=grid, capacity=capacity, same=same)
@@ -128,7 +128,7 @@ def search(
 
     @one.def_vmap
     def _(lanes, batched, *arrays):
-        # one search over all lanes: side by side, every line of cells would wait for the fullest lane
+        # one search over all lanes: with a search per lane, every line of cells would wait for the fullest
         every = (
             a if b else jnp.broadcast_to(a, (lanes, *a.shape)) for a, b in zip(arrays, batched, strict=True)
         )
@@ -148,7 +148,7 @@ def _search(
     capacity: int,
     same: bool,
 ) -> Table:
-    """Tables `[B, K, N]` of B lanes, whose grids are numbered one after another."""
+    """Tables `[B, K, N]` of B lanes; the cells are numbered consecutively from lane to lane."""
     lanes, n_lane, m_lane = *targets.shape[:2], sources.shape[1]
     n, m = lanes * n_lane, lanes * m_lane
     targets, sources = (a.reshape(-1, a.shape[-1]) for a in (targets, sources))
@@ -181,8 +181,8 @@ def _search(
             near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
             if same:
                 near &= j != me
-            # A candidate is written at the next free slot whether near or not: the next near one overwrites
-            # it, and what is left behind the last is cleared below. A spare last slot takes the excess.
+            # Every candidate, near or not, is written to the next free slot. One that is not near is
+            # overwritten by the next candidate, or cleared below. A spare last slot takes the excess.
             slot = jnp.minimum(count, capacity)
             return put(rows, slot, j), count + near.astype(jnp.int32)
 
@@ -201,7 +201,7 @@ def _search(
 
 
 def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Array, " C"]]:
-    """Order of sources by the numbers of their cells, and the place in it where every cell begins."""
+    """Order of the sources by cell number, and the position in that order at which every cell begins."""
     order = jnp.argsort(key).astype(jnp.int32)
     return order, jnp.cumsum(jnp.zeros(cells + 1, jnp.int32).at[key + 1].add(1), dtype=jnp.int32)
 
@@ -209,8 +209,8 @@ def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Arra
 def _line(
     home: Int[Array, "N D"], offset: tuple[int, ...], grid: Grid
 ) -> tuple[Int[Array, " N"], Bool[Array, " N"]]:
-    """Number of the line of cells, along the last axis, that is `offset` lines from the one of every cell
-    `home`; and whether the grid has such a line."""
+    """Number of the line of cells, along the last axis, at `offset` lines from the line of every cell `home`;
+    and whether the grid has such a line."""
     row, inside = jnp.zeros(home.shape[0], jnp.int32), jnp.ones(home.shape[0], bool)
     for axis, step in enumerate(offset):
         index = home[:, axis] + step
@@ -222,8 +222,8 @@ def _line(
 
 
 def _spans(home: Int[Array, "N D"], grid: Grid) -> list[tuple[Int[Array, " N"], Int[Array, " N"]]]:
-    """First and last cell along the last axis within a search radius of every cell `home`; twice where that
-    axis is periodic, as what leaves one end goes on at the other."""
+    """First and last cell along the last axis within a search radius of every cell `home`. If that axis is
+    periodic, a second span holds the cells that continue at the other end."""
     last = grid.shape[-1]
     bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
     spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
@@ -236,8 +236,8 @@ def _spans(home: Int[Array, "N D"], grid: Grid) -> list[tuple[Int[Array, " N"], 
 def _slots(capacity: int, n: int) -> tuple[Int[Array, "..."], Callable]:
     """Empty slots for n targets, and the function that writes one slot of every target.
 
-    One index into a flat array costs a fifth less of the search's time than two; it fits int32 up to
-    8.6 million targets of 250 slots.
+    With one index into a flat array the search takes a fifth less time than with two indices. The index fits
+    into int32 up to 8.6 million targets with 250 slots.
     """
     target = jnp.arange(n, dtype=jnp.int32)
     how = {"mode": "promise_in_bounds", "unique_indices": True}

@@ -1,8 +1,9 @@
 """Neighbour search by jax-md (Schoenholz & Cubuk 2020): `search = "jax_md"`, the extra `jaxsph[jax-md]`.
 
-jax-md lists every particle's neighbours in one set of particles, without masks and with coordinates that wrap
-at a box. Here targets and sources are searched as one set, the box is wider than they are, and sources that
-a target may not see are removed from its list afterwards; the slots are in the order of the sources' indices.
+jax-md lists the neighbours of every particle within one set of particles. It has no masks, and coordinates
+wrap around at the sides of a box. Here targets and sources are therefore searched as one set, in a box wider
+than the region of the particles, and sources that a target may not see are removed from its list afterwards.
+The slots are in the order of the sources' indices.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from jaxsph.core.arrays import Array, Float, Int
 from jaxsph.core.search.base import AbstractSearch, Grid, Table
 
 CROWDING = 1.25
-"""Ratio of a cell's room to the particles of the fullest cell in the initial state (-)."""
+"""Ratio of a cell's capacity to the number of particles in the fullest cell of the initial state (-)."""
 
 
 LISTED = 3
-"""Ratio of the room of jax-md's lists to the table's slots (-): they also hold what a target may not see."""
+"""Ratio of the capacity of jax-md's lists to the table's slots (-): the lists include masked sources."""
 
 
 class JaxMD(AbstractSearch):
@@ -31,19 +32,22 @@ class JaxMD(AbstractSearch):
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
     box: tuple[float, ...] = eqx.field(static=True)
-    """Sides of the box, m: at least four cells, below which jax-md tries all pairs."""
+    """Sides of the box, m: at least four cells, since jax-md tries all pairs in a smaller box."""
     radius: float = eqx.field(static=True)
     """Search radius (support plus skin), m."""
     cell_capacity: tuple[int, int] = eqx.field(static=True)
-    """Largest number of particles in a cell: in a search around the water, and around other points."""
+    """Capacity of a cell, in particles: in a search around the water, and in one around other points."""
 
     @classmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> JaxMD:
-        """See `AbstractSearch`; raises ValueError for a grid with periodic axes."""
+        """See `AbstractSearch.of`. **Raises** ValueError if the grid has periodic axes."""
         if grid.period:
-            raise ValueError(f'search = "jax_md" has no periodic axes, and here the period is {grid.period}')
+            raise ValueError(
+                f'search = "jax_md" does not support periodic axes, and the grid has period = {grid.period}: '
+                "use the default search"
+            )
         md = partition()
-        # Two cells at both ends, so that all coordinates are positive and nothing is near its own image.
+        # Two cells at both ends keep all coordinates positive, and every particle away from its own image.
         margin = 2.0 * grid.radius
         low = np.asarray(grid.origin) - margin
         box = np.asarray(grid.shape) * grid.cell + 2.0 * margin
@@ -57,7 +61,7 @@ class JaxMD(AbstractSearch):
         return cls(tuple(float(a) for a in low), sides, grid.radius, (room(water), room(nodes)))
 
     def table(self, targets, sources, capacity, sees, kind, same):
-        """See `AbstractSearch`."""
+        """See `AbstractSearch.table`."""
         targets, sources = jax.lax.stop_gradient((targets, sources))
         n, m = len(targets), len(sources)
         everything = sources if same else jnp.concatenate([targets, sources])
@@ -76,12 +80,12 @@ class JaxMD(AbstractSearch):
         return Table(jnp.sort(rows, axis=1).T, jnp.where(lost, jnp.maximum(most, capacity + 1), most))
 
     def grown(self):
-        """See `AbstractSearch`: more room in the cells."""
+        """See `AbstractSearch.grown`: larger capacities of the cells."""
         water, nodes = (int(1.25 * count) + 1 for count in self.cell_capacity)
         return JaxMD(self.origin, self.box, self.radius, (water, nodes))
 
     def _lists(self, x: Float[Array, "N D"], room: int, most: int) -> tuple[Int[Array, "N L"], Array]:
-        """jax-md's lists of one set of particles, and whether they, or a cell, have overflowed."""
+        """jax-md's lists of one set of particles, and whether a list or a cell has overflowed."""
         md = partition()
         from jax_md import space
 
@@ -105,12 +109,12 @@ class JaxMD(AbstractSearch):
 
 
 def partition() -> ModuleType:
-    """Module `jax_md.partition`. **Raises** ImportError that names the missing extra."""
+    """Module `jax_md.partition`. **Raises** ImportError, with the extra to install, if jax-md is missing."""
     try:
         from jax_md import partition
     except ImportError as error:
         raise ImportError(
-            'search = "jax_md" needs jax-md, which is not installed: pip install "jaxsph[jax-md]", or leave '
-            "the key out (the default search needs nothing)"
+            'search = "jax_md" needs jax-md, which is not installed: run pip install "jaxsph[jax-md]", or '
+            "use the default search, which needs no extra package"
         ) from error
     return partition

@@ -1,4 +1,4 @@
-"""Neighbour tables of the water and of points, each slab's made on its own device."""
+"""Neighbour tables of the water and of points; every device makes the tables of its slab."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from jaxsph.core.slabs import AXIS, WHOLE, Neighbours, PointNeighbours, Slabs, s
 
 
 class Seen(NamedTuple):
-    """Positions that a search looks among, and the bits of what they are."""
+    """Sources of a search: their positions, and bit masks of their kinds."""
 
     x: Float[Array, "M D"]
     """Positions, m."""
@@ -25,14 +25,15 @@ class Seen(NamedTuple):
 
 
 NARROW = 1 << 30
-"""Number of particles that a halo is said to need where a slab is so narrow that no halo will do."""
+"""Size of a halo that is reported as needed if a slab is so narrow that no halo suffices."""
 
 
 def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"]) -> tuple[Any, Array]:
     """Particles (a pytree of arrays `[N]` or `[N, D]`) at x (m) in the order of their cells.
 
-    On several devices those that have left a slab go to the one beside it, and others come in their place:
-    all slabs keep their count. **Returns** also whether any wandered farther than a halo, and was lost.
+    On several devices, particles that have left a slab move to the adjacent slab and others take their place,
+    so that all slabs keep their count. **Returns** also whether any particle moved farther than a halo and
+    was lost.
     """
     if slabs.count == 1:
         order = cell_order(x, grid)
@@ -44,18 +45,18 @@ def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"
         fields: dict[int, Any] = {k: columns(a) if a.ndim == 2 else a for k, a in enumerate(leaves)}
         fields = slabs.with_halo(fields | {len(leaves): key})
         keys = fields.pop(len(leaves))
-        # as they lie along the tank: the halo before, the slab, the halo after
+        # in the order along the tank: the halo before, the slab, the halo after
         place = jnp.concatenate([n + jnp.arange(halo), jnp.arange(n), n + halo + jnp.arange(halo)])
         least, largest = jnp.iinfo(jnp.int32).min, jnp.iinfo(jnp.int32).max
         keys = keys.at[n : n + halo].set(jnp.where(here > 0, keys[n : n + halo], least))
         keys = keys.at[n + halo :].set(jnp.where(here < slabs.count - 1, keys[n + halo :], largest))
-        # the slab's own places in the order of all: what is farther away belongs beyond its ends
+        # after sorting, the middle n particles form this slab; the others belong to the adjacent slabs
         order = place[jnp.argsort(keys[place], stable=True)[halo : halo + n]]
         fields = jax.tree.map(lambda a: a[order], fields)
         found = [stack(fields[k]) if a.ndim == 2 else fields[k] for k, a in enumerate(leaves)]
         keys = keys[order]
         first, last = (jax.lax.all_gather(k, AXIS) for k in (keys[0], keys[-1]))
-        # sums of keys and of their squares, which wrap, tell whether the same particles are there
+        # equal sums of the keys and of their squares (integers that wrap): no particle was lost or repeated
         before, after = (jax.lax.psum(jnp.stack([jnp.sum(k), jnp.sum(k * k)]), AXIS) for k in (key, keys))
         return jax.tree.unflatten(structure, found), jnp.any(last[:-1] > first[1:]) | jnp.any(before != after)
 
@@ -72,9 +73,9 @@ def water_neighbours(
     ghosts: Seen,
     capacity: int,
 ) -> tuple[Neighbours, Int[Array, ""], Int[Array, ""]]:
-    """Neighbours of the water, sorted by cell, among itself and the ghosts.
+    """Neighbours of the water's particles, which are sorted by cell, among the water and the ghosts.
 
-    **Returns** also the slots that the fullest particle needs, and the particles that the fullest halo does.
+    **Returns** also the largest number of neighbours, and the largest number of particles a halo needs.
     """
 
     def local(x, kind, sees, ghosts):
@@ -94,7 +95,7 @@ def water_neighbours(
 
 
 def _grid_of(method: AbstractSearch) -> Grid:
-    """Cells by which slabs are sorted: those of the solver's own search, the only one that slabs have."""
+    """Cells by which slabs are sorted: those of the search by cells, the only search that supports slabs."""
     return method.grid  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -108,14 +109,14 @@ def point_neighbours(
 ) -> tuple[PointNeighbours, Int[Array, ""], Int[Array, ""]]:
     """Neighbours of points (m) in the water, which is sorted by cell.
 
-    Only points beside the water have a place in the table where the slabs limit their number (`points`).
-    **Returns** also the slots that the fullest point needs, and the points of the fullest slab.
+    If the slabs limit the number of points (`Slabs.points`), only points near the water are in the table.
+    **Returns** also the largest number of neighbours, and the largest number of points in a slab.
     """
     count = points.shape[0]
     if not count:
         none = jnp.zeros((), jnp.int32)
         return PointNeighbours.of(jnp.zeros((capacity, 0), jnp.int32)), none, none
-    places = min(count, slabs.points or count)  # of one slab
+    places = min(count, slabs.points or count)  # per slab
     if slabs.count == 1 and places == count:
         found = method.table(points, water.x, capacity, sees, water.kind, same=False)
         return PointNeighbours.of(found.indices), found.most, jnp.zeros((), jnp.int32)
@@ -126,7 +127,7 @@ def point_neighbours(
         mine = beside(every.x, points, grid) & _in_slab(slabs, grid, stack(x), points)
         rows = jnp.nonzero(mine, size=places, fill_value=count)[0].astype(jnp.int32)
         at = jnp.minimum(rows, count - 1)
-        # a place without a point sees nothing
+        # an unused place sees no source
         sees = jnp.where(rows < count, sees[at], 0)
         found = method.table(points[at], every.x, capacity, sees, every.kind, same=False)
         needs = found.most, jnp.sum(mine).astype(jnp.int32)
@@ -143,10 +144,11 @@ def point_neighbours(
 
 
 def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
-    """Particles of a slab at x (m), with those of its halos behind; to be called on a slab.
+    """Particles of a slab at x (m), followed by those of its halos; call it within `over_slabs`.
 
-    A slab at an end of the tank has an empty halo. What fills it is moved to the tank's other end: in a cell
-    of this slab, every line of cells would be searched for as long as that crowded one.
+    A slab at an end of the tank has an empty halo, filled with zeros. These entries are moved to the tank's
+    other end. In a cell of this slab they would prolong the search, in which all lines of cells take as long
+    as the most crowded one.
     """
     every = slabs.with_halo({"x": x, "kind": kind})
     if slabs.count == 1:
@@ -157,8 +159,8 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
 
 
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
-    """Number of a slab's particles (m) that a slab beside it may see; `NARROW` where that slab may see the
-    next but one as well."""
+    """Number of a slab's particles, at x (m), that an adjacent slab may see; `NARROW` if it may see all of
+    them, and thus possibly the slab beyond."""
     cell = cell_index(x, grid)[:, 0]
     first = jax.lax.all_gather(cell[0], AXIS)
     here = jax.lax.axis_index(AXIS)
@@ -173,7 +175,7 @@ def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array
 def _in_slab(
     slabs: Slabs, grid: Grid, x: Float[Array, "n D"], points: Float[Array, "P D"]
 ) -> Bool[Array, " P"]:
-    """Whether points (m) are summed over in this slab of particles at x (m), with its halo."""
+    """Whether this slab, with particles at x (m), takes the sums at the points (m)."""
     cell, at = cell_index(x, grid)[:, 0], cell_index(points, grid)[:, 0]
     if slabs.count == 1:
         return jnp.ones(at.shape, bool)
@@ -184,8 +186,8 @@ def _in_slab(
 
 
 def beside(x: Float[Array, "M D"], points: Float[Array, "P D"], grid: Grid) -> Bool[Array, " P"]:
-    """Whether points (m) are so near particles at x (m) that they may see one: the walls of an empty part of
-    a tank are not."""
+    """Whether points (m) are near enough to particles at x (m) to see one; points at the walls of an empty
+    part of a tank are not."""
     full = jnp.zeros(int(np.prod(grid.shape)), bool).at[cell_key(x, grid)].set(True).reshape(grid.shape)
     for axis in range(len(grid.shape)):
         around = full

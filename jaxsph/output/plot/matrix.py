@@ -1,4 +1,4 @@
-"""Picture of a power matrix: the mean power of every sea state as a number, beside linear theory."""
+"""Picture of a power matrix: mean power of every sea state as a number, next to linear theory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Table = NDArray[np.float64]
 
 
 class MeanPower(Protocol):
-    """Mean power over sea states, as `jaxsph.PowerMatrix` has it."""
+    """Interface of a power matrix, as implemented by `jaxsph.PowerMatrix`."""
 
     @property
     def Hs(self) -> Table:
@@ -29,7 +29,7 @@ class MeanPower(Protocol):
 
     @property
     def P(self) -> Table:
-        """Mean power, `[Hs, Tp]`; NaN where no run ended."""
+        """Mean power, `[Hs, Tp]`; NaN if no run of the sea state ended."""
         ...
 
     @property
@@ -39,7 +39,7 @@ class MeanPower(Protocol):
 
     @property
     def linear(self) -> Table:
-        """Mean power by linear theory, `[Hs, Tp]`; NaN where the theory does not cover the case."""
+        """Mean power by linear theory, `[Hs, Tp]`; NaN if the theory does not cover the case."""
         ...
 
     @property
@@ -59,7 +59,7 @@ def plot_matrix(matrix: MeanPower, folder: str | Path) -> Path:
 
 @in_style
 def draw_matrix(matrix: MeanPower) -> Figure:
-    """Mean power with its standard error, and, where linear theory covers the case, its prediction."""
+    """Figure of the mean power with its standard error, and of linear theory if it covers the case."""
     panels = [("mean power", matrix.P, matrix.error)]
     if np.any(np.isfinite(matrix.linear)):
         panels.append(("linear theory", matrix.linear, np.zeros(matrix.linear.shape)))

@@ -1,6 +1,6 @@
 """Pictures of a run's particles: stills, and the animation of its snapshots.
 
-Functions take a `RunFile` and give a matplotlib `Figure`, or None where there is no snapshot.
+`particles` returns a matplotlib `Figure`, or None without a snapshot; `animate` writes files.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_FRAMES = 200
 
 @dataclass(frozen=True)
 class Field:
-    """Quantity by which particles are coloured, and its label with the unit."""
+    """Quantity by which particles are coloured, with its label, which includes the unit."""
 
     label: str
     colours: str | Colormap
@@ -44,9 +44,10 @@ SPEED = Field("speed (m/s)", "plasma", lambda s: np.linalg.norm(s["u"], axis=1))
 
 @in_style
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
-    """Figure of the particles of one snapshot, coloured by a field; a long tank in strips, a device enlarged.
+    """Figure of the particles of one snapshot, coloured by a field; None without snapshots.
 
-    A three-dimensional run is cut along the middle of its width.
+    A long tank is drawn in several strips, and a small device is also drawn enlarged. Of a three-dimensional
+    run, a slice at mid-width is drawn.
     """
     if run.snapshot_count == 0:
         return None
@@ -57,7 +58,7 @@ def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure 
 
 
 class _Picture:
-    """A figure of particles whose snapshot can be exchanged, for stills and for animations."""
+    """Figure of particles whose snapshot can be replaced, for stills and for animations."""
 
     def __init__(self, tank: Tank, field: Field, limits: tuple[float, float]) -> None:
         self.tank, self.field = tank, field
@@ -66,15 +67,15 @@ class _Picture:
         if zoom is not None:
             ranges.append(zoom)
         bottom = -max(1.5 * tank.dx, 0.03 * tank.top)
-        usable = WIDTH - 2.0  # beside labels and colour bar
+        usable = WIDTH - 2.0  # the width without labels and colour bar
         heights = [usable * (tank.top - bottom) / (b - a) for a, b in ranges]
-        # a tank higher than long would give a tower: narrow it instead
+        # limit the height of the figure for a tank that is higher than long
         shrink = min(1.0, 7.0 / max(heights))
         heights = [h * shrink for h in heights]
         size = (usable * shrink + 2.0, sum(heights) + 0.35 * len(heights) + 0.75)
         self.figure = Figure(figsize=size, layout="constrained")
         self.figure.get_layout_engine().set(w_pad=0.1, h_pad=0.06)
-        # some text at once, for the layout to leave room
+        # set a title now, so that the layout reserves space for it
         self.title = self.figure.suptitle(tank.name, x=0.02, ha="left", fontsize=13)
         grid = self.figure.add_gridspec(len(ranges), 1, height_ratios=heights)
         self.axes = [self.figure.add_subplot(grid[i]) for i in range(len(ranges))]
@@ -127,17 +128,17 @@ class _Picture:
         return ax.scatter([], [], c=[], cmap=self.field.colours, vmin=low, vmax=high, lw=0, zorder=2)
 
     def _size_dots(self) -> None:
-        """Gives the dots the particles' size, which is known once the axes have theirs."""
+        """Sets the dots to the size of the particles, after the layout has fixed the size of the axes."""
         self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")  # the frames of an animation must not move
+        self.figure.set_layout_engine("none")  # axes must not move between frames
         for ax, dots in zip(self.axes, self.dots, strict=True):
             a, b = ax.transData.transform([(0.0, 0.0), (self.tank.dx, 0.0)])
             points = (b[0] - a[0]) * 72.0 / self.figure.dpi
-            # The diagonal of the spacing, so that no gaps shine through where the water is full.
+            # slightly more than the diagonal of the spacing, so that full water shows no gaps
             dots.set_sizes([max(1.45 * points, 0.6) ** 2])
 
     def show(self, snapshot: dict[str, Any]) -> list[PathCollection]:
-        """Puts a snapshot into the figure."""
+        """Shows a snapshot in the figure, and returns the dots."""
         x, values = cut_in_plane(snapshot["x"], self.tank.dx), self.field.values(snapshot)
         for ax, dots in zip(self.axes, self.dots, strict=True):
             a, b = ax.get_xlim()
@@ -151,7 +152,7 @@ class _Picture:
 
 
 def _limits(field: Field, snapshots: Sequence[dict[str, Any]]) -> tuple[float, float]:
-    """Range of colours: all but the outermost values, from zero."""
+    """Range of the colours, from zero to the 99.5th percentile of the values."""
     values = np.concatenate([field.values(s) for s in snapshots])
     values = values[np.isfinite(values)]
     if values.size == 0:
@@ -162,7 +163,9 @@ def _limits(field: Field, snapshots: Sequence[dict[str, Any]]) -> tuple[float, f
 
 @in_style
 def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Path]:
-    """Animates the snapshots at their own speed: STEM.gif, and STEM.mp4 where ffmpeg is found.
+    """Animates the snapshots in real time as STEM.gif, and as STEM.mp4 if ffmpeg is found.
+
+    The rate is limited to 2 to 25 frames per second.
 
     **Returns** the files written; none for a run with fewer than two snapshots.
     """
@@ -179,11 +182,11 @@ def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Pat
     times = run.snapshot_times()[frames]
     rate = float(np.clip((len(frames) - 1) / max(times[-1] - times[0], 1e-9), 2.0, 25.0))
     written = [stem.with_suffix(".gif")]
-    # matplotlib takes any rate, its stubs whole ones
+    # matplotlib accepts any rate, its type stubs only integers
     movie.save(written[0], writer=PillowWriter(fps=cast(int, rate)), dpi=75)
     if shutil.which("ffmpeg"):
         written.append(stem.with_suffix(".mp4"))
-        # even sides, which the usual encoder demands
+        # the usual encoder needs an even width and height
         even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
         movie.save(written[1], writer=FFMpegWriter(fps=cast(int, rate), extra_args=even), dpi=110)
     return written

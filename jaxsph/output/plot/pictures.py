@@ -35,10 +35,10 @@ def plot_run(
 ) -> list[Path]:
     """Writes every picture that the run has data for, and the animation of its snapshots.
 
-    **Arguments**: `folder`: by default the run's path without suffix and with "_plots"; `overlay`:
-    theory to draw over the gauges; `linear`: what linear theory expects of the chamber.
-    **Returns** the files written: PNG, GIF, and MP4 where ffmpeg is found.
-    **Raises** FileError where the run cannot be read.
+    **Arguments**: `folder`: by default the run's path with "_plots" in place of the suffix; `overlay`:
+    theoretical elevation to draw over the gauges; `linear`: prediction of linear theory for the chamber.
+    **Returns** the files written: PNG, GIF, and MP4 if ffmpeg is found.
+    **Raises** FileError if the run cannot be read.
     """
     run = run if isinstance(run, RunFile) else RunFile.open(run)
     folder = Path(folder) if folder is not None else run.path.with_name(run.path.stem + "_plots")

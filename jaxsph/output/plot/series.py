@@ -1,7 +1,7 @@
 """Pictures of a run over time: gauges, chamber, body, pressure sensors, energy budget.
 
-Every function takes a `RunFile` and gives a matplotlib `Figure`, or None where the run did not record what it
-shows.
+Every function for a picture takes a `RunFile` and returns a matplotlib `Figure`, or None if the run did not
+record the necessary series.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from jaxsph.waves.linear_owc import LinearOWC
 
 @in_style
 def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
-    """Figure of the elevation (m) at each wave gauge over time, one axis for each, on one scale."""
+    """Figure of the elevation (m) at each wave gauge over time: one axis per gauge, on a common scale."""
     series = run.series()
     if not has_samples(series, "eta"):
         return None
@@ -51,10 +51,10 @@ def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
         if overlay is not None and at is not None:
             ax.plot(t, overlay(t, float(at)), "--", color=RED, lw=1.2, label="theory")
     if overlay is not None:
-        # above the axes, where no line can run through it
+        # above the axes, where no line crosses it
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
     share_limits(list(axes))
-    figure.supylabel("elevation over still water (m)", fontsize=11)
+    figure.supylabel("elevation above still water (m)", fontsize=11)
     return figure
 
 
@@ -66,13 +66,13 @@ SEVERAL = (BLUE, ORANGE, GREEN, RED)
 def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     """Figure of level, flow, pressure and power of the chambers over time.
 
-    With `linear` also the extremes that linear theory expects of the first three and the mean of the
-    power, dashed, over the periods that the efficiency was averaged over (the last one, if none was).
+    With `linear`, dashed lines show linear theory: the extremes of level, flow and pressure, and the mean
+    power. They span the periods over which the efficiency was averaged (the last period without an average).
     """
     panels = [
-        ("chamber_level", "level (m)", "mean level over still water, positive when risen", BLUE),
+        ("chamber_level", "level (m)", "mean level above still water, positive when risen", BLUE),
         ("flow", "flow (m$^2$/s)", "air flow per metre width, positive out of the chamber", GREEN),
-        ("P_a", "pressure (Pa)", "air pressure over the atmosphere, positive when compressed", RED),
+        ("P_a", "pressure (Pa)", "air pressure above atmospheric, positive when compressed", RED),
         ("power_pto", "power (W/m)", "power taken by the PTO per metre width", PURPLE),
     ]
     series = run.series()
@@ -132,11 +132,11 @@ def body(run: RunFile) -> Figure | None:
 
 
 def _expect(ax: Axes, span: tuple[float, float], name: str, linear: LinearOWC) -> None:
-    """Dashed lines of linear theory over a span of time."""
+    """Draws dashed lines of linear theory over a span of time."""
     if name == "power_pto":
         values = [linear.P_owc]
     else:
-        # Of the pressure the peaks of the quadratic law: its fundamental would lie 15 % below them.
+        # for the pressure, the peak of the quadratic law; the amplitude of its fundamental is 15 % lower
         peaks = {"chamber_level": abs(linear.level), "flow": abs(linear.q), "P_a": linear.P_a_peak}
         values = [-peaks[name], peaks[name]]
     for value in values:
@@ -167,7 +167,7 @@ def pressures(run: RunFile) -> Figure | None:
 
 @in_style
 def energy(run: RunFile) -> Figure | None:
-    """Figure of the energy budget (J; J/m in 2-D) over time: what became of the paddle's work."""
+    """Figure of the energy budget (J; J/m in 2-D) over time: the paddle's work and where it went."""
     series = run.series()
     if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None
@@ -176,8 +176,8 @@ def energy(run: RunFile) -> Figure | None:
     work = work_of(series, "power_paddle")
     t, figure, axes = series["time"], *stacked_axes(1, 5.2)
     ax = axes[0]
-    # Areas lie on one another only where each is a gain; else (a prescribed pressure does work on
-    # the water) lines tell the truth.
+    # Stacked areas are right only if no term is negative. Otherwise draw lines, for example if a
+    # prescribed pressure does work on the water.
     largest = max(float(np.max(np.abs(values))) for _, values, _ in terms)
     losses = [values for _, values, _ in terms[:-1]]
     if all(float(np.min(values)) >= -0.01 * largest for values in losses):
@@ -199,23 +199,23 @@ def energy(run: RunFile) -> Figure | None:
 LOSSES = {
     "sponge": ("taken by the sponge", PURPLE),
     "hyperviscosity": ("lost by hyperviscosity", OLIVE),
-    "contact": ("met a solid", BLUE),
+    "contact": ("lost in contact with solids", BLUE),
     "projection": ("lost in the projection", RED),
 }
-"""Labels and colours of what takes energy from the water, by the names of their powers."""
+"""Labels and colours of the energies lost by the water, by the names of their powers."""
 LEAST = 3.0e-3
-"""Share of the largest energy in a budget below which one has no area or line of its own."""
+"""Share of the largest energy in a budget below which an energy is drawn as part of "the rest"."""
 
 
 def harvested(variables: Mapping[str, Variable]) -> list[str]:
-    """Names of the power take-offs' series: of all powers a file keeps these alone beside the readings."""
+    """Names of the power take-offs' series. All other powers are in the group "energy" of the file."""
     return [name for name, of in variables.items() if name.startswith("power_") and of.group == "series"]
 
 
 def energy_terms(
     series: dict[str, np.ndarray], from_ptos: Collection[str] = ("power_pto",)
 ) -> list[tuple[str, np.ndarray, str]]:
-    """(label, energy since the start, colour), the lasting ones first, the stored one on top.
+    """Terms of the energy budget: (label, energy since the start, colour), with the stored energy last.
 
     `from_ptos`: names of the power take-offs' series.
     """
@@ -240,7 +240,7 @@ def energy_terms(
 
 
 def _of_every_pto(series: dict[str, np.ndarray], from_ptos: Collection[str]) -> np.ndarray:
-    """Energy that all power take-offs have taken."""
+    """Energy absorbed by all power take-offs together."""
     works = [work_of(series, name) for name in from_ptos]
     return np.sum([np.zeros_like(series["time"]), *works], axis=0)
 
@@ -248,7 +248,7 @@ def _of_every_pto(series: dict[str, np.ndarray], from_ptos: Collection[str]) -> 
 def _areas(ax: Axes, t: np.ndarray, terms: list[tuple[str, np.ndarray, str]]) -> None:
     base = np.zeros_like(t)
     for label, values, colour in terms:
-        # The stored energy swings below the losses as the paddle draws back: it lies behind them.
+        # stored energy is negative when the paddle moves back, so it is drawn behind the losses
         z = 1.5 if label == STORED else 2.0
         ax.fill_between(t, base, base + values, color=colour, lw=0, label=label, zorder=z)
         base = base + values
@@ -261,12 +261,12 @@ def _budget_title(series: dict[str, np.ndarray], from_ptos: list[str]) -> str:
         share, whole = budget["residual"] / paddle, "the paddle's work"
     else:
         share, whole = budget["residual_share"], "the largest kinetic energy"
-    percent = round(100 * share, 2) + 0.0  # not -0.00
+    percent = round(100 * share, 2) + 0.0  # avoids -0.00
     return f"energy budget: {percent:+.2f} % of {whole} is not accounted for"
 
 
 def work_of(series: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """Energy of a power that is the mean since the last sample (see `analysis.energy_budget`)."""
+    """Energy from a power whose samples are means since the last sample (see `analysis.energy_budget`)."""
     if name not in series:
         return np.zeros_like(series["time"])
     work = np.cumsum(series[name][1:] * np.diff(series["time"]))
@@ -274,7 +274,7 @@ def work_of(series: dict[str, np.ndarray], name: str) -> np.ndarray:
 
 
 def _integral(series: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """Energy of a power known at the samples, by the trapezoidal rule."""
+    """Energy from a power with instantaneous samples, by the trapezoidal rule."""
     if name not in series:
         return np.zeros_like(series["time"])
     power = series[name]

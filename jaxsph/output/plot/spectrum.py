@@ -1,4 +1,4 @@
-"""Picture of a sea's spectra: of incident waves with their band, of reflected ones, and the one asked for."""
+"""Picture of a sea's spectra: incident waves with confidence band, reflected waves, and target spectrum."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from jaxsph.output.plot.style import BLUE, RED, WIDTH, has_samples, in_style
 from jaxsph.output.run_file import RunFile
 
 WITHIN = 0.9
-"""Probability with which the band of an incident density has the true one (-)."""
+"""Probability that the band of the incident density contains the true density (-)."""
 
 
 @in_style
 def spectrum(run: RunFile) -> Figure | None:
-    """Figure of the spectra (m2/Hz) of a run in an irregular sea; None for other waves, and for a record or
-    gauges that do not tell incident from reflected waves."""
+    """Figure of the spectra (m2/Hz) of a run in an irregular sea; None for other waves, or if the record or
+    the gauges cannot separate incident from reflected waves."""
     keys, series = run.case_keys(), run.series()
     if keys.get("waves", {}).get("kind") != "irregular" or not has_samples(series, "eta"):
         return None
@@ -33,21 +33,21 @@ def spectrum(run: RunFile) -> Figure | None:
 
 @in_style
 def draw_sea(sea: analysis.TwoWaySea, case: Case) -> Figure:
-    """Incident and reflected spectrum of a sea beside the one that the case asks for."""
+    """Figure of the incident and reflected spectra of a sea, and of the target spectrum of the case."""
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
     ax, f = figure.subplots(), sea.incident.f
     low, high = sea.incident.band(WITHIN)
     ax.fill_between(f, low, high, color=BLUE, alpha=0.25, label=f"{100 * WITHIN:g} % band")
     ax.plot(f, sea.incident.S, color=BLUE, label="incident")
     ax.plot(f, sea.reflected.S, color=RED, label="reflected")
-    # the mean over each value's own band, which is as wide as the peak
+    # mean over the frequency band of each value, which can be as wide as the peak
     within = (np.arange(4) - 1.5) / case.waves.repeats
     asked = case.waves.shape(case.waves.height).density(np.maximum(f[:, None] + within, 1e-9)).mean(axis=1)
-    ax.plot(f, asked, "k--", label="asked for")
+    ax.plot(f, asked, "k--", label="target spectrum")
     top = 1.05 * max(float(np.max(sea.incident.S)), float(np.max(asked)))
     ax.set(xlabel="frequency (Hz)", ylabel="variance density (m2/Hz)", ylim=(0.0, 1.5 * top))
     ax.set(xlim=(0.4 / case.waves.Tp, 2.5 / case.waves.Tp))
-    asked_for = f"Hm0 = {sea.incident.Hm0:.3g} m ({case.waves.height:.3g} m asked for)"
+    asked_for = f"Hm0 = {sea.incident.Hm0:.3g} m (target {case.waves.height:.3g} m)"
     ax.set_title(f"{asked_for}, reflection {sea.coefficient:.2g}")
     ax.legend()
     return figure

@@ -1,4 +1,4 @@
-"""Style of every picture: colours, widths, axes over one time."""
+"""Style of all pictures: colours, widths, columns of axes over time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Overlay = Callable[[np.ndarray, float], np.ndarray]
 """Elevation (m) expected at times t (s) and position x (m)."""
 
 
-# Okabe and Ito's colours, which the colour-blind tell apart.
+# Okabe and Ito's colours, which colour-blind readers can distinguish.
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9",
 )  # fmt: skip
 
 
 OLIVE, GREY = "#999933", "0.6"
-"""Further colours for pictures with more lines; Tol's olive goes with those above."""
+"""Further colours for pictures with more lines: Tol's olive, which suits the colours above, and grey."""
 
 
 WALL = "0.3"
@@ -48,7 +48,7 @@ STYLE = {
 
 
 in_style = matplotlib.rc_context(cast(Any, STYLE))
-"""Decorator of functions that draw."""
+"""Decorator for functions that draw."""
 
 
 WIDTH = 11.0
@@ -56,7 +56,7 @@ WIDTH = 11.0
 
 
 def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
-    """Whether a series has two samples or more, to draw a line through."""
+    """Whether a series exists and has at least two samples, as a line needs."""
     return name in series and series[name].size > 0 and len(series["time"]) > 1
 
 

@@ -1,4 +1,4 @@
-"""Picture of a sweep, an ensemble or a search: a result over what was varied."""
+"""Picture of a sweep, an ensemble or a search: a result over the varied parameters."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from jaxsph.output.sweep_file import SweepFile, over_members
 def plot_sweep(
     sweep: SweepFile | str | Path, folder: str | Path | None = None, of: str | None = None
 ) -> list[Path]:
-    """Writes the picture of a sweep, an ensemble or a search: the result `of` over what was varied.
+    """Writes the picture of a sweep, an ensemble or a search: the result `of` over the varied parameters.
 
-    By default that is xi, or the first result that a problem of its own brought.
+    By default the result is xi, or else the first result that the problem itself defines.
 
-    One parameter: the members with their scatter and, of a search, the slopes as short lines and the way.
-    Two: contours over a grid, the way of a search. **Returns** the files written; none where there are more
-    parameters, or no member has the result. **Raises** FileError where the file cannot be read.
+    One parameter: the members with error bars; for a search, its path and short lines for the slopes. Two
+    parameters: contours over a grid; for a search, its path. **Returns** the files written; none for more
+    parameters, or if no member has the result. **Raises** FileError if the file cannot be read.
     """
     sweep = sweep if isinstance(sweep, SweepFile) else SweepFile(sweep)
     folder = Path(folder) if folder is not None else sweep.path.with_name(sweep.path.stem + "_plots")
@@ -60,7 +60,7 @@ def _over_one(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: s
         ax.errorbar(
             x[order], y[order], None if error is None else error[order], fmt="o-", color=BLUE, capsize=2
         )
-        ax.set_title(of if error is None else f"{of}, and its scatter between periods over their root")
+        ax.set_title(of if error is None else f"{of}, with its standard error over the periods")
     else:
         ax.plot(x, y, ":", color="0.6", lw=1.0)
         ax.plot(x, y, "o", color=BLUE)
@@ -69,7 +69,7 @@ def _over_one(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: s
             ends = np.array([-reach, reach])
             ax.plot(a + ends, b + slope * ends, color=ORANGE, lw=2)
             ax.annotate(str(k + 1), (a, b), (4, 5), textcoords="offset points", fontsize=9)
-        ax.set_title(f"{of} in the order of the search, and the slopes that led it")
+        ax.set_title(f"{of} in the order of the search, with its slopes")
     ax.set(xlabel=name, ylabel=of)
     return figure
 
@@ -85,7 +85,7 @@ def _over_grid(axes: dict[str, np.ndarray], values: np.ndarray, of: str) -> Figu
     ax.plot(*(a.ravel() for a in np.meshgrid(x, y)), ".", color="k", ms=3)
     best = np.unravel_index(np.nanargmax(values), values.shape)
     ax.plot(x[best[0]], y[best[1]], "*", color=ORANGE, ms=14)
-    ax.set(xlabel=x_name, ylabel=y_name, title=f"{of}: the star is the largest, {values[best]:.3g}")
+    ax.set(xlabel=x_name, ylabel=y_name, title=f"{of}: the star is the largest value, {values[best]:.3g}")
     ax.grid(visible=False)
     return figure
 

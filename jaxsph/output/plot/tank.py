@@ -1,4 +1,4 @@
-"""The tank in a run's pictures: its walls, device and body, and which particles and snapshots are shown."""
+"""Tank in the pictures of a run: walls, device and body, and the choice of particles and snapshots."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from jaxsph.output.run_reader import RunReader
 
 @dataclass(frozen=True)
 class Outline:
-    """Solid of a picture, at rest."""
+    """Outline of a solid in a picture, in its rest position."""
 
     name: str
-    """Name of its pose in the snapshots; empty for one that stands still."""
+    """Name of its pose in the snapshots; empty for a fixed solid."""
     corners: np.ndarray
     """Corners `[K, 2]`, m."""
     pivot: np.ndarray
-    """Point that it turns about `[2]`, m."""
+    """Pivot about which it rotates `[2]`, m."""
 
     def at(self, snapshot: dict[str, Any]) -> np.ndarray:
         """Corners `[K, 2]` (m) in the pose of a snapshot."""
@@ -29,14 +29,14 @@ class Outline:
 
 @dataclass(frozen=True)
 class Tank:
-    """What is drawn around the particles; lengths in m."""
+    """Tank as drawn around the particles; lengths in m."""
 
     name: str
     dx: float
     x0: float
     x1: float
     depth: float | None
-    """Level of still water, m; None for a tank without one."""
+    """Still water level, m; None if the scene has no level."""
     top: float
     """Upper edge of the view."""
     walls: tuple[bool, bool, bool]
@@ -45,7 +45,7 @@ class Tank:
 
     @classmethod
     def of(cls, run: RunReader) -> Tank:
-        """From the scene of a run and its snapshots; of an older file without a scene the particles alone."""
+        """Builds the tank from a run's scene and snapshots, or from snapshots only if there is no scene."""
         scene = run.scene()
         ends = [run.snapshot(i)["x"] for i in pick_snapshots(run, 12)]
         low, high = (f([f(x, axis=0) for x in ends], axis=0) for f in (np.nanmin, np.nanmax))
@@ -76,7 +76,7 @@ class Tank:
         return list(itertools.pairwise(edges))
 
     def zoom(self) -> tuple[float, float] | None:
-        """x range of the solids in the water, where they would be small in the whole picture."""
+        """x range around the solids in the tank if they are small in the whole picture, or else None."""
         within = [one.corners[:, 0] for one in self.solids if one.corners[:, 0].min() > self.x0 + self.dx]
         if not within or self.x1 - self.x0 < 4.0 * self.top:
             return None
@@ -103,7 +103,7 @@ class Cut:
 
 
 def cut_in_plane(x: np.ndarray, dx: float) -> Cut:
-    """Particles in the middle of the tank's width: their places `[N, 2]` (m), and which are there `[N]`."""
+    """Positions `[N, 2]` (m) of all particles in the picture, and the mask `[N]` of those in the slice."""
     seen = np.ones(len(x), bool)
     if x.shape[1] == 3:
         middle = 0.5 * (x[:, 1].min() + x[:, 1].max())
@@ -112,6 +112,6 @@ def cut_in_plane(x: np.ndarray, dx: float) -> Cut:
 
 
 def pick_snapshots(run: RunReader, most: int) -> list[int]:
-    """Indices of at most `most` snapshots, evenly over the run."""
+    """Indices of at most `most` snapshots, spread evenly over the run."""
     count = run.snapshot_count
     return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))
