@@ -24,7 +24,7 @@ class _Case:
         self.changes = changes or {}
 
     def replace(self, changes):
-        return _Case(changes)
+        return _Case(self.changes | changes)
 
     def notices(self):
         return ["chamber snapped"]
@@ -138,6 +138,7 @@ def test_run_passes_its_options_on(calls, tmp_path):
         "name": "my owc",
         "sponge": None,
         "probes.gauges": [1.0, 2.0],
+        "t1": 2.0,  # in the file too: `resume` ends there
     }
     assert options["t1"] == 2.0 and options["overwrite"] and not options["progress"]
     assert not (tmp_path / "a_plots").exists()
@@ -195,6 +196,17 @@ def test_notices_of_the_results_are_printed(calls, monkeypatch):
 
     monkeypatch.setattr(js, "run", run)
     assert "note: no result for the reflection: why" in _jaxsph("run", "owc", "--no-plot").stderr
+
+
+def test_doubts_about_the_results_are_printed(calls, monkeypatch):
+    monkeypatch.setattr(_Case, "waves", object(), raising=False)
+    few = _ended({"xi": 0.5, "periods": 2.0, "noise": 0.2})
+    monkeypatch.setattr(js, "run", lambda case, out, **_: _record(out) and few)
+    said = _jaxsph("run", "owc", "--no-plot").stderr
+    assert said.count("note: Results are averaged over 2 periods only: raise t1") == 1
+    assert "note: The particles are noisy: " in said
+    monkeypatch.setattr(js, "run", lambda case, out, **_: _record(out, True) and _ended({"steps": 1.0}))
+    assert "too short for a mean over a settled wave period" in _jaxsph("run", "owc", "--no-plot").stderr
 
 
 def test_check_and_cases(calls):
@@ -367,6 +379,7 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     assert over == {"pto.K_dm": [300.0], "waves.H": [0.02, 0.04]} and out.as_posix() == "runs/fake_sweep.h5"
     assert "pto.K_dm = 300, waves.H = 0.02  hydrodynamic efficiency 0.5" in result.stdout
     assert "failed: pto.K_dm = 300, waves.H = 0.04: too fast" in result.stderr
+    assert result.stderr.count("note: chamber snapped") == 1
     assert re.search(r"^2 runs of about 12 s each, [12] at a time: about (22|34) s$", result.stderr, re.M)
     _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300,400", "--grid", "waves.H=0.02", "--t1", 2)
     assert calls[1][3].changes == {"t1": 2.0}

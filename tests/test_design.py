@@ -159,6 +159,10 @@ def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
         js.sweep(CASE, {"g": [1.0], "dx": [0.25, 0.125]}, out, grid=False, progress=False)
     with pytest.raises(CaseError, match="at least one parameter"):
         js.sweep(CASE, {}, out, progress=False)
+    rounded = "device.draught = 0.15 and 0.16: the lattice rounds both to 0.16 m"
+    with pytest.raises(CaseError, match=rounded):
+        coarse = js.load_case("owc").replace({"dx": 0.04, "device.wall_thickness": 0.04})
+        js.sweep(coarse, {"device.draught": [0.15, 0.2, 0.16]}, out, progress=False)
     assert not ran
     js.sweep(CASE, {"g": [1.0]}, out, progress=False)
     with pytest.raises(FileError, match="another case or of other values"):

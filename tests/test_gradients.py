@@ -150,6 +150,27 @@ def test_ensemble_finds_the_slope_of_a_parabola(members):
     assert found.members["pto.K_dm"] == pytest.approx(np.linspace(350.0, 650.0, 9))
 
 
+def test_an_ensemble_over_a_length_is_fitted_to_the_lengths_that_are_built(monkeypatch):
+    """A spacing of 0.02 m leaves five of nine draughts; a result of 3 times the draught built has slope 3."""
+
+    def member(case, stem):
+        return {
+            "results": {"xi": 3.0 * case.built("device.draught")},
+            "series": {},
+            "failure": "",
+        }, Meanings()
+
+    monkeypatch.setattr(running, "run_member", member)
+    found = js.derivative(OWC, "device.draught", "xi", js.Ensemble(), progress=False)
+    assert found.members["device.draught"] == pytest.approx([0.12, 0.14, 0.16, 0.18, 0.2])
+    assert found.value == pytest.approx(0.48) and found.slope == pytest.approx(3.0)
+    assert found.error == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(
+        js.CaseError, match=r"rounds the values from 0.144 to 0.176 to 0.14, 0.16, 0.18 m only"
+    ):
+        js.derivative(OWC, "device.draught", "xi", js.Ensemble(spread=0.1), progress=False)
+
+
 def test_energy_of_an_ensemble_is_that_from_the_start(monkeypatch):
     """Not the sweep's result of that name, which is of the last whole periods."""
 

@@ -428,7 +428,10 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
             {"scheme": {"kind": "incompressible", "alpha": 0.1}},
             'scheme.alpha belongs to scheme.kind = "weakly',
         ),
-        ({"body": FLOATING["body"] | {"release": 1.0, "velocity": [0.0, 0.1, 0.0]}}, "at rest until then"),
+        (
+            {"body": FLOATING["body"] | {"release": 1.0, "velocity": [0.0, 0.1, 0.0]}},
+            "no initial body.velocity",
+        ),
         ({"body": FLOATING["body"] | {"disc": {"centre": [0.5, 0.5], "radius": 0.1}}}, "exactly one"),
         ({"body": FLOATING["body"] | {"density": None}}, "density"),
         ({"body": {"block": {"low": [0.8, 0.3], "high": [1.2, 0.5]}}}, "out of the tank"),

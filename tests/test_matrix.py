@@ -116,7 +116,9 @@ def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
     assert year.value == pytest.approx(0.5 * (POWERS[0, 0].mean() + POWERS[1, 2].mean()))
     assert year.error == pytest.approx(0.5 * np.hypot(0.5, 0.5))
     (tmp_path / "b.csv").write_text("hours,Hs,Tp\n8766,0.03,1.3\n0,9,9\n")
-    year = matrix.annual(js.ScatterTable.read(tmp_path / "b.csv"))
+    table = js.ScatterTable.read(tmp_path / "b.csv")
+    year = matrix.annual(table)
+    assert table.hours == 8766.0
     assert year.value == pytest.approx(POWERS[:, :2].mean()) and year.error == pytest.approx(0.25)
 
 

@@ -130,7 +130,7 @@ def test_parts_have_names_of_their_own(damped_vessel):
         js.assemble(x, 0 * x, **given, chambers=[model.chambers[0]] * 2)
     wanted = js.Box((0.0, 0.0), (0.8, 0.8), paddle=True, stroke=0.1)
     walls = js.Ghosts.build(wanted, 0.04, model.scheme.smoothing, js.FreeSlip())
-    with pytest.raises(ValueError, match="give a paddle"):
+    with pytest.raises(ValueError, match="add a paddle"):
         js.assemble(x[:4], 0 * x[:4], **(given | {"walls": walls}))
 
 

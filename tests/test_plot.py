@@ -297,7 +297,9 @@ def test_slopes_are_drawn_as_they_are():
 def test_the_grid_s_picture_names_the_largest():
     (axis, _) = _over_grid({"pto.K_dm": K, "waves.H": H}, np.arange(6.0).reshape(3, 2), "xi").axes
     star = axis.lines[-1].get_xydata()
-    assert star == pytest.approx(np.array([[600.0, 0.04]])) and "largest, 5" in axis.get_title(loc="left")
+    assert star == pytest.approx(np.array([[600.0, 0.04]])) and "largest value, 5" in axis.get_title(
+        loc="left"
+    )
 
 
 def test_spectrum_has_both_ways_the_band_and_what_was_asked_for():

@@ -26,6 +26,7 @@ from jaxsph.report.frames import FIELDS, UNSEEN, Frames, local_flow
 from jaxsph.report.labels import LABELS, in_order
 from jaxsph.report.pack import KINDS, Pack
 from jaxsph.report.page import record_of
+from jaxsph.report.sweeps import sweep_content
 
 OWC = js.load_case("owc").replace({"dx": 0.04, "device.wall_thickness": 0.04})
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -622,3 +623,15 @@ def test_browser_is_fast(visit, tmp_path):
         drawn = page.evaluate(DRAW)
         print(f"{particles}: {rate:.0f} pictures a second on the screen, {drawn:.0f} drawn")
         assert rate > bar
+
+
+def test_members_of_a_sweep_are_doubted_with_their_number(tmp_path):
+    path = make_sweep(tmp_path / "s.h5", {"pto.K_dm": np.array([300.0, 400.0, 500.0])}, (3,))
+    file = SweepFile(path)
+    stored = file.read()
+    stored.members[1]["results"] |= {"periods": 3.0, "energy_residual_share": -0.05}
+    stored.members[2]["results"] |= {"periods": 4.0}
+    file.write(stored.case_toml, stored.axes, stored.shape, stored.members, stored.meanings)
+    warnings = sweep_content(file, Pack())["warnings"]
+    assert "2 of 2 members are averaged over fewer than 5 settled periods: raise t1." in warnings
+    assert "1 of 2 members have an energy budget that does not close within 3 %." in warnings

@@ -120,9 +120,15 @@ class Case(Sections):
             self.replace({name: 1.0})  # raises an error, with a suggestion, if there is no such key
         return value
 
+    def built(self, name: str) -> Any:
+        """Value of a key with which the case is built: lengths rounded to the lattice, others as given."""
+        return Geometry.of(self).rounded.get(name, self.value(name))
+
     def roughness(self, name: str) -> str:
         """Reason why the model may not depend smoothly on a key; empty if it does."""
-        return "" if any_name(name) in SMOOTH else f"the time loop depends smoothly on {', '.join(SMOOTH)}"
+        return (
+            "" if any_name(name) in SMOOTH else f"the time loop depends smoothly only on {', '.join(SMOOTH)}"
+        )
 
     def to_toml(self) -> str:
         """TOML text of the whole case, defaults included."""

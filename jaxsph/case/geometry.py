@@ -75,11 +75,13 @@ class Geometry:
     velocity: Points
     """Positions of the probes; those on a wall that the lattice moved are moved with it."""
     notices: list[str]
+    rounded: dict[str, float]
+    """Lengths that are rounded to a whole number of spacings, by key, m."""
 
     def __init__(self, dx: float) -> None:
         """Empty geometry for the spacing dx (m)."""
         self.dx = dx
-        self.notices, self.solids, self.stretches = [], {}, {}
+        self.notices, self.rounded, self.solids, self.stretches = [], {}, {}, {}
         self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
         self.withdrawal = 0.0
         self.width = self.plate = self.platform = self.solid = None
@@ -141,7 +143,8 @@ class Geometry:
                 f"{name} = {value:g} m is not a whole number of spacings of {self.dx:g} m: "
                 f"it becomes {snapped:.6g} m"
             )
-        return float(np.round(snapped, 12))
+        self.rounded[name] = float(np.round(snapped, 12))
+        return self.rounded[name]
 
     def _rounded_up(self, height: float) -> float:
         """Height (m) rounded up to a whole number of spacings."""

@@ -224,8 +224,8 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
     if length < waves.least_length * case.dx:
         number = "four" if waves.least_length == 4 else f"{waves.least_length}"
         raise CaseError(
-            f"waves.{T} = {waves.period:g} s: waves of {length:.3g} m are less than {number} spacings of "
-            f"{case.dx:g} m long: use a longer period, or a smaller dx"
+            f"waves.{T} = {waves.period:g} s: the wavelength, {length:.3g} m, is less than {number} "
+            f"spacings (dx = {case.dx:g} m): use a longer period, or a smaller dx"
         )
     if geometry.stroke > 0.5 * geometry.front:
         raise CaseError(

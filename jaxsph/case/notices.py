@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
+from jaxsph.case.scheme import stable_time_step
 from jaxsph.case.sections import Sections
 from jaxsph.case.shapes import ends_at
 from jaxsph.case.speeds import reference_speed, sound_speed
@@ -14,6 +15,8 @@ CHAMBER = 6
 efficiency of 0.53 to 0.57, with 6.5 spacings one of 0.64."""
 SAMPLE = 0.1
 """Longest sampling interval over the waves' period, above which a case gets a notice."""
+SHORTER = 1.5
+"""Factor by which frequent samples may shorten the time step without a notice; a sample takes two steps."""
 GAUGE = 3.0
 """Half-width over the spacing of the water column that a gauge reads."""
 NEAR = 0.8
@@ -42,6 +45,13 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             "use a smaller dx, or a thicker wall"
         )
     notes += _gauge_notices(case, geometry)
+    stable, sample = stable_time_step(case), case.output.sample_dt
+    if SHORTER * 0.5 * sample < stable:
+        notes.append(
+            f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s; up to {stable:.3g} s is "
+            f"stable: with output.sample_dt = {2.0 * stable:.2g} s or more the run takes "
+            f"{0.5 * sample / stable:.2g} of the time"
+        )
     if case.waves is None:
         return notes
     waves = case.waves

@@ -182,7 +182,8 @@ def _power(case: Sections, record: Record) -> dict[str, float]:
     results |= _share(case, efficiency.xi)
     if case.tank.width is not None:
         return results
-    results["xi_scatter"] = float(np.std(efficiency.per_period))
+    if window.periods > 1:
+        results["xi_scatter"] = float(np.std(efficiency.per_period))
     if waves.repeats is not None:
         results["xi_error"] = analysis.mean_with_error(power[window.over][1:]).error / P_inc
     return results

@@ -36,7 +36,7 @@ def stable_time_step(case: Sections) -> float:
 
 
 def shortest_limit(case: Sections) -> str:
-    """What limits the stable time step, in words: speed, viscosity or gravity, and the keys to change."""
+    """Name of the limit of the stable time step (speed, viscosity or gravity), and the keys to change."""
     dt = stable_time_step(case)
     if dt == _stable_dt(case, 0.0, 0.0):
         if case.scheme.kind == "incompressible":

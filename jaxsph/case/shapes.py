@@ -174,5 +174,5 @@ def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
         fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"
     return [
         f"{name}.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-        f"the water keeps its volume, but not its distance from the face; {fits}"
+        f"the water's volume is right, but its particles beside the face are not half a spacing away; {fits}"
     ]

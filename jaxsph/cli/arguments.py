@@ -149,7 +149,8 @@ def load(name: str, settings: list[str] | None) -> Any:
     case = js.Program.load(name) if ".py" in name else js.load_case(name)
     if settings:
         case = case.replace(dict(setting_of(text) for text in settings))
-    match_precision(getattr(case, "precision", None))
+    is_program = isinstance(case, js.Program)
+    match_precision(case.arguments.get("precision") if is_program else getattr(case, "precision", None))
     interrupt.raise_again()
     return case
 

@@ -25,9 +25,10 @@ from jaxsph.cli.arguments import (
     match_precision,
     setting_of,
 )
-from jaxsph.cli.terminal import messages, print_table, write_page
+from jaxsph.cli.terminal import messages, print_notes, print_table, write_page
 from jaxsph.errors import JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
+from jaxsph.report.doubts import doubts
 from jaxsph.report.labels import in_order, in_words, label_of, short
 from jaxsph.run import interrupt
 
@@ -60,15 +61,17 @@ def run(
         loaded = js.coarsen(loaded) if quick else loaded
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
         quiet = quiet or not is_first
+        if t1 is not None and not isinstance(loaded, js.Program):
+            loaded = loaded.replace({"t1": t1})  # so that `resume` ends there too
         if not quiet:
-            for notice in () if isinstance(loaded, js.Program) else loaded.notices():
-                typer.echo(f"note: {notice}", err=True)
+            print_notes(() if isinstance(loaded, js.Program) else loaded.notices())
         with _resumable(out, case):
             solution = js.run(
                 loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices
             )
         if is_first:
-            _report(solution, out, (plot and not quick, report), quiet)
+            waves = getattr(loaded, "waves", None) is not None
+            _report(solution, out, waves, (plot and not quick, report), quiet)
             if quick and not quiet:
                 typer.echo(f"this was a COARSE run for a first look; for reliable numbers: jaxsph run {case}")
 
@@ -99,7 +102,7 @@ def resume(
                 file, t1=t1, progress=not quiet, changes=changes, devices=devices, given=given
             )
         if is_first:
-            _report(solution, file, (plot, report), quiet)
+            _report(solution, file, bool(stored.get("waves")), (plot, report), quiet)
 
 
 def _find(devices: int | None, process: str | None) -> bool:
@@ -118,13 +121,13 @@ def _find(devices: int | None, process: str | None) -> bool:
     return jax.process_index() == 0
 
 
-def _report(solution: Any, path: Path, wanted: tuple[bool, bool], quiet: bool) -> None:
-    """Prints the results, and writes pictures and a page if `wanted` (in this order)."""
+def _report(solution: Any, path: Path, waves: bool, wanted: tuple[bool, bool], quiet: bool) -> None:
+    """Prints the results and the doubts about them, and writes pictures and a page if `wanted` (in this
+    order)."""
     if not quiet:
-        for notice in solution.notices:
-            typer.echo(f"note: {notice}", err=True)
-        flat = len(solution.model.g) == 2
-        print_table(_rows(solution.results or {}, flat, solution.labels))
+        results, flat = solution.results or {}, len(solution.model.g) == 2
+        print_table(_rows(results, flat, solution.labels))
+        print_notes([*solution.notices, *(doubt.text for doubt in doubts(results, waves))])
         typer.echo(f"recorded in {path}")
     pictures, page = wanted
     if pictures:

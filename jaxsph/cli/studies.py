@@ -25,8 +25,9 @@ from jaxsph.cli.arguments import (
     load,
     values_of,
 )
-from jaxsph.cli.terminal import messages, print_table, write_page
+from jaxsph.cli.terminal import messages, print_notes, print_table, write_page
 from jaxsph.errors import CaseError
+from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
 
 CLUSTER_TIMEOUT = 10
@@ -78,13 +79,16 @@ def sweep(
                 raise CaseError("--t1: is one of the parameters of --grid; give only one of the two")
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
+        if not quiet:
+            _note(loaded, over)
         if not (quiet or out.exists()):
-            _announce(loaded, over, math.prod(map(len, over.values())), workers, scheduler)
+            _announce(loaded, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
             loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
         )
         if not quiet:
             print_table(_sweep_rows(done))
+            _doubt(loaded, done)
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
         _end_with_failures(done)
@@ -132,14 +136,19 @@ def matrix(
         Hs, Tp = (
             values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
         )
+        if scatter is not None:
+            scatter.check_within(Hs, Tp)
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
+        seas = {"waves.Hs": Hs, "waves.Tp": Tp}
+        if not quiet:
+            _note(loaded, seas)
         if not (quiet or out.exists()):
-            seas = {"waves.Hs": Hs, "waves.Tp": Tp}
-            _announce(loaded, seas, len(Hs) * len(Tp) * seeds, None, scheduler)
+            _announce(loaded, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
         print_table(_matrix_rows(done, scatter))
         typer.echo(f"recorded in {out}")
         if not quiet:
+            _doubt(loaded, done.sweep)
             from jaxsph.output.plot.matrix import plot_matrix
 
             typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
@@ -177,6 +186,8 @@ def slope(  # its arguments are the options of the command
     with messages():
         loaded = load(case, settings)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
+        if not quiet:
+            _note(loaded, {})
         found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
         error = "" if found.error is None else f" +- {found.error:.2g}"
         print_table(
@@ -233,8 +244,10 @@ def optimise(  # its arguments are the options of the command
         way = method.of(spread, members)
         if table is not None:
             of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
+        if not quiet:
+            _note(loaded, bounds)
         if not (quiet or out.exists()) and method is Way.ensemble:
-            _announce(loaded, bounds, evaluations * members, None, None, "at most ")
+            _announce(loaded, evaluations * members, None, None, "at most ")
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         for here in found.history:
             print_table(
@@ -254,24 +267,35 @@ def _compile_as_members() -> None:
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
 
 
+def _note(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
+    """Prints the notices of a case, and of the case with each value of the parameters.
+
+    **Raises** CaseError if the case refuses a value, before anything is run.
+    """
+    members = [loaded.replace({name: value}) for name, values in over.items() for value in values]
+    if hasattr(loaded, "notices"):
+        print_notes(notice for one in (loaded, *members) for notice in one.notices())
+
+
+def _doubt(loaded: Any, done: Any) -> None:
+    """Prints the doubts about the members of a sweep."""
+    ended = sorted(set(done.members) - set(done.failures))
+    results = [{name: done[name][place] for name in done.results} for place in ended]
+    known = [{name: value for name, value in one.items() if not math.isnan(value)} for one in results]
+    print_notes(doubts_of_members(known, getattr(loaded, "waves", None) is not None))
+
+
 def _announce(
     loaded: Any,
-    over: Mapping[str, Sequence[float]],
     runs: int,
     workers: int | None,
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Prints the number of runs and their expected time, from the first steps of one run.
-
-    **Raises** CaseError if the case refuses the first or last value of a parameter, before anything is timed.
-    """
+    """Prints the number of runs and their expected time, from the first steps of one run."""
     import jaxsph as js
     from jaxsph.run.devices import available_cores
 
-    for name, values in over.items():
-        for value in (values[0], values[-1]):
-            loaded.replace({name: value})
     if scheduler is not None:
         typer.echo(f"{most}{runs} runs", err=True)
         return
@@ -306,7 +330,8 @@ def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
     if scatter is not None:
         mean = done.annual(scatter)
         error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
-        rows.append(("mean over the year", f"{mean.value:.3g}{error} {unit}"))
+        over = "year" if scatter.hours is None else f"{scatter.hours:,.0f} h of the table"
+        rows.append((f"mean over the {over}", f"{mean.value:.3g}{error} {unit}"))
     return rows
 
 

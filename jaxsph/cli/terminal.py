@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import typer
@@ -17,6 +17,12 @@ def print_table(rows: list[tuple[str, str]]) -> None:
     width = max((len(label) for label, _ in rows), default=0)
     for label, value in rows:
         typer.echo(f"{label:<{width}}  {value}")
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Prints each note for the user once, to the error stream."""
+    for note in dict.fromkeys(notes):
+        typer.echo(f"note: {note}", err=True)
 
 
 def write_page(path: Path, wanted: bool, quiet: bool) -> None:

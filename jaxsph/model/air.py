@@ -89,7 +89,8 @@ class AbstractPTO(eqx.Module):
     def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
         """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; their sum is q.
 
-        The energy of an entry is the energy of the air in its part of the flow. A single entry gets all of q.
+        The energy of an entry is the energy of the air in its part of the flow. If there is only
+        one entry, its part is the whole flow.
         """
         del P_a
         (name,) = self.entries("")  # a power take-off with several entries overrides this method

@@ -51,7 +51,7 @@ PAIR = 0.6
 
 
 WHOLE = 0.5 * PAIR
-"""Displacement in spacings of each of two particles in one place that brings them to the distance `PAIR`."""
+"""Displacement, in spacings, by which two coincident particles must each move to be `PAIR` apart."""
 
 
 class Regularised(NamedTuple):
@@ -82,8 +82,8 @@ class Regularisation(eqx.Module):
     **Hyperviscosity** is a velocity diffusion that vanishes for velocities up to second degree in space:
     du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i)), with
     weights w_ij proportional to V_j W_ij^2, whose sum over a lattice is 1. It does for the velocity what the
-    diffusion of delta-SPH (Antuono et al. 2012) does for the density. Disorder of the particles adds a noise
-    to their velocities, which changes from one particle to the next. The noise decays at the rate above, in
+    diffusion of delta-SPH (Antuono et al. 2012) does for the density. Disorder of the particles adds noise
+    to their velocities that varies from one particle to the next. The noise decays at the rate above, in
     0.05 s for dx = 0.02 m, but the damping of a wave k is proportional to (kh)^4. An artificial viscosity,
     proportional to (kh)^2, damps both. In spray and thin sheets, where particles have too few neighbours for
     a gradient, the sum fades out (`pairs.correctable`).

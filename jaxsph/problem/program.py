@@ -103,6 +103,10 @@ class Program:
             raise CaseError(_unknown(self, name, self.arguments))
         return self.arguments[name]
 
+    def built(self, name: str) -> Any:
+        """See `Source.built`: as given."""
+        return self.value(name)
+
     def to_toml(self) -> str:
         """Names of file and function, digest and arguments of the program, as TOML text."""
         place = self.place.replace("\\", "/").rpartition("/")[2]

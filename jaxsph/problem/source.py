@@ -30,6 +30,10 @@ class Source(Protocol):
         """Value called `name`; None if it is not given. **Raises** CaseError if there is no such name."""
         ...
 
+    def built(self, name: str) -> Any:
+        """Value with which the problem is built: a case rounds some lengths to its lattice."""
+        ...
+
     def to_toml(self) -> str:
         """All that defines the problem, as TOML text to store in a file."""
         ...

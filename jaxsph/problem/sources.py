@@ -39,6 +39,10 @@ class Assembled:
         """See `Source.value`."""
         return self.replace({name: None})
 
+    def built(self, name: str) -> Any:
+        """See `Source.built`."""
+        return self.value(name)
+
     def to_toml(self) -> str:
         """See `Source.to_toml`."""
         return toml_text({"name": self.name, "program": ""})

@@ -22,15 +22,13 @@ from jaxsph.output.plot.series import energy_terms, harvested, work_of
 from jaxsph.output.plot.spectrum import WITHIN
 from jaxsph.output.run_file import RunFile
 from jaxsph.problem.results import linear
+from jaxsph.report.doubts import doubts
 from jaxsph.report.frames import Frames
 from jaxsph.report.labels import in_order, in_words, is_flat, label_of, short
 from jaxsph.report.pack import Pack
 
 MOST_SAMPLES = 6000
 """Number of samples above which a line is drawn only through the extremes of groups of samples."""
-NOISY, UNBOOKED, FEW = 0.15, 0.03, 5
-"""Limits for warnings on a page: largest noise of the particles (-), largest share of the energy that is not
-accounted for (-), and smallest number of averaged periods."""
 EXTREMES = {"chamber_level": "level", "flow": "q", "P_a": "P_a_peak"}
 """Series of a chamber, and for each the name of its amplitude in `LinearOWC`."""
 PANELS = {
@@ -69,7 +67,7 @@ RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch
 def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[str, Any]:
     """Contents of a page about a run, finished or not. **Raises** FileError if the run cannot be read."""
     keys, series = run.case_keys(), run.series()
-    case = _case_of(keys)
+    case = case_of(keys)
     results = run.results()
     counting = {n: a[series["time"] >= run.since - 1e-9] for n, a in series.items()}
     name = str(keys.get("name", run.path.stem))
@@ -91,7 +89,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
     }
 
 
-def _case_of(keys: dict[str, Any]) -> Case | None:
+def case_of(keys: dict[str, Any]) -> Case | None:
     """Case of a run's file; None if this version does not know all its keys."""
     try:
         return Case.from_dict(keys)
@@ -132,8 +130,6 @@ def _warnings(
 ) -> list[str]:
     """Warnings about the reliability of the numbers on a page."""
     reached = series["time"][-1] if len(series.get("time", ())) else 0.0
-    noise, residual = results.get("noise", 0.0), results.get("energy_residual_share", 0.0)
-    periods = results.get("periods", FEW)
     rules = [
         (
             str(keys.get("description", "")).startswith(COARSE),
@@ -143,28 +139,9 @@ def _warnings(
             not results,
             f"The run has not ended: it has reached t = {reached:.4g} s, and there are no results yet.",
         ),
-        (
-            noise > NOISY,
-            f"The particles are noisy: their velocities deviate from those of neighbours by {noise:.2g} of "
-            f"their speed (limit: {NOISY:g}). Reduce dx, or colour the particles by noise to see where it "
-            "comes from.",
-        ),
-        (
-            abs(residual) > UNBOOKED,
-            f"The energy budget does not close: {100 * residual:+.1f} % of the work is not accounted for "
-            f"(limit: {100 * UNBOOKED:g} %).",
-        ),
-        (
-            0 < periods < FEW and not results.get("periods_left_out"),  # otherwise a notice says so
-            f"Results are averaged over {periods:.0f} periods only: raise t1, so that more settled periods "
-            "can be averaged.",
-        ),
-        (
-            bool(results and keys.get("waves")) and not {"periods", "E_inc"} & set(results),
-            "The run is too short for a mean over a settled wave period: raise t1.",
-        ),
     ]
     found = [text for holds, text in rules if holds]
+    found += [doubt.text for doubt in doubts(results, bool(keys.get("waves")))]
     return [*found, *([] if case is None else case.notices())]
 
 
@@ -199,7 +176,7 @@ def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
 
 
 def _standard_error(results: dict[str, float]) -> float | None:
-    """Standard error of the efficiency: of the mean over periods of regular waves, or as given for a sea."""
+    """Standard error of the efficiency: of the mean over periods, or as given for a sea; None if unknown."""
     if "xi_scatter" in results and "periods" in results:
         return results["xi_scatter"] / max(results["periods"], 1.0) ** 0.5
     return results.get("xi_error")

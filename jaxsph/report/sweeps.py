@@ -11,7 +11,8 @@ from jaxsph.case.case import Case
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
-from jaxsph.report.content import panels
+from jaxsph.report.content import case_of, panels
+from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import in_order, in_words, is_flat, label_of
 from jaxsph.report.pack import Pack
 
@@ -35,6 +36,11 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     ]
     if waiting:
         warnings.insert(0, f"{waiting} of {waiting + len(members)} members have not ended yet.")
+    case = case_of(keys)
+    warnings += doubts_of_members(
+        [one["results"] for one in members if not one["failure"]], bool(keys.get("waves"))
+    )
+    warnings += [] if case is None else case.notices()
     ordered = in_order(results, stored.meanings.labels)
     shown = [name for name in ordered if not name.startswith(("slope ", "error "))]
     matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]

@@ -42,7 +42,7 @@ class WaterLine(NamedTuple):
     flows: Mapping[str, Scalar]
     """Flow out of every chamber at the step's end if all pressures were zero, m3/s (m2/s in 2-D)."""
     compliance: Mapping[tuple[str, str], Scalar]
-    """-dq/dP_a of the first chamber's flow by the second chamber's pressure, m3/s/Pa (m2/s/Pa in 2-D)."""
+    """Decrease of the first chamber's flow per unit of the second's pressure, m3/s/Pa (m2/s/Pa in 2-D)."""
 
 
 def couple_airs(

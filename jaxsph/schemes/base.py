@@ -215,7 +215,7 @@ class AbstractParticleScheme(AbstractScheme):
         return GhostFields(x, nodes, still[:, 0], still, still, here * volume, fit, water)
 
     def carried(self, model: Model, law, ghosts: GhostFields, tables: Tables):
-        """Values at all ghosts of `law(j)`, a pytree of fields of the water: see `Ghosts.carried`."""
+        """Values of `law(j)`, a pytree of fields of the water, at all ghosts: see `Ghosts.carried`."""
         return model.walls.carried(law, *self._seen(ghosts, tables))
 
     def carrier(

@@ -163,8 +163,8 @@ class ISPH(AbstractParticleScheme):
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractScheme.cost`: 2.2 us and 30 ns per neighbour, with the number of iterations of still
-        water, a flap in waves and the dam break of the column."""
+        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour, for the numbers of iterations met in
+        still water, with a flap in waves, and in the dam break of a column."""
         return 2.2e-6 + 30e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):

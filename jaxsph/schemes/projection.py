@@ -33,8 +33,9 @@ SECOND_ROW = 28.0
 """Rate at which crowding in the second row below a free surface is removed, over `relaxation` dt g/h (-).
 
 A rate in proportion to dt acts as a spring whose stiffness does not depend on dt. The spring counteracts
-the pressure, which pushes this row out of place (`surface_stiffness`). With the rate of the other water the
-spring would be weaker, the longer the step. A value of 40, or holding the third row too, hardly improves it.
+the pressure, which pushes this row out of place (`surface_stiffness`). With the rate used elsewhere in the
+water the spring would weaken as the time step grows. A value of 40, or holding the third row too, hardly
+improves it.
 """
 
 MOST = 0.5

@@ -165,8 +165,9 @@ def cut_by_platform(
 ) -> GhostSet:
     """Ghosts of a tank's walls where a platform fills its far end.
 
-    Ghosts in the platform's two inner corners are also mirrored in the platform's face there, and only the
-    water in front of that face sees them. All other ghosts behind the platform are removed.
+    Ghosts beyond the end wall just below the platform's top are also mirrored in the top, and only the water
+    above it sees them. Ghosts below the bed just behind the platform's front are also mirrored in the front,
+    and only the water in front of it sees them. All other ghosts behind the platform are removed.
     """
     x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
     kind, node_sees = ghosts.kind.copy(), ghosts.node_sees.copy()

@@ -11,6 +11,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.errors import CaseError, DerivativeError
+from jaxsph.problem.source import Source
 from jaxsph.study.base import (
     AbstractMethod,
     Derivative,
@@ -54,8 +55,10 @@ class Ensemble(AbstractMethod):
         check_result(source.problem(), of)
         if value == 0.0:
             raise CaseError(f"{parameter} = 0: must not be 0: an ensemble varies the value by a share of it")
-        offsets = self.spread * np.linspace(-1.0, 1.0, self.members)
-        values = [float(v) for v in value * (1.0 + offsets)]
+        shares = self.spread * np.linspace(-1.0, 1.0, self.members)
+        values = _as_built(source, parameter, [float(v) for v in value * (1.0 + shares)])
+        value = float(source.built(parameter))
+        offsets = np.asarray(values) / value - 1.0
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
             done = sweep(source, {parameter: values}, out, workers=self.workers, progress=progress)
@@ -67,7 +70,7 @@ class Ensemble(AbstractMethod):
         known = np.isfinite(found)
         if known.sum() < 4:
             first = next(iter(done.failures.values()), "the members have no such result")
-            raise DerivativeError(f"only {known.sum()} of {self.members} members gave {of}: {first}")
+            raise DerivativeError(f"only {known.sum()} of {len(values)} members gave {of}: {first}")
         fit = parabola(offsets[known], found[known])
         members = {parameter: np.asarray(values), of: found}
         scale = 1.0 / value
@@ -81,6 +84,22 @@ class Ensemble(AbstractMethod):
             self,
             members=members,
         )
+
+
+def _as_built(source: Source, parameter: str, values: list[float]) -> list[float]:
+    """Values with which the members are built, without those that the lattice rounds to one already there.
+
+    **Raises** CaseError if fewer than four remain, which give no slope with an error.
+    """
+    built = [float(source.replace({parameter: value}).built(parameter)) for value in values]
+    different = list(dict.fromkeys(built))
+    if len(different) < 4:
+        shown = ", ".join(f"{value:g}" for value in different)
+        raise CaseError(
+            f"{parameter}: the lattice rounds the values from {values[0]:g} to {values[-1]:g} to {shown} m "
+            "only, but a slope needs four: reduce dx, or increase the spread"
+        )
+    return different
 
 
 @dataclass(frozen=True)

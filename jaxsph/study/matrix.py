@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from jaxsph.analysis import Mean
@@ -34,6 +34,8 @@ class ScatterTable:
     """Peak periods, s."""
     share: NDArray[np.float64]
     """Shares of the year (-), which sum to 1."""
+    hours: float | None = None
+    """Hours that the table covers, h; None if it gives shares."""
 
     @classmethod
     def read(cls, path: str | Path) -> ScatterTable:
@@ -52,7 +54,19 @@ class ScatterTable:
             raise CaseError(
                 f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; name the column hours for counts"
             )
-        return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight))
+        hours = float(np.sum(weight)) if kind == "hours" else None
+        return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)
+
+    def check_within(self, Hs: ArrayLike, Tp: ArrayLike) -> None:
+        """**Raises** CaseError if a sea state of the table lies outside a matrix over Hs (m) and Tp (s)."""
+        used = self.share > 0.0
+        for name, axis, values in (("Hs", Hs, self.Hs[used]), ("Tp", Tp, self.Tp[used])):
+            outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
+            if np.any(outside):
+                raise CaseError(
+                    f"the table has {name} = {values[outside][0]:g}: outside the matrix, which covers "
+                    f"{np.min(axis):g} to {np.max(axis):g}"
+                )
 
 
 @dataclass(frozen=True)
@@ -96,14 +110,8 @@ class PowerMatrix:
 
     def _weights(self, table: ScatterTable) -> NDArray[np.float64]:
         """Weight of every cell in the mean over a scatter table, `[Hs, Tp]`."""
+        table.check_within(self.Hs, self.Tp)
         used = table.share > 0.0
-        for name, axis, values in (("Hs", self.Hs, table.Hs[used]), ("Tp", self.Tp, table.Tp[used])):
-            outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
-            if np.any(outside):
-                raise CaseError(
-                    f"the table has {name} = {values[outside][0]:g}: outside the matrix, which covers "
-                    f"{np.min(axis):g} to {np.max(axis):g}"
-                )
         places = np.stack([table.Hs[used], table.Tp[used]], axis=1)
         weights = np.zeros((len(self.Hs), len(self.Tp)))
         for cell in np.ndindex(weights.shape):

@@ -232,7 +232,21 @@ def _members(
         source.replace({name: value.item() for name, value in zip(axes, values, strict=True)})
         for values in combined
     ]
+    _check_different(sources, axes)
     return sources, tuple(lengths) if grid else (lengths[0],)
+
+
+def _check_different(sources: Sequence[Source], axes: Mapping[str, np.ndarray]) -> None:
+    """**Raises** CaseError if the lattice rounds different lengths to one: the runs would be equal."""
+    found: dict[tuple[Any, ...], Source] = {}
+    for member in sources:
+        other = found.setdefault(tuple(member.built(name) for name in axes), member)
+        for name in axes:
+            if (one := other.value(name)) != (value := member.value(name)):
+                raise CaseError(
+                    f"{name} = {one:g} and {value:g}: the lattice rounds both to {member.built(name):g} m, "
+                    "so that their runs would be equal: give values at least a spacing apart, or reduce dx"
+                )
 
 
 def _make_sweep(

@@ -135,7 +135,7 @@ class Sea(AbstractWaves):
         return values[self.peak]
 
     def paddle_displacement(self, t):
-        """See `AbstractWaves.paddle_displacement`: the second-order part has the square of the ramp."""
+        """See `AbstractWaves.paddle_displacement`: the second order has the squared ramp as a factor."""
         ramp = self.ramp_factor(t)
         return ramp * self.displacement.at(0.0, t) + ramp**2 * self.correction.at(0.0, t)
 

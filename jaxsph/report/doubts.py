@@ -1,0 +1,58 @@
+"""Doubts about the results of a run, and of the members of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+NOISY, UNBOOKED, FEW = 0.15, 0.03, 5
+"""Limits beyond which a result is doubtful: largest noise of the particles (-), largest share of the energy
+that is not accounted for (-), and smallest number of averaged periods."""
+
+
+class Doubt(NamedTuple):
+    """Reason to doubt the results of a run."""
+
+    text: str
+    """The reason and what to do, for one run."""
+    many: str
+    """The same for several members of a sweep, after their number."""
+
+
+def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
+    """Reasons to doubt the results of a completed run; `waves`: whether its case has waves."""
+    noise, residual = results.get("noise", 0.0), results.get("energy_residual_share", 0.0)
+    periods = results.get("periods", FEW)
+    rules = [
+        (
+            noise > NOISY,
+            f"The particles are noisy: their velocities deviate from those of neighbours by {noise:.2g} of "
+            f"their speed (limit: {NOISY:g}). Reduce dx, or colour the particles by noise to see where it "
+            "comes from.",
+            f"have noisy particles (limit: {NOISY:g} of their speed): reduce dx.",
+        ),
+        (
+            abs(residual) > UNBOOKED,
+            f"The energy budget does not close: {100 * residual:+.1f} % of the work is not accounted for "
+            f"(limit: {100 * UNBOOKED:g} %).",
+            f"have an energy budget that does not close within {100 * UNBOOKED:g} %.",
+        ),
+        (
+            0 < periods < FEW and not results.get("periods_left_out"),  # otherwise a notice says so
+            f"Results are averaged over {periods:.0f} periods only: raise t1, so that more settled periods "
+            "can be averaged.",
+            f"are averaged over fewer than {FEW} settled periods: raise t1.",
+        ),
+        (
+            bool(results and waves) and not {"periods", "E_inc"} & set(results),
+            "The run is too short for a mean over a settled wave period: raise t1.",
+            "are too short for a mean over a settled wave period: raise t1.",
+        ),
+    ]
+    return [Doubt(text, many) for holds, text, many in rules if holds]
+
+
+def doubts_of_members(members: Sequence[Mapping[str, float]], waves: bool) -> list[str]:
+    """Reasons to doubt members of a sweep, each with the number of members that it concerns."""
+    found = [doubt.many for results in members for doubt in doubts(results, waves)]
+    return [f"{found.count(many)} of {len(members)} members {many}" for many in dict.fromkeys(found)]
