@@ -157,12 +157,12 @@ PROSE = (
     ),
     # method
     Sentence(
-        "has {:.2f} of the Gaussian's in pure strain",
+        "has {:.2f} of the Gaussian's false stress in pure strain",
         lambda r: (r("lattice_stress", "2-D: the polynomial over Gaussian, strained"),),
         (METHOD,),
     ),
     Sentence(
-        "high loses {:.3f} of its amplitude a second, as in a tank without walls; with the paper's mirror "
+        "loses {:.3f} of this amplitude per second, as in a tank without walls; with the paper's mirror "
         "nodes it loses {:.3f}",
         lambda r: tuple(r("contact_line_0.04_0.01", f"{wall}: decay") for wall in ("images", "mirror")),
         (METHOD,),
@@ -240,7 +240,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "plate {:.1f} % of the paddle's work is made from nothing",
+        "plate {:.1f} % of the paddle's work appears as spurious energy",
         lambda r: (-r("convergence", "weakly compressible, 10 mm: not accounted for / paddle"),),
         (METHOD,),
     ),

@@ -15,7 +15,7 @@ CHAMBER = 6
 efficiency of 0.53 to 0.57, with 6.5 spacings one of 0.64."""
 SAMPLE = 0.1
 """Longest sampling interval over the waves' period, above which a case gets a notice."""
-SHORTER = 1.5
+SHORTER = 2.0
 """Factor by which frequent samples may shorten the time step without a notice; a sample takes two steps."""
 GAUGE = 3.0
 """Half-width over the spacing of the water column that a gauge reads."""
@@ -48,8 +48,8 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     stable, sample = stable_time_step(case), case.output.sample_dt
     if SHORTER * 0.5 * sample < stable:
         notes.append(
-            f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s; up to {stable:.3g} s is "
-            f"stable: with output.sample_dt = {2.0 * stable:.2g} s or more the run takes "
+            f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s, but up to "
+            f"{stable:.3g} s is stable: with output.sample_dt = {2.0 * stable:.2g} s or more the run takes "
             f"{0.5 * sample / stable:.2g} of the time"
         )
     if case.waves is None:

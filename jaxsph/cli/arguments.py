@@ -91,6 +91,11 @@ Process = Annotated[
 ]
 
 
+Quick = Annotated[
+    bool, typer.Option("--quick", help="A coarse first look: larger particles, a shorter run, no pictures.")
+]
+
+
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
@@ -142,8 +147,11 @@ Program = Annotated[
 ]
 
 
-def load(name: str, settings: list[str] | None) -> Any:
-    """Loads a case by name, or a program FILE.py:FUNCTION, with the values of --set; sets JAX's precision."""
+def load(name: str, settings: list[str] | None, quick: bool = False) -> Any:
+    """Loads a case by name, or a program FILE.py:FUNCTION, with the values of --set; sets JAX's precision.
+
+    `quick`: its coarse form for a first look.
+    """
     import jaxsph as js
 
     case = js.Program.load(name) if ".py" in name else js.load_case(name)
@@ -152,7 +160,7 @@ def load(name: str, settings: list[str] | None) -> Any:
     is_program = isinstance(case, js.Program)
     match_precision(case.arguments.get("precision") if is_program else getattr(case, "precision", None))
     interrupt.raise_again()
-    return case
+    return js.coarsen(case) if quick else case
 
 
 def setting_of(text: str) -> tuple[str, Any]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jaxsph.case.report import in_time
-from jaxsph.cli.arguments import CaseName, Devices, Settings, complete_case, load
+from jaxsph.cli.arguments import CaseName, Devices, Quick, Settings, complete_case, load
 from jaxsph.cli.terminal import messages, print_table
 from jaxsph.errors import CaseError, FileError
 
@@ -16,6 +16,7 @@ from jaxsph.errors import CaseError, FileError
 def check(
     case: CaseName,
     settings: Settings = None,
+    quick: Quick = False,
     timed: Annotated[
         bool, typer.Option("--time", help="Compile the case and time its first steps on this machine.")
     ] = False,
@@ -25,7 +26,7 @@ def check(
     import jaxsph as js
 
     with messages():
-        loaded = load(case, settings)
+        loaded = load(case, settings, quick)
         is_case = not isinstance(loaded, js.Program)
         rows = js.check(loaded) + (js.linear_check(loaded) if is_case else [])
         if timed:

@@ -18,6 +18,7 @@ from jaxsph.cli.arguments import (
     Pictures,
     Process,
     Program,
+    Quick,
     Quiet,
     RunName,
     Settings,
@@ -42,10 +43,7 @@ def run(
         typer.Option("--out", "-o", metavar="FILE", help="Output file; default: runs/<name of the case>.h5"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE if it exists.")] = False,
-    quick: Annotated[
-        bool,
-        typer.Option("--quick", help="A coarse first look: larger particles, a shorter run, no pictures."),
-    ] = False,
+    quick: Quick = False,
     devices: Devices = None,
     process: Process = None,
     plot: Pictures = True,
@@ -57,8 +55,7 @@ def run(
 
     with messages():
         is_first = _find(devices, process)
-        loaded = load(case, settings)
-        loaded = js.coarsen(loaded) if quick else loaded
+        loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
         quiet = quiet or not is_first
         if t1 is not None and not isinstance(loaded, js.Program):

@@ -17,6 +17,7 @@ from jaxsph.cli.arguments import (
     EndTime,
     Method,
     Page,
+    Quick,
     Quiet,
     Settings,
     Way,
@@ -45,6 +46,7 @@ def sweep(
         ),
     ],
     settings: Settings = None,
+    quick: Quick = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_sweep.h5"),
@@ -72,7 +74,7 @@ def sweep(
     _compile_as_members()
 
     with messages(), _cluster(scheduler) as executor:
-        loaded = load(case, settings)
+        loaded = load(case, settings, quick)
         over = each_once((values_of(text) for text in grid), "--grid")
         if t1 is not None:
             if "t1" in over:
@@ -81,8 +83,7 @@ def sweep(
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
             _note(loaded, over)
-        if not (quiet or out.exists()):
-            _announce(loaded, math.prod(map(len, over.values())), workers, scheduler)
+            _announce(loaded, out, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
             loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
         )
@@ -115,6 +116,7 @@ def matrix(
         ),
     ] = None,
     settings: Settings = None,
+    quick: Quick = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_matrix.h5"),
@@ -131,7 +133,7 @@ def matrix(
     _compile_as_members()
 
     with messages(), _cluster(scheduler) as executor:
-        loaded = load(case, settings)
+        loaded = load(case, settings, quick)
         scatter = None if table is None else js.ScatterTable.read(table)
         Hs, Tp = (
             values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
@@ -139,11 +141,9 @@ def matrix(
         if scatter is not None:
             scatter.check_within(Hs, Tp)
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
-        seas = {"waves.Hs": Hs, "waves.Tp": Tp}
         if not quiet:
-            _note(loaded, seas)
-        if not (quiet or out.exists()):
-            _announce(loaded, len(Hs) * len(Tp) * seeds, None, scheduler)
+            _note(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
+            _announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
         print_table(_matrix_rows(done, scatter))
         typer.echo(f"recorded in {out}")
@@ -174,6 +174,7 @@ def slope(  # its arguments are the options of the command
         float, typer.Option(help="Largest change in these runs to either side, as a share of the value.")
     ] = 0.3,
     settings: Settings = None,
+    quick: Quick = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_<KEY>.h5"),
@@ -184,7 +185,7 @@ def slope(  # its arguments are the options of the command
     import jaxsph as js
 
     with messages():
-        loaded = load(case, settings)
+        loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
         if not quiet:
             _note(loaded, {})
@@ -224,6 +225,7 @@ def optimise(  # its arguments are the options of the command
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual P_owc."),
     ] = None,
     settings: Settings = None,
+    quick: Quick = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_optimum.h5"),
@@ -238,7 +240,7 @@ def optimise(  # its arguments are the options of the command
         _compile_as_members()
 
     with messages():
-        loaded = load(case, settings)
+        loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = each_once((bounds_of(text) for text in over), "--over")
         way = method.of(spread, members)
@@ -246,18 +248,23 @@ def optimise(  # its arguments are the options of the command
             of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
         if not quiet:
             _note(loaded, bounds)
-        if not (quiet or out.exists()) and method is Way.ensemble:
-            _announce(loaded, evaluations * members, None, None, "at most ")
+            if method is Way.ensemble:
+                _announce(loaded, out, evaluations * members, None, None, "at most ")
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
-        for here in found.history:
-            print_table(
-                [(f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in bounds), f"{here[of]:.4g}")]
-            )
+        print_table([_evaluation(here, of, list(bounds)) for here in found.history])
         highest = max(found.history, key=lambda here: here[of])
         best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
+
+
+def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tuple[str, str]:
+    """Values of the parameters in one evaluation of a search; the result there, and its slopes."""
+    slopes = [f"slope {here[f'slope {key}']:.3g}" for key in keys if f"slope {key}" in here]
+    errors = [f" +- {here[f'error {key}']:.2g}" if f"error {key}" in here else "" for key in keys]
+    found = [f"{here[of]:.4g}", *(a + b for a, b in zip(slopes, errors, strict=False))]
+    return f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in keys), ", ".join(found)
 
 
 def _compile_as_members() -> None:
@@ -287,12 +294,16 @@ def _doubt(loaded: Any, done: Any) -> None:
 
 def _announce(
     loaded: Any,
+    out: Path,
     runs: int,
     workers: int | None,
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Prints the number of runs and their expected time, from the first steps of one run."""
+    """Prints the number of runs and their expected time, from the first steps of one run; nothing if the
+    study continues in the file `out`."""
+    if out.exists():
+        return
     import jaxsph as js
     from jaxsph.run.devices import available_cores
 

@@ -208,7 +208,11 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     beside = [found for found, _ in others]
     shapes = [[leaf.shape for leaf in one] for one in (leaves, *beside)]
     if not shapes[0] == shapes[1] == shapes[2]:
-        raise CaseError(f"{parameter} changes the number of ghost particles: compare runs with js.sweep")
+        less = "" if problem.model.dt.dtype == np.float64 else ", or use float64, where the change is smaller"
+        raise CaseError(
+            f"{parameter}: a change of {step:.2g} changes the number of ghost particles: compare runs with "
+            f"js.sweep{less}"
+        )
     if isinstance(source, Program):
         if any(other != structure for _, other in others):
             raise CaseError(
