@@ -40,7 +40,8 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
         path, read_text(path, "data file", "give the name of a CSV file, from the case's own folder")
     )
     place, titles = rows[0] if rows else (f"{path}, line 1 (0 characters)", [])
-    header = [_column(place, title, units) for title in titles]
+    alone = len(titles) < 2  # separated by something else than commas
+    header = [] if alone else [_column(place, title, units) for title in titles]
     if set(header) not in wanted or len(set(header)) < len(header):
         sets = " or ".join(
             ", ".join(f"{name} ({units[name]})" for name in units if name in one) for one in wanted
@@ -121,6 +122,6 @@ def _column(place: str, title: str, units: dict[str, str]) -> str:
     known = [name for name in units if re.match(rf"{re.escape(name)}(?![A-Za-z0-9])", title)]
     name = max(known, key=len, default=title)
     unit = title.removeprefix(name).strip(" _()[]")
-    if name in units and unit and unit != units[name]:
+    if name in units and re.fullmatch(r"[\w/%^*.-]+", unit) and unit != units[name]:
         raise CaseError(f"{place}: {name} must be in {units[name]}; convert the column and its title")
     return name

@@ -31,6 +31,8 @@ from jaxsph.errors import CaseError
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
 
+INTERRUPTED = "interrupted; the same command continues where this one ended"
+"""Message after Ctrl-C: studies keep the checkpoints of their members."""
 CLUSTER_TIMEOUT = 10
 """Time limit for the answer of a cluster's scheduler, s."""
 
@@ -73,7 +75,7 @@ def sweep(
 
     _compile_as_members()
 
-    with messages(), _cluster(scheduler) as executor:
+    with messages(INTERRUPTED), _cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         over = each_once((values_of(text) for text in grid), "--grid")
         if t1 is not None:
@@ -132,7 +134,7 @@ def matrix(
 
     _compile_as_members()
 
-    with messages(), _cluster(scheduler) as executor:
+    with messages(INTERRUPTED), _cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         scatter = None if table is None else js.ScatterTable.read(table)
         Hs, Tp = (
@@ -184,7 +186,7 @@ def slope(  # its arguments are the options of the command
     """Compute the slope of a result with respect to one parameter of the case, with its error."""
     import jaxsph as js
 
-    with messages():
+    with messages(INTERRUPTED):
         loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
         if not quiet:
@@ -239,7 +241,7 @@ def optimise(  # its arguments are the options of the command
     if method is Way.ensemble:
         _compile_as_members()
 
-    with messages():
+    with messages(INTERRUPTED):
         loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = each_once((bounds_of(text) for text in over), "--over")

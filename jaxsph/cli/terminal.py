@@ -41,13 +41,16 @@ def write_page(path: Path, wanted: bool, quiet: bool) -> None:
 
 
 @contextlib.contextmanager
-def messages() -> Iterator[None]:
-    """Turns errors that a user can act on into a message and an exit code: 2 for input, 1 for a run."""
+def messages(interrupted: str = "interrupted") -> Iterator[None]:
+    """Turns errors that a user can act on into a message and an exit code: 2 for input, 1 for a run.
+
+    `interrupted`: message after Ctrl-C.
+    """
     try:
         yield
     except JaxsphError as error:
         typer.echo(f"jaxsph: error: {error}", err=True)
         raise typer.Exit(1 if isinstance(error, SimulationError) else 2) from None
     except KeyboardInterrupt:
-        typer.echo("jaxsph: interrupted", err=True)
+        typer.echo(f"jaxsph: {interrupted}", err=True)
         raise typer.Exit(interrupt.CODE) from None
