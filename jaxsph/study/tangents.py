@@ -117,8 +117,9 @@ class Exact(_ThroughLoop):
     def _check(self, parameter, value, t, reach):
         if not reach > self.least * abs(value):  # NaN too
             raise DerivativeError(
-                f"the exact derivative over {parameter} has become that of chaotic particle paths: at "
-                f"t = {t:.2f} s it is valid only for changes below {reach:.1g}.\n"
+                f"the exact derivative with respect to {parameter} no longer describes the flow, because "
+                f"particle paths are chaotic: at t = {t:.2f} s it is valid only for changes below "
+                f"{reach:.1g}.\n"
                 "What to change: an earlier t1, method=js.Filtered() or js.Ensemble()"
             )
 
