@@ -39,6 +39,14 @@ def too_low(r: Results, *names: str) -> tuple[float, float]:
     return ends(100 * (1 - ratio) for name in names for ratio in over_theory(r, name, "xi at "))
 
 
+def lost_in_filter(r: Results) -> tuple[float, float]:
+    """Least and largest share of the water's response that the filter of derivatives removes, per cent."""
+    return ends(
+        100 * r("filter_study_0.02", f"K_dm = {damping}: share of the water's response lost")
+        for damping in ("257", "534.66", "1300")
+    )
+
+
 def ends(values: Iterable[float]) -> tuple[float, float]:
     """The smallest and the largest value."""
     found = list(values)
@@ -361,6 +369,12 @@ PROSE = (
         ),
         (SLOPES,),
     ),
+    Sentence(
+        "a bias of {:.0f} to {:.0f} % of the water's response",
+        lost_in_filter,
+        (SLOPES,),
+    ),
+    Sentence("A filter removes {:.0f} to {:.0f} %", lost_in_filter, (METHOD,)),
     *(
         Sentence(
             f"| {shown} | {{:z.{digits}f}}e-4 ± {{:.{digits}f}}e-4 | {{:.{digits}f}}e-4 |",
