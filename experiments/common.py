@@ -19,7 +19,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.solids.placement import lattice as filled
 
 RUNS = Path("runs")
-"""Folder of the runs; a second call reads them, or continues from where they were interrupted."""
+"""Folder of the runs; a second call reads finished runs and continues interrupted runs."""
 REFERENCE = Path(__file__).parent / "reference"
 """Folder of measured series; see the README in it."""
 COMMITTED = Path(__file__).parent / "results"
@@ -29,7 +29,7 @@ OWN = RUNS / "results"
 
 
 def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
-    """The file of the case's run to t1 (s): computed, completed or only read.
+    """File of the case's run to t1 (s). The run is computed, continued, or only read if it is complete.
 
     **Raises** ValueError if `runs/<name>.h5` holds a run of another case: remove it or choose another name.
     """
@@ -66,7 +66,7 @@ class Report:
     """The command that repeats the experiment, as `python -m experiments run` was called."""
 
     def __init__(self, name: str, title: str, dx: float | None = None) -> None:
-        """An experiment called `name` (used as file name), with a title to show and its spacing dx (m)."""
+        """Starts the report of the experiment `name` (also the file name), with title and spacing dx (m)."""
         self.name, self.title, self.dx = name, title, dx
         self.rows: list[dict[str, Any]] = []
         self.pictures: list[str] = []
@@ -123,7 +123,7 @@ class Report:
 
 
 def of_paddle(results: Mapping[str, float], energy: str, budget: str = "") -> float:
-    """Energy of the budget over the paddle's work, %; `budget`: "whole_" for the budget of the whole run."""
+    """Energy of the budget in % of the paddle's work; `budget`: "whole_" for the budget of the whole run."""
     return 100 * results[f"{budget}energy_{energy}"] / results[f"{budget}energy_paddle"]
 
 

@@ -1,8 +1,8 @@
 """Linear diffraction of regular waves by a fixed section in water of finite depth, two-dimensional.
 
 The time factor is exp(-i omega t), z is upwards from the still level, and the waves come from x = -inf.
-Potentials are scaled to their elevation: the incident potential is exp(ikx) cosh k(z + h) / cosh kh, and the
-pressure is rho g times the potential, per amplitude of the incident waves.
+Potentials are scaled so that the incident potential is exp(ikx) cosh k(z + h) / cosh kh. The pressure per
+amplitude of the incident waves is then rho g times the potential.
 
 The potential added by the section is solved on the boundary of the water between two vertical lines, so far
 away that only waves are left there. Green's identity is used with the source ln r and its image in the bed.
@@ -26,7 +26,7 @@ Values = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 """Array of complex numbers."""
 PER_WAVE = 80
-"""Elements per wavelength on the surface, and per depth on a vertical; halved, R^2 + T^2 is 1 % off."""
+"""Elements per wavelength on the surface and per depth on a vertical; with half, R^2 + T^2 is 1 % off."""
 FAR = 4.0
 """Distance of the verticals from the section, in depths: local waves have decayed to exp(-1.6 FAR)."""
 

@@ -100,7 +100,7 @@ class Cylinder:
         return float(self._force(columns.real @ self._fitted(columns.imag)))
 
     def _radiated(self, omega: float) -> tuple[complex, complex]:
-        """Force over acceleration at unit velocity (kg/m), and strength of the waves over the source's."""
+        """Added mass + i damping/omega (kg/m), and strength of the waves relative to a unit source."""
         K, zeta = omega**2 / self.g, self._zeta
         even, odd = self._multipoles
         source = np.exp(K * zeta) * (exp1(K * zeta) + 1j * np.pi)
@@ -111,8 +111,8 @@ class Cylinder:
         return self._force((columns.real + 1j * waves.real) @ strengths), complex(made @ strengths)
 
     def _of_the_depth(self, omega: float) -> tuple[Complex, Complex, Values]:
-        """Terms on the cylinder added by the finite depth, the outgoing wave of each term there, and the
-        strengths of these waves over the source's."""
+        """Terms that the finite depth adds on the cylinder, the outgoing wave of each term on the cylinder,
+        and the strengths of these waves relative to the source's wave."""
         K, h, at = omega**2 / self.g, self.depth, self._zeta[:, None]
         k0, poles = wavenumber(omega, h, self.g), K * h < DEEP
         end = max(FALLEN / h, 2.0 * k0) if poles else DEEP / h
@@ -120,7 +120,7 @@ class Cylinder:
         grown = np.exp(-2.0 * k * h)  # cosh kh and sinh kh are divided by exp(kh)/2 to avoid overflow
         kernel = (np.exp(k * at) + grown * np.exp(-k * at)) / (k * (1.0 - grown) - K * (1.0 + grown))
         wave, deep = self._wave(omega, k0, self._zeta), np.exp(K * self._zeta)
-        # kernels divided by the source's, at every k and at the poles; at K only the source's is not zero
+        # kernels divided by the source's kernel, at every k and at k0; at K the multipoles' are zero
         over = np.column_stack([np.ones_like(k), self._powers(k) * (k**2 - K**2)[:, None]])
         made = np.append(1.0, self._powers(np.array([k0]))[0] * (k0 - K) * (k0 + K))
         more = ((kernel - np.exp(k * at) / (k - K)) * weights) @ over
@@ -130,7 +130,7 @@ class Cylinder:
         return more, np.pi * np.outer(wave, made), made
 
     def _wave(self, omega: float, k: float, zeta: Values | Complex) -> Complex:
-        """Residue of the source's kernel at its pole k, a wave."""
+        """Wave on the cylinder: the residue of the source's kernel at the pole k."""
         K, h = omega**2 / self.g, self.depth
         grown = np.exp(-2.0 * k * h)
         under = (1.0 - K * h) * (1.0 - grown) + k * h * (1.0 + grown)
@@ -207,7 +207,7 @@ def strip_of_a_long_cylinder(
         g=cylinder.g,
     )
     # This solver of capytaine was chosen because it is nearest to the theory here. The default solver's added
-    # mass is above it by 10, 7 and 5 % with 4, 8 and 16 panels (8.8 rad/s, 4 m): it converges, but slowly.
+    # mass is above the theory by 10, 7 and 5 % with 4, 8 and 16 panels (8.8 rad/s, 4 m).
     solver = capytaine.BEMSolver(green_function=capytaine.HAMS_GF(), method="direct")
     found = solver.solve(problem, keep_details=False)
     whole = 0.5 * length
@@ -238,9 +238,9 @@ class Release:
         return 2.0 / np.pi * np.cos(np.outer(t, self.omega)) @ (self.weights * self.damping)
 
     def added_mass_off_the_memory(self, dt: float = 0.002, end: float = 12.0) -> float:
-        """Largest difference between A and A_inf - int kappa sin(omega t) dt / omega, over A_inf (-).
+        """Largest difference between A and A_inf - int kappa sin(omega t) dt / omega, divided by A_inf (-).
 
-        Only frequencies above 3 rad/s count, because the memory of longer waves lasts longer (Ogilvie 1964).
+        Frequencies up to 3 rad/s are left out: the memory of longer waves lasts longer (Ogilvie 1964).
         """
         t = np.arange(0.0, end, dt)
         kappa = self.memory(t)

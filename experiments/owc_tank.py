@@ -1,4 +1,4 @@
-"""Shared by the studies of the OWC: their tank, their sweeps and the numbers of the paper."""
+"""Tank, sweeps and dimensionless numbers of the paper, shared by the studies of the OWC."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def short_case(dx: float, t1: float) -> js.Case:
 
 
 def damped(dx: float, K_dm: float, times: float = 1.0) -> tuple[js.Case, RunFile]:
-    """The built-in OWC with damping K_dm (kg^0.5 m^-2.5), and its run to `times` times the case's end."""
+    """The built-in OWC with damping K_dm (kg^0.5 m^-2.5), and the file of its run to `times` times t1."""
     case = js.load_case("owc").replace({"dx": dx, "pto.K_dm": K_dm})
     return case, solved(case, f"owc_{dx:g}_{K_dm:g}", times * case.t1)
 
@@ -69,7 +69,7 @@ def results_until(case: js.Case, series: dict[str, np.ndarray]) -> tuple[dict[st
 
 
 def swept(case: js.Case, over: dict[str, list[float]], name: str, grid: bool = True) -> js.Sweep:
-    """The sweep in `runs/<name>.h5`: computed, completed or only read."""
+    """Sweep in `runs/<name>.h5`, which is computed, continued, or only read if it is complete."""
     return js.sweep(case, over, RUNS / f"{name}.h5", grid=grid)
 
 

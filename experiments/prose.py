@@ -22,7 +22,7 @@ class Results:
         self._rows: dict[str, list[dict[str, Any]]] = {}
 
     def __call__(self, name: str, check: str, after: str | None = None, column: str = "here") -> float:
-        """Value of the first row `check` in the results `name`, or of the first one below the row `after`.
+        """Value of the first row `check` in the results `name`, or of the first such row below row `after`.
 
         **Raises** KeyError if there is no such row.
         """
@@ -47,7 +47,7 @@ class Sentence(NamedTuple):
     """Part of a sentence with numbers from the results."""
 
     text: str
-    """Its words, with a format field in place of each number. Line breaks count as spaces."""
+    """Words of the sentence, with a format field in place of each number. Line breaks count as spaces."""
     numbers: Callable[[Results], tuple[float, ...]]
     """The numbers in their order."""
     pages: tuple[str, ...]

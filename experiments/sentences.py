@@ -30,7 +30,7 @@ def spacings(what: str, kind: str = "incompressible") -> Callable[[Results], tup
 
 
 def over_theory(r: Results, name: str, beginning: str) -> tuple[float, float]:
-    """Smallest and largest ratio to theory among the rows with this beginning."""
+    """Smallest and largest ratio to theory among the rows whose checks have this beginning."""
     return ends(row["here"] / row["theory"] for row in r.rows(name, beginning))
 
 

@@ -188,7 +188,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             {"waves": {"H": 0.9, "T": 9.0}},
             r"waves.H = 0.9 m: .* break above 0.78 m \(0.78 of the depth of 1 m",
         ),
-        ({"waves": {"H": 0.01, "T": 0.3}}, r"waves.T = 0.3 s: waves of 0.141 m are less than four spacings"),
+        ({"waves": {"H": 0.01, "T": 0.3}}, r"waves.T = 0.3 s: the wavelength, 0.141 m, is less than four"),
         ({"waves": {"H": 0.7, "T": 9.0}}, r"stroke of 3.1\d m, more than half of the 1 m of water"),
         ({"waves": {"H": 0.1, "T": 1.0}, "tank.length": 0.5}, r"tank.length = 0.5 m: .* gauge needs 0.68 m"),
         ({"waves": {"H": 0.1, "T": 1.0}, "g": 0.0}, r"waves: need gravity, and g = 0"),

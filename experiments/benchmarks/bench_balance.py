@@ -32,7 +32,7 @@ def main(dx: float = 0.02, slabs: int = 8, t1: float = 10.0) -> None:
 
 
 def balance(case: js.Case, devices: int, turns: int) -> dict[str, list[int]]:
-    """Counts for every slab at the end of a run on `devices` devices: particles, pairs, ghosts beside it."""
+    """Numbers of particles, pairs and nearby ghosts of each slab at the end of a run on `devices` devices."""
     del turns
     done = js.run(case, devices=devices, progress=False)
     model, state = share(done.model, done.state, devices)

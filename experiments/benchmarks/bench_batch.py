@@ -1,4 +1,4 @@
-"""Time of a run among others in one vmapped call over a run alone: should a sweep run in batches?"""
+"""Ratio of the time of a run in a vmapped batch to the time of a run alone: should a sweep use batches?"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from experiments.common import Report, timed, use_threads
 
 
 def main(dx: float = 0.02, lanes: int = 8, blocks: int = 8, turns: int = 5, threads: int = 1) -> None:
-    """Times blocks of steps of the built-in OWC, alternately at `lanes` dampings at once and at one."""
+    """Times blocks of steps of the built-in OWC, alternately for `lanes` dampings at once and for one."""
     use_threads(threads)
     model, state = js.build(js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"}))
     # an initial velocity along the tank, so that air flows in the chamber from the start

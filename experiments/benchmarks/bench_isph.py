@@ -67,7 +67,7 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, de
 
 
 def _operator(model: js.Model, state: js.State, turns: int) -> float:
-    """Time per pair of a sum over the water's neighbours with given weights, s."""
+    """Time per pair (s) of a sum over the water's neighbours with given weights."""
     sources = len(state.particles.id) + model.walls.count
     _, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     table = tables.fluid.indices

@@ -1,4 +1,4 @@
-"""Time of a step of the incompressible OWC over the time with the earlier kernel and walls, alternately."""
+"""Ratio of the time of a step of the incompressible OWC to the time with the earlier kernel and walls."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ BEFORE = {"scheme.kernel": "gaussian", "tank.walls": "mirror"}
 
 
 def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> None:
-    """Runs `steps` steps `turns` times with both settings, on one thread, after `warm` steps of waves."""
+    """Runs `steps` steps `turns` times, alternately with both settings, on one thread, after `warm` steps."""
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx})
     every = case.problem().sample_every
-    steps = -(-steps // every) * every  # in both runs: the time step depends on dx only
+    steps = -(-steps // every) * every  # the same number in both runs, as the time step depends on dx only
     runs = [started(case.replace(changes), steps, every, warm) for changes in ({}, BEFORE)]
     times: list[list[float]] = [[], []]
     for _ in range(turns):

@@ -23,7 +23,7 @@ print("foretold", js.duration(js.load_case(sys.argv[1]), devices=1).total)
 
 
 def main(cases: str = ",".join(CASES)) -> None:
-    """Times starts of the built-in OWC; predicts and measures times of `cases`. All in separate processes."""
+    """Times starts of the built-in OWC, and predicts and measures times of `cases`, in separate processes."""
     with Report("bench_start", "Start of a run, and its time foretold") as report:
         with tempfile.TemporaryDirectory() as folder:
             for when, bar in (("new", None), ("again", 4.0)):

@@ -1,4 +1,4 @@
-"""Time of a whole step of the OWC over the time of its pair sums, peak memory, and wall time of 21 s."""
+"""Ratio of the time of an OWC step to the time of its pair sums, peak memory, and wall time of 21 s."""
 
 from __future__ import annotations
 

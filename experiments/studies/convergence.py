@@ -30,11 +30,11 @@ ZETA = (0.0, 1.0, 2.0)
 QUANTITIES = {"xi": ("xi", ""), "P_a": ("pressure amplitude", "Pa"), "flow": ("flow amplitude", "m2/s")}
 """Quantities compared between spacings: label and unit of each."""
 BARS = ((0.02, 0.01, 0.05), (0.01, 0.005, 0.025))
-"""Coarse and fine spacing (m), and the largest allowed change of xi between them, over the coarse xi."""
+"""Coarse and fine spacing (m), and largest allowed change of xi between them, as a share of the coarse xi."""
 SCHEMES_APART = (0.01, 0.03)
-"""Spacing (m) at which the schemes are compared, and the largest allowed difference in xi over the mean."""
+"""Spacing (m) at which the schemes are compared, and bar for the difference in xi, as a share of the mean."""
 ORDERS = (0.5, 2.0)
-"""Orders between which a sequence is extrapolated: below, no limit is in sight; SPH has no higher order."""
+"""Smallest and largest order of an extrapolation: below, no limit is in sight; above, the largest is used."""
 SAFETY = 1.25
 """Safety factor on the distance to the limit: Roache's for three spacings."""
 
@@ -79,7 +79,7 @@ def main(
     theory = [js.linear_owc(study_case("incompressible", SPACINGS[-1]), zeta) for zeta in ZETA]
     with Report("convergence", "The OWC over the spacing in both schemes, beside linear theory") as report:
         every = [run for found in runs.values() for run in found.values()]
-        # time of all processes of a run, at the rate of the last one
+        # time of all processes of a run, if all were as fast as the last process
         report.seconds = sum(run.seconds * run.results["t_end"] for run in every)
         for kind, found in runs.items():
             for spacing, run in found.items():

@@ -1,7 +1,7 @@
 """First limit of exact slopes: rows of the square lattice slide over each other on the bed of still water.
 
-The OWC stands in a tank of 2 m, and the waves have not arrived. The slope over K_dm starts as a ripple in
-the chamber.
+The OWC stands in a tank of 2 m, and the waves have not arrived. The slope with respect to K_dm starts as
+a ripple in the chamber.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def main(
 
 
 def noise(x: np.ndarray, u: np.ndarray, dx: float, mask: np.ndarray, lip: np.ndarray) -> float:
-    """RMS difference of velocities from linear fits to their neighbours, over the RMS speed of these points.
+    """RMS difference of velocities from linear fits to neighbours, divided by the RMS speed of these points.
 
     **Arguments**: positions x (m) and velocities u (m/s) `[N, 2]`; spacing `dx` (m); `mask` of the points
     to measure; position of the wall's `lip` (m), above which points on the other side are not neighbours.
@@ -105,7 +105,7 @@ def _lattice(x: np.ndarray, dx: float, finest: float) -> np.ndarray:
 
 
 def _averaged(x: np.ndarray, u: np.ndarray, points: np.ndarray, dx: float, lip: np.ndarray) -> np.ndarray:
-    """Mean velocities (m/s) of the particles at x (m) in discs around the points (m), with a cell's area."""
+    """Mean velocities (m/s) of the particles at x (m) in discs around the points (m), as large as a cell."""
     around = KDTree(x).query_ball_point(points, dx / np.sqrt(np.pi))
     return np.array(
         [u[near][~_parted(p, x[near], lip)].mean(axis=0) for p, near in zip(points, around, strict=True)]

@@ -15,7 +15,7 @@ import jaxsph as js
 from experiments.common import Report, reference, solved
 
 IMPULSE, LAST = 13.0, 1.5
-"""Impulse of the measured force (N s) until this time (s)."""
+"""Impulse of the measured force (N s), and time (s) at which the integration of the force ends."""
 COMPARED = (0.1, 1.2)
 """Interval of comparison after the arrival, s."""
 ARRIVED, HIT = 0.5, 5.0

@@ -25,7 +25,7 @@ WIDTH = 0.05715
 """Width a of Martin and Moyce's column, m: 2.25 in; it is twice as high as wide (n^2 = 2)."""
 HEIGHT = 2 * WIDTH
 TANK = 9.0
-"""Length of the tank over a, so long that the front does not reach its end in the time compared."""
+"""Length of the tank divided by a. The front does not reach the end of the tank in the time compared."""
 LAST = 5.0
 """End of the runs for the front, in T = t sqrt(2g/a)."""
 MARKS = np.arange(1.25, 3.6, 0.05)
@@ -139,7 +139,7 @@ def mps() -> Series:
 
 
 def residual(T: np.ndarray | float) -> np.ndarray | float:
-    """Martin and Moyce's column height at the back wall over 2a at time T; their table uses T/sqrt(2)."""
+    """Martin and Moyce's column height at the back wall divided by 2a at time T; the table has T/sqrt(2)."""
     tau, height = _read("martin_moyce_height_table")
     return np.interp(T, np.sqrt(2) * tau, height)
 
@@ -166,7 +166,7 @@ class Comparison(NamedTuple):
 
 
 def compared(front: Front) -> Comparison:
-    """Compares the front with each source at the times when that source is at the marks, with one shift each.
+    """Compares the front with each source, shifted in time, at the times when the source is at the marks.
 
     The envelope lies between the smallest and the largest of the shifted sources. The two readings of Martin
     and Moyce belong to one experiment and share one shift.

@@ -93,7 +93,7 @@ def _case(what: str, **sections: object) -> js.Case:
 
 
 def extremes(t: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
-    """Time from the release to the end of the first swing, s, and the angle there over the first angle."""
+    """Time (s) from release to the end of the first swing, and ratio of the angle then to the first angle."""
     far = int(np.argmin(angle))
     return float(t[far]), float(-angle[far] / angle[0])
 

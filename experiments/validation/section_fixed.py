@@ -1,10 +1,10 @@
 """Forces of regular waves on a fixed ship section, incompressible, 2-D, against a flume and linear theory.
 
-Compared are amplitudes of the first harmonic per metre of the section's length and per metre of incident wave
-amplitude, which the gauges in front separate from the reflected waves. In the experiment the section was
-0.586 m long in a flume 0.6 m wide; the flow through the gaps of 7 mm at its ends is missing in two
-dimensions. Linear diffraction of the same section (`experiments/fixed_section.py`) shows how much of a
-difference is caused by the flume.
+The compared forces are amplitudes of the first harmonic, per metre of the section's length and per metre of
+incident wave amplitude. Gauges in front of the section separate incident from reflected waves. In the
+experiment the section was 0.586 m long in a flume 0.6 m wide; the flow through the gaps of 7 mm at its ends
+is missing in two dimensions. Linear diffraction of the same section (`experiments/fixed_section.py`) shows
+how much of a difference is caused by the flume.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def main(dx: float = 0.01) -> None:
     constant = swing(base.replace({"pto.P_a": PRESSED}))
     case = base.replace({"pto.resistance": 1e12, "air.volume": VOLUME})
     closed = swing(case, SQUEEZED)
-    # for the same water the air adds the stiffness gamma p0 b^2 / V to the restoring 2 rho g b
+    # the air adds the stiffness gamma p0 b^2 / V to the hydrostatic stiffness 2 rho g b
     spring = case.device.chamber_length / case.air.give / (2.0 * case.fluid.rho0 * case.g)
     exact = np.sqrt(1.0 + spring)
     with Report(f"air_spring_{dx:g}", "Air of a closed chamber as a spring", dx) as report:

@@ -27,7 +27,7 @@ L, NU, U = 0.5, 0.01, 0.02
 SCALE = L**2 / NU
 """Viscous time scale of the channel L^2/nu, s."""
 TIMES = (0.02, 0.1, 1.0)
-"""Times at which profiles are compared, over `SCALE`."""
+"""Times at which profiles are compared, in units of `SCALE`."""
 TERMS = 200
 """Number of terms of the series: at t = 0.02 the last, exp(-(200 pi)^2 0.02), is negligible."""
 
@@ -69,7 +69,7 @@ def built(flow: Flow, n: int, viscosity=LaplacianViscosity, strength: float | No
 
 
 def solved(flow: Flow, n: int, times: tuple[float, ...] = TIMES, **options) -> list[tuple]:
-    """Time t (s), positions y (m) and velocities u (m/s) of particles at each of `times` (over `SCALE`)."""
+    """Time t (s), positions y (m) and velocities u (m/s) of particles at each of `times` (in `SCALE`)."""
     model, state = built(flow, n, **options)
     found = []
     for time in times:
@@ -81,7 +81,7 @@ def solved(flow: Flow, n: int, times: tuple[float, ...] = TIMES, **options) -> l
 
 
 def errors(flow: Flow, profiles: list[tuple]) -> list[tuple[float, float]]:
-    """L2 error and largest error of the velocity over U, at each time."""
+    """L2 error and largest error of the velocity at each time, divided by U."""
     found = []
     for t, y, u in profiles:
         off = np.hypot(u[:, 0] - flow.profile(y, t), u[:, 1]) / U

@@ -24,7 +24,7 @@ from jaxsph.model.probe import AbstractProbe
 TIMES = (0.95, 3.05)
 """Times at which the modes are compared, s."""
 SAMPLE, WAVE, SHORT, BAR = 0.05, 2, (4, 6, 8, 10, 12), 0.01
-"""Sampling interval (s), mode of the wave, modes that it does not have, and their bar over the wave (-)."""
+"""Sampling interval (s), mode of the wave, modes it lacks, and bar for their ratio to the wave (-)."""
 
 
 class SurfaceModes(AbstractProbe):
@@ -48,7 +48,7 @@ class SurfaceModes(AbstractProbe):
 
 
 def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = False) -> None:
-    """Runs a standing wave of this amplitude (m) in the second mode, with all kinds of walls and without."""
+    """Runs a standing wave of this amplitude (m) in the second mode, with every kind of wall and without."""
     kind = "weakly_compressible" if weakly_compressible else "incompressible"
     name = f"contact_line_{dx:g}_{amplitude:g}" + "_weakly_compressible" * weakly_compressible
     title = f"Short waves from where the surface of a standing wave of {amplitude:g} m meets walls, {kind}"

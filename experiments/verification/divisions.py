@@ -24,7 +24,7 @@ LENGTH, DEPTH, DRAUGHT, CHAMBER, WALL = 0.68, 0.8, 0.6, 0.32, 0.01
 SCALE = 0.5 * 1000.0 * 9.81 * DEPTH**2 * (LENGTH - WALL)
 """Potential energy of the water above the bed, rho g d^2/2 times the width of the vessels, J/m."""
 BAR = 1.0e-4
-"""Bar for the final kinetic energy over `SCALE`: a mean speed sqrt(BAR g d), a hundredth of sqrt(g d)."""
+"""Largest allowed ratio of the final kinetic energy to `SCALE`: the RMS speed is then 0.01 sqrt(g d)."""
 COLOURS = {"a": "#E69F00", "b": "#0072B2", "c": "#D55E00"}
 PAPER = {"a": "unsteady", "b": "at rest", "c": "unsteady"}
 """State of each division at 10 s according to section 2.4.1.2; the text has no values for its Fig. 8."""
@@ -145,7 +145,7 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
 
 
 def pressure_error(run: Found) -> float:
-    """RMS of p - rho g (d - z) in the last valid state, over rho g d."""
+    """RMS of p - rho g (d - z) in the last valid state, divided by rho g d."""
     error = run.p / (1000.0 * 9.81) - (DEPTH - run.x[:, 1])
     return float(np.sqrt(np.mean(error**2)) / DEPTH)
 
@@ -185,7 +185,7 @@ def _rows(report: Report, division: str, background: bool, run: Found, t1: float
 
 
 def _energies(found: dict[tuple[str, bool], Found]) -> Figure:
-    """Figure of the kinetic energy over the scale, against time."""
+    """Figure of the ratio of the kinetic energy to `SCALE` over time."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axis = figure.subplots()
     for (division, background), run in found.items():

@@ -1,4 +1,4 @@
-"""Losses of waves high for their depth over time step, relaxation and spacing: `flap_3d` without its flap.
+"""Losses of waves high for their depth, by time step, relaxation and spacing: `flap_3d` without its flap.
 
 The waves are 0.15 m high with T = 1.34 s in 0.36 m of water, in two dimensions, incompressible.
 """
@@ -17,7 +17,7 @@ RUNS = (
     (0.04, 0.12, 2 * RELAXATION),
     (0.02, 0.25, RELAXATION),
 )
-"""Spacing (m), Courant number, and rate at which crowding is relaxed (over sqrt(g/h)) of each run."""
+"""Spacing (m), Courant number, and rate at which crowding is relaxed (in sqrt(g/h)) of each run."""
 
 
 def main() -> None:

@@ -47,7 +47,7 @@ def main(layers: int = 40, layers_3d: int = 20, t1: float = 5.0) -> None:
 
 
 def errors(solution: js.Solution) -> tuple[float, float]:
-    """RMS error of the final pressure over rho g d, and largest speed after 3 s over sqrt(g d)."""
+    """RMS error of the final pressure divided by rho g d; largest speed after 3 s divided by sqrt(g d)."""
     p = solution.state.particles
     pressure = np.asarray(p.rho, np.float64) * float(solution.model.scheme.c0) ** 2
     error = pressure - RHO * G * (DEPTH - np.asarray(p.x, np.float64)[:, -1])

@@ -18,7 +18,7 @@ from jaxsph.model.viscosity import LaplacianViscosity
 from jaxsph.schemes.incompressible import ISPH
 
 FRONT = 5.0
-"""Distance from the wall behind the column at which the front of Buchner's dam break is timed, in H."""
+"""Distance (in H) from the wall behind the column at which the front of Buchner's dam break is timed."""
 
 
 INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
@@ -68,7 +68,7 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: int = 30
 
 
 def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
-    """Reports Buchner's dam break until after the plateau of its pressure; dummy walls if incompressible."""
+    """Reports Buchner's dam break beyond its pressure plateau; the incompressible scheme has dummy walls."""
     scale = np.sqrt(dam_break.G / dam_break.BUCHNER)
     # the residual is relative to all sources, which are far larger where the water falls than at the wall
     changes = changes | ({"tank.walls": "dummy", "scheme.tolerance": 3e-4} if changes else {})

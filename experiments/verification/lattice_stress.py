@@ -16,12 +16,12 @@ from jaxsph.schemes.kernels import POLYNOMIAL, SEMICIRCLE, SUPPORT, usual_length
 
 LATTICE = {"cubic": {2: "square", 3: "cubic"}, "close": {2: "triangular", 3: "body-centred"}}
 BEFORE = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
-"""Earlier default kernels with their smoothing lengths over dx, by number of dimensions."""
+"""Earlier default kernels with their smoothing lengths divided by dx, by number of dimensions."""
 BAR = {2: 0.3, 3: 0.1}
 
 
 def main() -> None:
-    """Measures all kernels on all lattices, and semicircle and polynomial over their support."""
+    """Measures all kernels on all lattices, and semicircle and polynomial for several support radii."""
     with Report("lattice_stress", "False stress of a strained lattice over its pressure") as report:
         figure = Figure(figsize=(9, 3.8), layout="constrained")
         for dim, axis in zip((2, 3), figure.subplots(1, 2), strict=True):
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def kernels(dim: int) -> list[tuple[str, AbstractKernel, float]]:
-    """Kernels with names and smoothing lengths over dx."""
+    """Kernels with names and smoothing lengths divided by dx."""
     semicircle, polynomial = SEMICIRCLE[dim], POLYNOMIAL[dim]
     return [
         ("Gaussian h = 1.2 dx to 4.2 dx", Gaussian(), 1.2),
@@ -73,7 +73,7 @@ def kernels(dim: int) -> list[tuple[str, AbstractKernel, float]]:
 
 
 def over_support(axis, dim: int) -> None:
-    """Draws the stress over the support, for semicircles of several steepnesses and for the polynomial."""
+    """Draws stress over support radius, for semicircles of several steepnesses and for the polynomial."""
 
     def distorted(kernel: AbstractKernel, R: float) -> float:
         return lattice_stress(kernel, R / kernel.reach, dim).distorted

@@ -132,7 +132,7 @@ def axes_error(solution: js.Solution) -> float:
 
 
 def energy_drift(solution: js.Solution) -> float:
-    """Change of kinetic, potential and compression energy over the initial kinetic energy."""
+    """Change of kinetic, potential and compression energy, divided by the initial kinetic energy."""
     total = solution["kinetic"] + solution["potential"] + solution["compression"]
     return float((total[-1] - total[0]) / solution["kinetic"][0])
 
@@ -140,7 +140,7 @@ def energy_drift(solution: js.Solution) -> float:
 def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
     """Runs drops with radii of n, n/2 and n/4 spacings to t1 (two periods).
 
-    The error of the axes is an error of phase, which does not fall with dx, so no order is reported.
+    The error of the axes is a phase error, which does not fall with dx, so no order is reported.
     """
     title = f"Oscillating drop under a central force, R = {n} dx, to {t1:g} s"
     with Report("oscillating_drop", title, R / n) as report:

@@ -18,8 +18,8 @@ from jaxsph import analysis
 from jaxsph.schemes.kernels import KERNEL, NAMED, SEMICIRCLE, KernelName, usual_length
 
 BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
-"""Decay (1/s), noise over speed (-) and energy lost by hyperviscosity in `USUAL` (J/m, J), by number of
-dimensions."""
+"""Bars by number of dimensions: decay (1/s), ratio of noise to speed (-), and energy lost by hyperviscosity
+in `USUAL` (J/m, J)."""
 USUAL = 3.0
 """Default duration of the run, s."""
 BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}
@@ -37,7 +37,7 @@ def main(
 ) -> None:
     """Runs the wave to t1 (s) with polynomial, semicircle and earlier default kernel, in 2-D and 3-D.
 
-    `amplitude` is in m; `flat`: in 2-D only.
+    `amplitude`: in m; `flat`: whether to run in 2-D only.
     """
     if weakly_compressible:
         by_diffusion(dx, amplitude, t1)

@@ -49,7 +49,7 @@ def main(dx: float = 0.02) -> None:
             "significant height", height, "m", theory=HS, bar="5 %", passes=abs(height / HS - 1) < 0.05
         )
         report.row("peak period", S.Tp, "s", theory=TP, bar="3 %", passes=abs(S.Tp / TP - 1) < 0.03)
-        # mean of the spectrum over each band of frequencies, which is as wide as the peak
+        # the target is averaged over each band of frequencies, because a band is as wide as the peak
         within = (np.arange(BANDS) - 0.5 * (BANDS - 1)) / duration
         expected = spectra.JONSWAP(HS, TP).density(S.f[:, None] + within).mean(axis=1)
         low, high = S.band(0.9)

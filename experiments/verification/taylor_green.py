@@ -56,19 +56,19 @@ def solved(n: int, t1: float, **options) -> js.Solution:
 
 
 def decay_rate(solution: js.Solution) -> float:
-    """Rate of the kinetic energy over twice `DECAY`; the exact value is 1."""
+    """Ratio of the growth rate of the kinetic energy to twice `DECAY`; the exact value is 1."""
     return float(np.polyfit(solution.t, np.log(solution["kinetic"]), 1)[0] / (2.0 * DECAY))
 
 
 def velocity_error(solution: js.Solution) -> float:
-    """L2 error of the final velocities of the particles over the L2 norm of the exact velocities."""
+    """L2 error of the final velocities of the particles, divided by the L2 norm of the exact velocities."""
     p = solution.state.particles
     u, _ = exact(np.asarray(p.x, float), int(solution.state.step) * float(solution.model.dt))
     return float(np.linalg.norm(np.asarray(p.u) - u) / np.linalg.norm(u))
 
 
 def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
-    """Runs n by n particles to t1 (s), also without shifting and with another viscosity, and the order."""
+    """Runs n by n particles to t1 (s), also without shifting, with another viscosity, and for the order."""
     title = f"Taylor-Green vortex at Re = 100, {n} x {n}, to {t1:g} s"
     with Report("taylor_green", title, 1.0 / n) as report:
         good = solved(n, t1)

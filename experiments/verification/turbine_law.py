@@ -79,7 +79,7 @@ def in_the_tank(dx: float) -> None:
 
 
 def fit(P_a: NDArray[np.float64], law: NDArray[np.float64], quadratic: bool) -> float:
-    """Ratio of the measured pressure to the law, by least squares; for a damping the square root of it."""
+    """Least-squares ratio of the measured pressure to the law; for a damping, the ratio's square root."""
     ratio = float(np.sum(P_a * law) / np.sum(law**2))
     return float(np.sqrt(ratio)) if quadratic else ratio
 

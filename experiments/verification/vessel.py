@@ -9,15 +9,16 @@ from experiments.common import Report, solved
 from jaxsph import analysis
 
 PERIOD = 1.427367
-"""Period of the lowest antisymmetric mode, s: two vessels 0.32 m wide and 0.56 m deep, joined under a wall of
-0.01 m with 0.33 m in the water; inviscid, linear, by mode matching converged to 1e-6."""
+"""Period of the lowest antisymmetric mode (s) of two vessels 0.32 m wide and 0.56 m deep, which are joined
+under a wall 0.01 m thick that reaches 0.33 m into the water. It was computed for inviscid linear waves by
+mode matching and has converged to 1e-6."""
 DIFFERENCE = 1000.0 / (1000.0 * 9.81)
 """Final difference of the levels P_a/(rho g), m."""
 
 
 def main(dx: float = 0.01, t1: float = 60.0, weakly_compressible: bool = False) -> None:
-    """Runs the vessels and reports period, final difference and direction of the levels, the energy not
-    accounted for over the work of the air, and the change of the mean level."""
+    """Runs the vessels and reports the period, the final difference of the levels and its direction, the
+    ratio of the energy not accounted for to the work of the air, and the change of the mean level."""
     case, name = js.load_case("vessel").replace({"dx": dx}), f"vessel_{dx:g}"
     if weakly_compressible:
         case, name = case.replace({"scheme.kind": "weakly_compressible"}), f"{name}_weakly_compressible"

@@ -21,7 +21,7 @@ LENGTH = 24.0
 """Length of the tank, m: a free long wave takes 11 s to its end, and 8 s back to the last gauge."""
 GAUGES = tuple(float(x) for x in np.arange(2.0, 8.01, 0.3))
 GROUP = 1.0 / (1.0 / T[0] - 1.0 / T[1])
-"""Period of the group, s: the shorter wave's front reaches the last gauge after 7.9 s."""
+"""Period of the group, s. The front of the shorter wave reaches the last gauge after 7.9 s."""
 
 
 def main(dx: float = 0.03) -> None:

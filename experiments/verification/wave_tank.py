@@ -11,8 +11,8 @@ from jaxsph import analysis
 from jaxsph.waves import theory
 
 PAPER = {0.5: (5.9, 1.5), 1.0: (6.1, 1.3), 2.0: (5.6, 1.9), 6.0: (6.3, 1.8)}
-"""Positions of the errors, in wavelengths from the paddle, with the paper's MAE_a and MAE_p there, %, at
-dx = 0.01 m (section 4.1; 6 wavelengths in the longer tank of Appendix A)."""
+"""The paper's MAE_a and MAE_p (%) at dx = 0.01 m, by distance from the paddle in wavelengths (section 4.1;
+the value at 6 wavelengths is from the longer tank of Appendix A)."""
 
 
 def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -> None:
@@ -29,7 +29,7 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         changes = {
             "tank.length": round(case.tank.length / 4 * wavelengths, 3),
             "probes.gauges": [*case.probes.gauges, *far],
-            # as many settled periods as in the short tank, after group and front have reached the last gauge
+            # record as many settled periods as in the short tank, after group and front reach the last gauge
             "t1": round(
                 case.t1 + (wavelengths - 4) * wavelength / speed + front(max(far, default=0.0), T, d), 1
             ),

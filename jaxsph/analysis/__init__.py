@@ -1,4 +1,4 @@
-"""Analysis of recorded series on the host: numpy in, numpy out; nothing here is traced."""
+"""Analysis of recorded series on the host, by functions of numpy arrays that are not traced."""
 
 from jaxsph.analysis.energy import energy_budget, takers
 from jaxsph.analysis.extrema import Extrema, extrema, mae_amplitude, mae_phase, matched_extrema

@@ -1,4 +1,4 @@
-"""The energy budget of a run's series."""
+"""Energy budget of a run, computed from its series."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
-    """Names of the parts besides the power take-offs that take energy, from the series `power_<name>`.
+    """Names of the parts that take energy, except power take-offs, from the series `power_<name>`.
 
     `harvested`: names of the power take-offs' series.
     """
@@ -19,16 +19,17 @@ def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -
 def energy_budget(
     series: dict[str, np.ndarray], harvested: Collection[str] = ("power_pto",)
 ) -> dict[str, float]:
-    """Energy budget of a whole record by name, J (J/m in 2-D): the paddle's work and where it goes.
+    """Energies given, stored and taken over a whole record, J (J/m in 2-D), by name.
 
-    Keys: `paddle` (work of paddles and driven bodies), `stored` (change of kinetic, potential and compression
-    energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, and one for every other series
-    `power_<name>`, for example `sponge`, `contact`, `projection` (energy taken from the water); `residual`
-    (the imbalance) and `residual_share` (its ratio to the paddle's work, or to the largest kinetic energy if
-    that is larger).
+    The keys are `paddle` (work of paddles, driven bodies and body forces), `stored` (change of kinetic,
+    potential and compression energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, `<name>`
+    for every other series `power_<name>` (energy taken from the water, for example `sponge`, `contact`),
+    `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work, or to the
+    largest kinetic energy if that is larger). `projection` is negative if it adds energy to the water.
+
     `harvested`: names of the power take-offs' series. A series `power_<name>` has means over the interval
-    before each sample; a series `loss_<name>` has values at the samples, which are integrated by the
-    trapezoidal rule. `projection` is negative if the projection adds energy to the water.
+    before each sample. A series `loss_<name>` has values at the samples, and is integrated by the
+    trapezoidal rule.
     """
     t = series["time"]
     dt = np.diff(t)

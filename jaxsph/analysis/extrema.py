@@ -1,6 +1,6 @@
 """Crests and troughs of a series, and the errors of their heights and times.
 
-Equation numbers are those of Zhu et al. (2020).
+Equation numbers refer to Zhu et al. (2020).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1
 
     `window` samples (odd, 5 or more) smooth a noisy, uniformly sampled series by local
     parabolas (Savitzky-Golay), which keep the height of a crest; 1 means no smoothing.
-    `prominence` is the least height by which an extremum must stand out, as a fraction of the
-    series' range. **Raises** ValueError if there is no extremum.
+    `prominence` is the smallest height by which an extremum must stand out, as a fraction of the
+    range of the series. **Raises** ValueError if there is no extremum.
     """
     t, y = checked(t, y)
     if window > 1:
@@ -45,7 +45,7 @@ def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1
     s0, s1 = (y[index] - y[index - 1]) / h0, (y[index + 1] - y[index]) / h1
     curvature = (s1 - s0) / (h0 + h1)
     slope = (s0 * h1 + s1 * h0) / (h0 + h1)
-    # A flat top has neither slope nor curvature: leave it at its sample.
+    # A flat top has neither slope nor curvature: leave the extremum at its sample.
     safe = np.where(curvature == 0.0, 1.0, curvature)
     shift = np.where(curvature == 0.0, 0.0, -0.5 * slope / safe)
     return Extrema(t[index] + shift, y[index] + 0.5 * slope * shift, sign)
@@ -64,7 +64,8 @@ def matched_extrema(
 
     Each reference extremum is paired with the nearest extremum of the same kind within T / 2. A reference
     extremum without a partner is left out within T / 2 of the ends of the common time. **Raises** ValueError
-    for a missing partner elsewhere, since leaving it out would understate the error, and if there is no pair.
+    if a partner is missing elsewhere (leaving the extremum out would understate the error), and if no
+    reference extremum has a partner.
     """
     found = extrema(t, eta, window, prominence)
     reference = extrema(t_ref, eta_ref, 1, prominence)
@@ -95,9 +96,9 @@ def mae_amplitude(
     window: int = 1,
     prominence: float = 0.1,
 ) -> float:
-    """Mean absolute error of the values of crests and troughs over the amplitude A (m), Eq. 29 (-).
+    """Ratio of the mean absolute error of crests and troughs to the amplitude A (m), Eq. 29 (-).
 
-    Crests and troughs count alike; pairing, options and errors are those of `matched_extrema`.
+    Crests and troughs have equal weight. Pairing, options and errors are as in `matched_extrema`.
     """
     _, values = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(values[:, 0] - values[:, 1])) / A)
@@ -112,9 +113,9 @@ def mae_phase(
     window: int = 1,
     prominence: float = 0.1,
 ) -> float:
-    """Mean absolute error of the times of crests and troughs over the period T (s), Eq. 30 (-).
+    """Ratio of the mean absolute error of the times of crests and troughs to the period T (s), Eq. 30 (-).
 
-    Pairing, options and errors are those of `matched_extrema`.
+    Pairing, options and errors are as in `matched_extrema`.
     """
     times, _ = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(times[:, 0] - times[:, 1])) / T)

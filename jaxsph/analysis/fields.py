@@ -12,13 +12,15 @@ Real = NDArray[np.floating]
 """Real numbers."""
 
 NEIGHBOURS = {2: 14, 3: 42}
-"""Number of nearest particles of a linear fit (at a particle including itself), by the number of
-dimensions."""
-FAR = 1.1
-"""Distance from the nearest particle (spacings) beyond which a point is not in the water.
+"""Number of nearest particles that a linear fit uses, by the number of dimensions.
 
-The centre of a lattice cell is 0.71 (in 3-D 0.87) spacings from its corners, and disorder only brings the
-nearest particle closer.
+For a fit at a particle, this particle is one of them.
+"""
+FAR = 1.1
+"""Distance to the nearest particle, in spacings, beyond which a point is regarded as outside the water.
+
+The centre of a lattice cell is 0.71 spacings from the particles at the corners (0.87 in 3-D). In a disordered
+arrangement the nearest particle is closer.
 """
 
 
@@ -34,9 +36,9 @@ class LinearFit(NamedTuple):
 
 
 def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
-    """Linear fit of the fields f `[M, F]` of the M particles of a tree at the points `at` `[N, D]` (m).
+    """Fits fields f `[M, F]` of the M particles in a tree by linear functions at points `at` `[N, D]` (m).
 
-    The fit is weighted by 1 - (r/R)^2, where R is the distance of the farthest neighbour. **Raises**
+    The fit is weighted by 1 - (r/R)^2, where R is the distance to the farthest neighbour. **Raises**
     ValueError for fewer particles than the fit needs.
     """
     axes, x = particles.m, particles.data

@@ -28,11 +28,11 @@ class DampedOscillation(NamedTuple):
 
 
 def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
-    """Period of an oscillation, s: mean interval between the upward crossings of its mean.
+    """Period of an oscillation, s: mean interval between upward crossings of the mean of y.
 
-    It suits a clean series of several periods. Use `fit_damped_oscillation` if the oscillation
-    decays to another level or is noisy. **Raises** ValueError for fewer than two
-    crossings.
+    Use this function for a series of several periods without noise. Use `fit_damped_oscillation` if
+    the oscillation is noisy or decays to another level. **Raises** ValueError for fewer than two
+    upward crossings.
     """
     t, y = checked(t, y)
     y = y - np.mean(y)
@@ -50,12 +50,12 @@ def _damped_basis(s: Series, decay_rate: float, omega: float) -> Series:
 
 
 def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
-    """Damped oscillation fitted to a series by least squares, about its final value.
+    """Damped oscillation about a final value, fitted to a series by least squares.
 
-    Only the decay rate and omega are searched; offset, amplitude and phase follow from a linear
-    fit (variable projection, Golub and Pereyra 1973). The search starts from the best point of
-    a grid of half a cycle to 60 cycles in the record. **Raises** ValueError for fewer than 8
-    samples, a constant series, or if a damped cosine describes less than half of the variance.
+    The search varies only the decay rate and omega. For each pair of these, a linear fit gives offset,
+    amplitude and phase (variable projection, Golub and Pereyra 1973). The search starts from the
+    best point of a grid with 0.5 to 60 cycles in the record. **Raises** ValueError for fewer than 8
+    samples, for a constant series, and if a damped cosine describes less than half of the variance.
     """
     t, y = checked(t, y)
     variance = np.var(y)
@@ -70,8 +70,8 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
         solution = np.linalg.lstsq(basis, y, rcond=None)[0]
         return solution, basis @ solution - y
 
-    # From half a cycle to a quarter of the samples at most, in steps of a third of a cycle: the best point
-    # is inside the main lobe of the spectrum, from which the descent reaches the minimum.
+    # The grid has steps of a third of a cycle and at least four samples per cycle. Its best point is inside
+    # the main lobe of the spectrum, and the descent from there reaches the minimum.
     cycles = np.arange(0.5, max(1.0, min(60.0, t.size / 4.0)), 1.0 / 3.0)
     stride = max(1, t.size // 1000)
     grid = [(b / duration, 2.0 * np.pi * c / duration) for c in cycles for b in (0.0, 1.0, 4.0)]
@@ -92,10 +92,11 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
     """Share of a wave's amplitude lost over one wavelength (-), allowing for a reflected wave.
 
     `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m).
-    The least-squares fit has a wave that decays along x, whose wavenumber may be a few per cent off that of
-    the `wavelength` (m), and a reflected wave. Without the reflected wave, its nodes would look like decay or
-    growth. The share is negative if the wave grows. **Raises** ValueError for fewer than four positions,
-    positions over less than half a wavelength, or zero amplitudes.
+    A least-squares fit finds a wave that decays along x and a reflected wave. The wavenumber of the decaying
+    wave may differ by a few per cent from 2 pi / `wavelength` (rad/m; `wavelength` in m). A fit without the
+    reflected wave would mistake the nodes and antinodes, which a reflection causes, for decay or growth. The
+    share is negative if the wave grows. **Raises** ValueError for fewer than four positions, for positions
+    that span less than half a wavelength, and if all amplitudes are zero.
     """
     x, found = np.asarray(x, np.float64), np.asarray(amplitude, np.complex128)
     if x.ndim != 1 or x.size < 4 or x.shape != found.shape or np.ptp(x) < 0.5 * wavelength:

@@ -1,6 +1,6 @@
-"""Recorded series and their whole periods: masks, phase averages, efficiency.
+"""Whole periods of recorded series: masks, phase averages, efficiency.
 
-Equation numbers are those of Zhu et al. (2020) unless another source is named. Times in s.
+Equation numbers refer to Zhu et al. (2020) unless another source is named. Times are in s.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Series = NDArray[np.float64]
 
 
 class Efficiency(NamedTuple):
-    """Hydrodynamic efficiency, as a mean and by period: the result of `efficiency`."""
+    """Hydrodynamic efficiency as returned by `efficiency`: its mean, and its value in each period."""
 
     xi: float
     """Mean efficiency over the periods (-)."""
@@ -25,7 +25,10 @@ class Efficiency(NamedTuple):
 
 
 def checked(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
-    """Times and values as float64, checked: one time per sample, times increasing, values finite."""
+    """Times and values as float64.
+
+    **Raises** ValueError unless every value has a time, times increase and values are finite.
+    """
     t, y = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if t.ndim != 1 or t.size < 2 or y.shape[-1:] != t.shape:
         raise ValueError(f"series of shape {y.shape} does not match times of shape {t.shape}")
@@ -55,10 +58,10 @@ def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
 
 
 def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tuple[Series, Series, Series]:
-    """Phases t / T of bins (-), and the mean and standard deviation of y in each, in the unit of y.
+    """Phases t / T of bins (-), and mean and standard deviation of y in each bin, in the unit of y.
 
-    The phases are in [0, 1). Bins are centred on j / n_bins, so that sampling at those phases
-    does not fall on an edge. All samples are used: select whole periods first. **Raises**
+    The phases are in [0, 1). Bins are centred on j / n_bins, so that samples at these phases
+    do not fall on an edge. All samples are used; select whole periods beforehand. **Raises**
     ValueError for an empty bin.
     """
     t, y = checked(t, y)
@@ -100,20 +103,20 @@ def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: 
 SIGNIFICANT = 0.05
 """Probability with which `settled_from` leaves out the first period of a record that has settled."""
 LEAST_PERIODS = 3
-"""Least number of periods that `settled_from` keeps."""
+"""Smallest number of periods that `settled_from` keeps."""
 
 
 def settled_from(values: ArrayLike) -> int:
     """Number of leading periods to leave out of a mean, from the means `values` of all periods, oldest first.
 
     Leading periods are left out until the others show neither a linear trend nor a first period that differs
-    from the rest. Both are tested by Student's t (slope of a regression; a single observation against the
-    rest), each at half of `SIGNIFICANT`. Truncating an initial transient by means of the record itself
-    follows White (1997). White's rule (MSER) leaves out a quarter of ten settled periods; this rule leaves
-    out 1 %. A transient below the scatter of the periods is not detected. At least `LEAST_PERIODS` remain.
+    from the rest. Student's t tests both (the slope of a regression, and a single observation against the
+    rest), each at half of `SIGNIFICANT`. Finding the end of a transient from the record itself follows White
+    (1997). From ten settled periods, White's rule (MSER) leaves out a quarter; this rule leaves out 1 %.
+    A transient smaller than the scatter of the periods is not detected. At least `LEAST_PERIODS` remain.
     """
     values = np.asarray(values, np.float64)
-    least = 1e-6 * np.max(np.abs(values), initial=0.0)  # rounding of the readings is no trend
+    least = 1e-6 * np.max(np.abs(values), initial=0.0)  # ignore trends due to rounding of the readings
     for first in range(max(len(values) - LEAST_PERIODS, 0)):
         if not _has_transient(values[first:], least):
             return first

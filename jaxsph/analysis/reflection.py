@@ -14,7 +14,7 @@ from jaxsph.waves import theory
 
 
 class Reflection(NamedTuple):
-    """Amplitudes of an incident and a reflected wave, and their ratio: the result of `reflection`."""
+    """Amplitudes of an incident and a reflected wave, and their ratio, as returned by `reflection`."""
 
     incident: float
     """Amplitude of the incident wave, along +x, m."""
@@ -25,7 +25,7 @@ class Reflection(NamedTuple):
 
 
 _MIN_SAMPLES_PER_PERIOD = 8
-"""Least number of samples per period in `reflection`."""
+"""Smallest number of samples per period in `reflection`."""
 
 
 _MAX_CONDITION = 10.0
@@ -41,7 +41,7 @@ def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
     t, y = checked(t, y)
     phase = 2.0 * np.pi / T * t
     columns = [np.ones_like(t)]
-    for n in (1, 2):  # over near-whole periods, a fitted harmonic cannot leak into B
+    for n in (1, 2):  # over nearly whole periods, a harmonic that is fitted too does not leak into B
         columns += [np.cos(n * phase), np.sin(n * phase)]
     solution = np.linalg.lstsq(np.stack(columns, axis=-1), y.reshape(-1, t.size).T, rcond=None)[0]
     return (solution[1] - 1j * solution[2]).reshape(y.shape[:-1])
@@ -58,11 +58,12 @@ def reflection(
 ) -> Reflection:
     """Amplitudes of the incident and the reflected wave (m) at the frequency 1 / T, from a row of gauges.
 
-    Least squares over the gauges after Mansard and Funke (1980), with linear wavenumbers. Place the
-    gauges a wavelength away from paddle and device.
+    The method is least squares over the gauges after Mansard and Funke (1980), with linear
+    wavenumbers. Place the gauges a wavelength away from paddle and device.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges] (m); `t`
-    [times] (s); period `T` (s); depth `d` (m); `periods`: number of last periods to use, all by default.
+    [times] (s); period `T` (s); depth `d` (m); `periods`: number of periods to use at the
+    end of the record, by default all.
 
     **Raises** ValueError for fewer than two gauges, a record under one period, fewer than 8
     samples per period, and for gauge distances that cannot separate the two waves: all
@@ -96,7 +97,7 @@ def reflection(
 def separated(
     k: NDArray[np.float64], x: NDArray[np.float64], B: NDArray[np.complex128]
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
-    """Complex amplitudes at x[0] of the waves along +x and -x, and the condition of their equations (-).
+    """Complex amplitudes at x[0] of the waves along +x and -x, and condition numbers of the equations.
 
     Least-squares fit to the complex amplitudes B `[F, G]` of gauges at `x` (m, `[G]`), for every wavenumber k
     (rad/m, `[F]`), in the unit of B (Mansard and Funke 1980).
@@ -107,16 +108,16 @@ def separated(
 
 
 class TwoWaySea(NamedTuple):
-    """Incident and reflected sea in front of a device or a beach: the result of `two_way_sea`."""
+    """Incident and reflected sea in front of a device or a beach, as returned by `two_way_sea`."""
 
     incident: Spectrum
     """Spectrum of the waves along +x."""
     reflected: Spectrum
     """Spectrum of the waves along -x."""
     coefficient: float
-    """Reflection coefficient of the whole sea, the root of the ratio of the variances (-)."""
+    """Reflection coefficient of the sea, square root of the ratio of reflected to incident variance (-)."""
     left_out: float
-    """Share of frequencies at which the gauges cannot separate the two (-); neighbours replace them."""
+    """Share of frequencies at which the gauges cannot separate the waves, left out of averages (-)."""
 
 
 def two_way_sea(
@@ -131,15 +132,15 @@ def two_way_sea(
 ) -> TwoWaySea:
     """Incident and reflected spectrum of a sea from a row of gauges, frequency by frequency.
 
-    Least squares after Mansard and Funke (1980), with linear wavenumbers. Unevenly spaced
-    gauges leave out few frequencies.
+    The method is least squares after Mansard and Funke (1980), with linear wavenumbers. With unevenly
+    spaced gauges few frequencies are left out.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges (m); `t`: times (s),
-    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz); bound waves and noise
-    lie outside; `bands`: number of neighbouring frequencies averaged into a value of a spectrum.
+    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz), outside which lie
+    bound waves and noise; `bands`: number of neighbouring frequencies averaged into a value of a spectrum.
 
-    **Raises** ValueError for fewer than three gauges, a record that is too short, and gauges that leave out
-    more than half of the frequencies.
+    **Raises** ValueError for fewer than three gauges, for a record that is too short, and if the gauges
+    cannot separate the waves at more than half of the frequencies.
     """
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
@@ -162,7 +163,7 @@ def two_way_sea(
             "the frequencies: place them at uneven distances of a tenth to a third of a wavelength"
         )
     both = np.zeros((2, every.size))
-    # density: half the squared amplitude over the frequency step
+    # density: half the squared amplitude, divided by the frequency step
     both[:, use] = np.where(sound, 0.5 * np.abs([incident, reflected]) ** 2 * t.size * step, np.nan)
     coefficient = float(np.sqrt(np.nansum(both[1]) / np.nansum(both[0])))
     incident, reflected = (banded(every, S, bands) for S in both)

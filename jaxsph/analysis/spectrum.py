@@ -1,7 +1,7 @@
 """Variance spectra of recorded seas: heights and periods from moments, confidence bands, single waves.
 
-S(f) in m2/Hz over the frequency f in Hz for elevations in m; for other series in the square of their unit
-per Hz.
+For elevations in m, the density S(f) is in m2/Hz and the frequency f in Hz. For other series, the unit of S
+is the square of the unit of the series, per Hz.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jaxsph.waves import theory
 BANDS = 8
 """Number of neighbouring frequencies averaged into a value of a spectrum."""
 TAPER = 0.1
-"""Share of a record that is tapered, at both ends together, because its ends do not match."""
+"""Share of a record that is tapered, both ends together, because the values at the ends differ."""
 
 
 class Spectrum(NamedTuple):
@@ -46,7 +46,7 @@ class Spectrum(NamedTuple):
     def Tp(self) -> float:
         """Peak period, s, from the mean frequency weighted by S^4 (Young 1995).
 
-        The frequency of the highest value jumps between bins: by 5 % in 100 waves of a JONSWAP sea.
+        The frequency of the highest value would jump between bins, by 5 % for 100 waves of a JONSWAP sea.
         """
         weight = self.S**4
         return float(np.sum(weight) / np.sum(weight * self.f))
@@ -64,21 +64,22 @@ class Spectrum(NamedTuple):
     def band(self, share: float = 0.9) -> tuple[Series, Series]:
         """Lower and upper bound of the band that contains the true density with probability `share`, m2/Hz.
 
-        For Gaussian waves, the ratio of a value to the true density is chi-square over degrees of freedom.
+        For Gaussian waves, `freedom` times the ratio of a value to the true density has a chi-square
+        distribution with `freedom` degrees of freedom.
         """
         tail = 0.5 * (1.0 - share)
         low, high = (self.freedom / scipy.stats.chi2.ppf(q, self.freedom) for q in (1.0 - tail, tail))
         return low * self.S, high * self.S
 
     def power(self, d: float, rho0: float = 1000.0, g: float = theory.GRAVITY) -> float:
-        """Incident power on a depth d (m), W per metre of crest: rho g times the sum of S c_g df."""
+        """Incident power in water of depth d (m), W per metre of crest: rho0 g times the sum of S c_g df."""
         above = self.f > 0.0
         speed = np.asarray(theory.group_velocity(2.0 * np.pi * self.f[above], d, g), float)
         return float(rho0 * g * np.sum(self.S[above] * speed) * (self.f[1] - self.f[0]))
 
 
 def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
-    """Variance spectrum of an evenly sampled series y at times t (s): periodogram averaged over `bands`.
+    """Variance spectrum of a series y at times t (s): a periodogram averaged over `bands` frequencies.
 
     **Raises** ValueError for times that are not evenly spaced, or fewer than 8 `bands` samples.
     """
@@ -105,7 +106,7 @@ def banded(f: ArrayLike, S: ArrayLike, bands: int = BANDS) -> Spectrum:
 
 
 def even_step(t: Series) -> float:
-    """Time between samples, s. **Raises** ValueError if it varies by more than a hundredth."""
+    """Time between samples, s. **Raises** ValueError if this time varies by more than 1 %."""
     step = np.diff(t)
     usual = float((t[-1] - t[0]) / step.size)
     if np.any(np.abs(step - usual) > 0.01 * usual):
@@ -138,7 +139,7 @@ def rayleigh_exceedance(H: ArrayLike, Hm0: float) -> NDArray[np.float64]:
 
 
 def zero_crossing_waves(t: ArrayLike, eta: ArrayLike) -> ZeroCrossingWaves:
-    """Single waves of an elevation eta (m) at times t (s). **Raises** ValueError if there is none."""
+    """Single waves of an elevation eta (m) at times t (s). **Raises** ValueError without a whole wave."""
     t, eta = checked(t, eta)
     y = eta - np.mean(eta)
     up = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
@@ -161,9 +162,9 @@ class Mean(NamedTuple):
 def mean_with_error(y: ArrayLike) -> Mean:
     """Mean of an evenly sampled, correlated series and its standard error, s sqrt(2 tau / n).
 
-    tau, the integral time scale in samples, is half plus the sum of the autocorrelation up to the first lag
-    beyond six tau (Sokal 1997). For a series shorter than about ten tau the error is too small.
-    **Raises** ValueError for fewer than 8 samples.
+    s is the standard deviation of the n samples. The integral time scale tau, in samples, is 0.5 plus the sum
+    of the autocorrelation from lag 1 to the first lag beyond six tau (Sokal 1997). For a series
+    shorter than about ten tau the error is too small. **Raises** ValueError for fewer than 8 samples.
     """
     y = np.asarray(y, np.float64)
     n = y.size

@@ -1,1 +1,1 @@
-"""Cases: sections and their validation, geometry on the lattice, `build` and `assemble`, reports."""
+"""Cases: validated sections, geometry rounded to the lattice, `build` and `assemble`, and reports."""

@@ -19,18 +19,18 @@ LAWS: dict[str, tuple[str, ...]] = {
     "curve": VALVE,
     "P_a": ("ramp",),
 }
-"""Laws of a power take-off: the key that selects each law, and the further keys that it allows."""
+"""Keys that select the law of a power take-off; for each key, the further keys that its law allows."""
 
 FAR = "far"
 """Name of the tank's end wall in `chamber.NAME.between`."""
 DEVICE_WALLS = ("device", FAR)
-"""Walls of the device's chamber: its plate and the tank's end wall."""
+"""Walls of the device's chamber: the device's plate and the tank's end wall."""
 SMOOTH_LAWS = ("K_dm", "resistance", "area", "discharge", "P_a", "relief", "suction")
 """Keys of a power take-off on which a model depends smoothly; they may change during a run."""
 
 
 def air_keys(keys: Iterable[str]) -> list[str]:
-    """Dotted names of the `keys` in every section `pto` of a case, and `duct.NAME.area`; NAME: any name."""
+    """Dotted names of the `keys` in every section `pto`, and `duct.NAME.area`; NAME stands for any name."""
     places = ("", f"chamber.{NAME}.", f"duct.{NAME}.")
     return [f"{place}pto.{key}" for key in keys for place in places] + [f"duct.{NAME}.area"]
 
@@ -101,7 +101,7 @@ class PTOSection(Section):
 
     @property
     def quadratic(self) -> float | None:
-        """Damping coefficient K_dm (kg^0.5 m^-2.5), as given or from the orifice; None for other laws."""
+        """Damping coefficient K_dm (kg^0.5 m^-2.5), given or computed for an orifice; otherwise None."""
         if self.area is not None:
             return orifice_damping(self.area, self.discharge, self.density)
         return self.K_dm
@@ -116,7 +116,7 @@ class PTOSection(Section):
 
 
 def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
-    """**Raises** ValueError if the curve does not rise, or does not pass through (0, 0)."""
+    """**Raises** ValueError unless flow and pressure both rise along the curve, which must contain (0, 0)."""
     for (q, p), (after, higher) in itertools.pairwise(curve):
         if not (after > q and higher > p):
             raise ValueError(
@@ -142,7 +142,7 @@ class AirSection(Section):
 
     @property
     def give(self) -> float:
-        """Compliance of the air about its ambient state, volume / (gamma pressure), m2/Pa."""
+        """Compliance of the air at ambient pressure, volume / (gamma pressure), m2/Pa."""
         return self.volume / (self.gamma * self.pressure)
 
 

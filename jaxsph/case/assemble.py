@@ -36,14 +36,14 @@ from jaxsph.solids.images import Images
 from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
-"""Skin of the neighbour tables (their reach beyond the kernel's support) over dx. A wider skin saves searches
-but makes every pair sum more expensive: with 0.3 a step of the OWC takes as long
-(`python -m experiments run bench_step`)."""
+"""Skin of the neighbour tables, in spacings dx: the distance by which the tables reach beyond the kernel's
+support. A wider skin saves searches but makes every pair sum more expensive. A step of the OWC takes the same
+time with a skin of 0.3 (`python -m experiments run bench_step`)."""
 
 
 SEARCH = 1.0
-"""Cost of a search with a regularisation, in time steps: half a step of the incompressible scheme, and one
-and a half of the weakly compressible scheme."""
+"""Cost of a neighbour search with a regularisation, in time steps. The cost is half a step of the
+incompressible scheme, and one and a half steps of the weakly compressible scheme."""
 
 
 def assemble(
@@ -70,21 +70,22 @@ def assemble(
     settings: dict[str, int] | None = None,
     search_by: type[AbstractSearch] = Cells,
 ) -> tuple[Model, State]:
-    """Model and initial state of any fluid in any box, from arrays; `case.build` makes those of a case.
+    """Builds the model and initial state of a fluid in a box from arrays. `case.build` does so for cases.
 
     **Arguments**: positions `x` `[N, D]` (m) and velocities `u` `[N, D]` (m/s), in the scheme's precision.
     `p` `[N]`: gauge pressure (Pa), by default 0. `volume` of each particle (m3; m2 in 2-D), by default dx^D.
     `walls`: ghosts from `Ghosts.build` of a `Box`; the scheme's smoothing must have the same `period`.
-    `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (the `paddle` if the box has one; driven solids);
-    `bodies`; `chambers`; `ducts` between them; `dampers`; `forces` in addition to g.
-    `sample_dt` (s): the time step divides it, and is at most `dt_most`, by default the largest stable step.
-    `speed` (m/s): largest expected speed, which sets how often neighbours are searched; by default the
-    largest of `u`, or at rest 0.3 of the largest that the scheme allows. `skin` of the tables over dx: a
-    wider skin means more pairs but fewer searches, which pays if particles move far in a step.
-    `depth` (m): for depth-averaged results, by default the box's height.
+    `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (driven solids, and the paddle if the box has a
+    paddle); `bodies`; `chambers`; `ducts` between chambers; `dampers`; `forces` in addition to g.
+    `sample_dt`: time between samples (s), a multiple of the time step. `dt_most`: largest time step (s), by
+    default the largest stable step. `speed`: largest expected speed (m/s), which determines how often
+    neighbours are searched; by default the largest speed in `u`, or for a fluid at rest 0.3 times the largest
+    speed that the scheme allows. `skin` of the neighbour tables, in spacings dx: a wider skin gives more
+    pairs but fewer searches, and is faster if particles move far in a step.
+    `depth`: depth for depth-averaged results (m), by default the box's height.
     `settings`: as for `build`. `search_by`: class of the neighbour search, `Cells` or `JaxMD`.
-    **Raises** ValueError for arrays whose shapes do not match, a period other than the walls', a period that
-    dx does not divide or that is shorter than 2.5 search radii, and particles outside the box.
+    **Raises** ValueError if shapes of arrays do not match, if the periods of scheme and walls differ, if a
+    period is not a multiple of dx or is shorter than 2.5 search radii, or if a particle is outside the box.
     """
     dtype = np.dtype(scheme.smoothing.h.dtype)
     x, u = np.asarray(x, float), np.asarray(u, float)
@@ -152,12 +153,12 @@ def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> 
 
 
 def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
-    """Number of blocks in a sample of `sample_dt` (s), and number of steps in a block.
+    """Number of blocks in a sampling interval `sample_dt` (s), and number of steps in a block.
 
-    A table is valid until a particle has moved half a skin (m); the expected `speed` (m/s) thus limits a
-    block. A block has an even number of steps, so that it can be divided if a table goes stale. Of the
-    possible numbers of blocks the cheapest is chosen, including the steps added by rounding and the cost of
-    the searches.
+    A neighbour table is valid until a particle has moved half of the `skin` (m), so that the expected `speed`
+    (m/s) limits the length of a block. A block has an even number of steps of at most `dt_most` (s), so that
+    the block can be divided if a table goes stale. The cheapest number of blocks is chosen; the cost includes
+    the searches and the steps added by rounding.
     """
     needed = sample_dt / dt_most
     most = max(2.0, 0.5 * skin / (speed * dt_most))
@@ -206,8 +207,8 @@ def _search(
     everything = np.concatenate([np.asarray(walls.x), x])
     low, high = everything.min(axis=0), everything.max(axis=0)
     for axis, side in enumerate(walls.sides):
-        # along an axis without walls, particles may be anywhere in the box; the cells of a period begin at
-        # its low end
+        # along an axis without walls, particles may be anywhere in the box; along a periodic axis, the cells
+        # begin at the low end of the box
         if side in ("open", "periodic"):
             low[axis], high[axis] = walls.low[axis], walls.high[axis]
     grid = grid_over(low, high, radius, walls.period)
@@ -234,7 +235,7 @@ def _search(
 
 
 _candidate_count = jax.jit(lambda chamber, x, margin: chamber.candidates(x, margin, 1)[1])
-"""Number of particles on which a chamber's air may act, compiled as a whole."""
+"""Counts the particles on which a chamber's air may act; compiled as one function."""
 
 
 def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: float) -> tuple[int, int]:
@@ -257,14 +258,14 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
 
 
 def _first_images(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Images (m) of particles at x (m) with the paddle at rest, and a mask of the rows that have an image."""
+    """Mirror images (m) of particles at x (m) with the paddle at rest, and a mask of the entries in use."""
     found, there = _imaged(images, x, radius, skin)
     return np.asarray(found), np.asarray(there)
 
 
 @jax.jit
 def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[jax.Array, jax.Array]:
-    """`_first_images`, compiled as a whole, and only once for all builds of a size."""
+    """Computes `_first_images`; compiled once for all builds with arrays of the same sizes."""
     rows, _ = images.choose(x, lambda a: a, radius, skin)
     return images.image(x[jnp.minimum(rows, len(x) - 1)], lambda a: a), rows < len(x)
 
@@ -272,9 +273,9 @@ def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[j
 def _neighbour_count(
     targets: np.ndarray, sees: np.ndarray, sources: np.ndarray, kinds: np.ndarray, grid: Grid
 ) -> np.ndarray:
-    """Number of sources within the grid's radius of each target, among those whose kind the target sees.
+    """For each target, the number of sources within the grid's radius whose kind the target sees.
 
-    A tree on the host counts them, because a search on the device would be compiled for every build.
+    A tree on the host counts the sources, because a search on the device would be compiled for every build.
     """
     lengths, count = dict(grid.period), np.zeros(len(targets), int)
     box = [lengths.get(axis, 0.0) for axis in range(targets.shape[1])]

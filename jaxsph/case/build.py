@@ -43,21 +43,21 @@ from jaxsph.solids.filling import DummyParticles, MirrorImages, MirrorNodes
 from jaxsph.solids.walls import Ghosts
 
 FILLINGS = {"images": MirrorImages(), "mirror": MirrorNodes(), "dummy": DummyParticles()}
-"""Fillings of the walls' ghosts, by `tank.walls`."""
+"""Methods that fill the walls with ghosts, by the value of `tank.walls`."""
 
 LONG_STEP_SKIN = {2: 0.7, 3: 0.5}
-"""Skin of the neighbour tables over dx for the incompressible scheme, by number of dimensions. In a step of
-this scheme a particle moves up to a fifth of a spacing. In two dimensions, with a search every fourth step,
-the OWC takes a fifth less time than with 0.5 and a search every second step; in three dimensions each slot
-costs more."""
+"""Skin of the neighbour tables for the incompressible scheme, in spacings dx, by number of dimensions. In a
+step of this scheme a particle moves up to a fifth of a spacing. In two dimensions a skin of 0.7 with a search
+every fourth step takes a fifth less time for the OWC than a skin of 0.5 with a search every second step. In
+three dimensions a narrower skin is used, because each slot of the tables costs more."""
 
 
 def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model, State]:
-    """Model and initial state of a case.
+    """Builds the model and the initial state of a case.
 
-    `settings`: sizes of the neighbour tables and steps between searches (see `model.state.Search`), which
-    replace those found here; a run passes them when it is resumed or its tables have grown. **Raises**
-    CaseError if the case cannot be built.
+    `settings`: sizes of the neighbour tables and number of steps between searches (see `model.state.Search`),
+    which replace the values computed here. A run passes `settings` when the run is resumed or its tables have
+    grown. **Raises** CaseError if the case cannot be built.
     """
     if case.precision == "float64" and jnp.result_type(float) != np.float64:
         raise CaseError(
@@ -112,11 +112,11 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
 
 
 _placed = eqx.filter_jit(RigidBody.place)
-"""Positions (m) of a body's ghosts and nodes, compiled as a whole."""
+"""Computes the positions (m) of a body's ghosts and nodes; compiled as one function."""
 
 
 def _at_start(walls: Ghosts, bodies: Iterable[RigidBody]) -> Ghosts:
-    """Ghosts in their initial positions: those of a body are turned to its initial pitch."""
+    """Ghosts in their initial positions; the ghosts of each body are turned to the body's initial pitch."""
     x = walls.x
     for body in bodies:
         rows = slice(*body.rows)
@@ -143,7 +143,7 @@ def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -
 
 
 def _search_method(case: Sections) -> type[AbstractSearch]:
-    """Class of a case's neighbour search. **Raises** CaseError if its package is not installed."""
+    """Class of a case's neighbour search. **Raises** CaseError if jax-md is needed but not installed."""
     if case.search == "cells":
         return Cells
     try:

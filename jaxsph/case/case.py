@@ -1,4 +1,4 @@
-"""A whole case: its validation, changes by dotted names, TOML text and notices."""
+"""`Case`: a validated case, with changes by dotted names, TOML text and notices."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ SMOOTH = (
     "body.pto.spring",
 )
 """Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths are
-not among them, because they change the lattice."""
+excluded, because a changed length changes the lattice."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
-"""Types of errors whose message includes the meaning of the key: a value is missing or out of range."""
+"""Types of errors (value missing or out of range) whose messages include the meaning of the key."""
 
 
 class Case(Sections):
-    """Description of a run in SI units, validated. Immutable: `replace` gives a changed copy."""
+    """Validated description of a run, in SI units. A case is immutable; `replace` returns a changed copy."""
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Case:
@@ -65,11 +65,11 @@ class Case(Sections):
         return case
 
     def replace(self, changes: dict[str, Any]) -> Case:
-        """A copy with fields changed, by dotted name: `case.replace({"pto.K_dm": 300.0})`.
+        """Copy of the case with keys changed by dotted name, for example `case.replace({"pto.K_dm": 300.0})`.
 
-        None removes a field. A new `scheme.kind` or `waves.kind` starts from the defaults of that kind,
+        None removes a key. A new `scheme.kind` or `waves.kind` starts from the defaults of that kind,
         because values of one kind have no meaning in another. A new law of `pto` replaces the previous one.
-        **Raises** CaseError, as `from_dict`.
+        **Raises** CaseError, as `from_dict` does.
         """
         data = self.model_dump(exclude_none=True, mode="json")
         for name in KINDS:
@@ -113,19 +113,19 @@ class Case(Sections):
         )
 
     def value(self, name: str) -> Any:
-        """Value of a key, by dotted name; None if the case does not give it. **Raises** CaseError for an
-        unknown key."""
+        """Value of a key, by dotted name; None if the case does not give the key. **Raises** CaseError for
+        an unknown key."""
         value = functools.reduce(inner, name.split("."), self)
         if value is None:
             self.replace({name: 1.0})  # raises an error, with a suggestion, if there is no such key
         return value
 
     def built(self, name: str) -> Any:
-        """Value of a key with which the case is built: lengths rounded to the lattice, others as given."""
+        """Value of a key in the model: lengths are rounded to whole spacings, other values are as given."""
         return Geometry.of(self).rounded.get(name, self.value(name))
 
     def roughness(self, name: str) -> str:
-        """Reason why the model may not depend smoothly on a key; empty if it does."""
+        """Reason why the model may not depend smoothly on a key; empty if the dependence is smooth."""
         return (
             "" if any_name(name) in SMOOTH else f"the time loop depends smoothly only on {', '.join(SMOOTH)}"
         )
@@ -135,7 +135,7 @@ class Case(Sections):
         return toml_text(self.model_dump(exclude_none=True, mode="json"))
 
     def expanded(self) -> Case:
-        """The same case without short forms: `pto` and `air` of the device become keys of its chamber."""
+        """The same case without short forms: sections `pto` and `air` are moved to the device's chamber."""
         given = self.given()
         own = {key: given.pop(key) for key in ("pto", "air") if key in given}
         if not own:
@@ -144,13 +144,13 @@ class Case(Sections):
         return Case.from_dict(given | {"chamber": {DEVICE_CHAMBER: chamber, **given.get("chamber", {})}})
 
     def given(self) -> dict[str, Any]:
-        """Values of the case that are not at their defaults, and the kinds of its sections."""
+        """Values of the case that differ from the defaults, and the kinds of the scheme and the waves."""
         data = self.model_dump(exclude_defaults=True, exclude_none=True, mode="json")
         kinds = {name: getattr(self, name).kind for name in KINDS if getattr(self, name) is not None}
         return data | {name: {"kind": kind, **data.get(name, {})} for name, kind in kinds.items()}
 
     def notices(self) -> list[str]:
-        """Notices for the user: lengths changed by the lattice, and limits that the case approaches or
+        """Notices for the user about lengths changed by rounding, and limits that the case approaches or
         exceeds."""
         geometry = Geometry.of(self)
         return [*geometry.notices, *limit_notices(self, geometry)]
@@ -167,12 +167,12 @@ def any_name(key: str) -> str:
 
 
 def inner(part: Any, key: str) -> Any:
-    """Value of a key in a section, or in a mapping of sections; None if there is none."""
+    """Value of a key in a section, or in a mapping of sections; None if the key is absent."""
     return part.get(key) if isinstance(part, dict) else getattr(part, key, None)
 
 
 def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
-    """Value with lists and arrays as tuples and NumPy scalars as Python numbers, as the sections require."""
+    """Converts lists and arrays to tuples and NumPy scalars to Python numbers, as the sections require."""
     if depth > 10:
         raise CaseError(f"{name}: lists or sections are nested too deep for a case")
     if isinstance(value, dict):
@@ -198,7 +198,7 @@ def _shown(value: Any) -> str:
 
 
 def _check_keys(data: dict[str, Any]) -> None:
-    """**Raises** CaseError for the first unknown key, with the nearest key that exists."""
+    """**Raises** CaseError for the first unknown key; the message suggests the most similar known key."""
     if "isph" in data:
         raise CaseError(_instead_of_isph(data["isph"]))
     _check_section(data, Case, "")
@@ -276,7 +276,7 @@ def _instead_of_isph(section: Any) -> str:
 
 
 def section_in(annotation: Any) -> type[BaseModel] | None:
-    """Section class in the annotation of a field (the first of several kinds); None for a value."""
+    """Section class in the annotation of a field (the first of several kinds); None if there is no class."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     found = (section_in(option) for option in typing.get_args(annotation))
@@ -300,7 +300,7 @@ def key_names(section: type[BaseModel], prefix: str = "") -> list[str]:
 
 
 def _readable(error: ValidationError) -> str:
-    """Message of a validation's first five errors, one per line: field, value and what is allowed."""
+    """Message with a line for each of the first five errors: the field, the value and what is allowed."""
     lines = []
     found = error.errors()
     for item in found[:5]:
@@ -332,7 +332,7 @@ def _in_toml_words(message: str) -> str:
 
 
 def _meaning(place: tuple[str | int, ...]) -> str:
-    """Meaning of a key, in brackets; empty if it has none. `place`: path of the key in the case."""
+    """Meaning of a key, in brackets; empty if no meaning is given. `place`: path of the key in the case."""
     section: Any = Case
     words, kinds, names = "", {}, False
     for part in place:

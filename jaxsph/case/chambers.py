@@ -1,4 +1,4 @@
-"""Chambers of a case: the two walls of each, their inner faces, and checks that they can hold air."""
+"""Chambers of a case: the walls of each chamber, their inner faces, and checks that walls can hold air."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
 
 MOST_CORNERS = 24
-"""Number of corners above which a wall's face is read at this many even levels, not at its corners."""
+"""Largest number of corners at which a wall's face is read. A face with more corners is read at this
+number of evenly spaced levels instead."""
 
 
 class Stretch(NamedTuple):
@@ -27,9 +28,10 @@ class Stretch(NamedTuple):
     back: np.ndarray
     """Corners of the back wall's inner face."""
     tip: float
-    """Level of the lower end of the wall with the smaller draught, m; air escapes if water falls below it."""
+    """Level of the lower end of the wall with the smaller draught, m. Air escapes if water falls
+    below this level."""
     top: float
-    """Level of the top of the lower wall, m."""
+    """Level of the lower of the two walls' tops, m."""
     first: float
     """x of the front wall's inner face at the still water level, m."""
     last: float
@@ -58,13 +60,13 @@ class Wall(NamedTuple):
     """One of the two walls of a chamber."""
 
     name: str
-    """Name in `chamber.NAME.between`."""
+    """Name of the wall in `chamber.NAME.between`."""
     shape: AbstractShape | None
-    """Its shape; None for the tank's end wall."""
+    """Shape of the wall; None for the tank's end wall."""
     tank: Tank
 
     def ends(self, level: float) -> tuple[float, float] | None:
-        """First and last x (m) of the wall at a level (m); None where the wall does not reach this level."""
+        """First and last x (m) of the wall at a level (m); None if the wall does not reach this level."""
         if self.shape is None:
             return self.tank.length, self.tank.length
         return ends_at(self.shape, level)
@@ -79,8 +81,8 @@ class Wall(NamedTuple):
     def face(self, side: int) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of one face of the wall, from below upwards.
 
-        `side` 0 is the face at the first x, 1 the face at the last x. The face is read just above and below
-        every corner, so that a step has a point on either side.
+        `side` is 0 for the face at the first x, and 1 for the face at the last x. The face is read just above
+        and just below every corner, so that both sides of a step are included.
         """
         corners = np.array(self.heights())
         if self.shape is not None:

@@ -9,7 +9,7 @@ from jaxsph.case.settling import settling_time
 from jaxsph.errors import CaseError
 
 FACTORS = (2.0, 1.5, 1.25)
-"""Factors on the spacing to try; the first with which the case passes its checks is taken."""
+"""Factors by which the spacing is multiplied, tried in this order until the case passes its checks."""
 PERIODS = 5
 """Number of settled wave periods to which a run is shortened."""
 COARSE = "COARSE, for a first look: "
@@ -17,12 +17,12 @@ COARSE = "COARSE, for a first look: "
 
 
 def coarsen(case: Case) -> Case:
-    """Coarse case for a first look: up to twice the spacing, and at most five settled wave periods.
+    """Makes a coarse case for a first look, with up to twice the spacing and up to five settled periods.
 
     The sampling interval grows by the same factor, so that the time step can grow with the spacing. The plate
-    of a device is made at least as thick as the spacing. The name ends in `_quick`, and the description
-    begins with COARSE: efficiencies and forces of such a run are rough and not suitable for design.
-    **Raises** CaseError if the case passes its checks with no larger spacing.
+    of a device is made at least as thick as the spacing. The name ends in `_quick`. The description begins
+    with COARSE, because efficiencies and forces of such a run are rough and not suitable for design.
+    **Raises** CaseError if the case does not pass its checks with any of the `FACTORS`.
     """
     if not isinstance(case, Case):
         raise CaseError(f"{case!r}: only a case has a coarse form; give a program's own arguments instead")
@@ -53,8 +53,8 @@ def _coarser(case: Case, factor: float) -> Case:
 def _shortened(case: Case) -> Case:
     if case.waves is None:
         return case
-    # One sample more, because a run's last sample is before its end; and a whole number of snapshots, because
-    # a part of a snapshot interval would be compiled separately.
+    # One sampling interval is added, because the last sample precedes the end of the run. The time is rounded
+    # up to whole snapshot intervals, because a part of an interval would be compiled separately.
     settled = settling_time(case) + PERIODS * case.waves.cycle + case.output.sample_dt
     whole = math.ceil(settled / case.output.snapshot_dt) * case.output.snapshot_dt
     return case.replace({"t1": min(case.t1, round(whole, 6))})

@@ -1,4 +1,4 @@
-"""Keys of a case with their meaning: commented case files, and tables of all keys."""
+"""Commented case files, and tables of all keys of a case with their meanings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from jaxsph.case.sections import KINDS, Sections
 from jaxsph.problem.toml import toml_value
 
 WIDTH = 100
-"""Columns of a commented case file."""
+"""Width of the comments in a commented case file, characters."""
 HEAD = """\
 # {name}: all values in SI units; x = 0 is the paddle at rest, or the near end wall, and z = 0 the bed.
 # A line "# key = value" is a key at its default; a line "# key =" is a key that is not set.
@@ -27,7 +27,7 @@ HEAD = """\
 
 
 class Key(NamedTuple):
-    """Key of a section: name, allowed values, default as TOML (empty if it has none), and meaning."""
+    """Key of a section: name, allowed values, default as TOML (empty without a default), and meaning."""
 
     name: str
     allowed: str
@@ -42,7 +42,7 @@ def keys_of(section: type[Section]) -> list[Key]:
 
 
 def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str, type[Section]]:
-    """Sections of a case by dotted name, one entry per kind of a section: `waves (kind = "focused")`."""
+    """Section classes by dotted name, with an entry for each kind, for example `waves (kind = "focused")`."""
     found = {}
     for name, field in section.model_fields.items():
         inner = section_in(field.annotation)
@@ -140,7 +140,7 @@ def _allowed(field: FieldInfo) -> str:
 
 
 def _limits(annotation: Any) -> dict[str, float]:
-    """Bounds in the parts of an annotation."""
+    """Bounds `ge` and `le` in all parts of an annotation."""
     found = {}
     if typing.get_origin(annotation) is typing.Annotated:
         for one in annotation.__metadata__:

@@ -1,4 +1,4 @@
-"""Reader of all files that a case or a command names: texts, and columns of numbers in CSV files.
+"""Readers of the files that a case or a command names: text files, and columns of numbers in CSV files.
 
 A case may come from a stranger, and may name any file on the machine. Messages therefore state where a data
 file is wrong and what is expected there, but never show the file's content.
@@ -17,8 +17,8 @@ from pathlib import Path
 from jaxsph.errors import CaseError
 
 MOST_BYTES = 10**6
-"""Largest case or data file, bytes: ten thousand probes take half of it, a series of 50 000 samples all of
-it."""
+"""Largest size of a case or data file, bytes. Ten thousand probes take half of this size, and a series of
+50 000 samples takes all of it."""
 
 
 def read_series(path: str | Path) -> dict[str, list[float]]:
@@ -31,7 +31,7 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
 
     **Arguments**: `units` by column name; `wanted`: allowed sets of columns, one of which the file must have.
     **Raises** CaseError if the file cannot be read, has other columns or units, or contains values that are
-    not numbers. The message gives the number and the length of the line, but not its content.
+    not numbers. The message gives the number and the length of the line, but not the content.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv":
@@ -40,7 +40,7 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
         path, read_text(path, "data file", "give the name of a CSV file, from the case's own folder")
     )
     place, titles = rows[0] if rows else (f"{path}, line 1 (0 characters)", [])
-    alone = len(titles) < 2  # separated by something else than commas
+    alone = len(titles) < 2  # the columns are not separated by commas
     header = [] if alone else [_column(place, title, units) for title in titles]
     if set(header) not in wanted or len(set(header)) < len(header):
         sets = " or ".join(
@@ -63,7 +63,7 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
     """Text of a file in UTF-8, of at most `MOST_BYTES`.
 
     **Arguments**: `kind` of the file, in words; `remedy`: what to do if there is no such file.
-    **Raises** CaseError if it is not a regular file, is too large, or is not text.
+    **Raises** CaseError if the file is not a regular file, is too large, or is not text.
     """
     try:
         # without O_NONBLOCK, opening a pipe that has no writer would block for ever
@@ -118,7 +118,7 @@ def _number(cell: str) -> float:
 
 
 def _column(place: str, title: str, units: dict[str, str]) -> str:
-    """Name of a column from its title. **Raises** CaseError if the title has another unit."""
+    """Name of a column from its title. **Raises** CaseError if the title's unit is not in `units`."""
     known = [name for name in units if re.match(rf"{re.escape(name)}(?![A-Za-z0-9])", title)]
     name = max(known, key=len, default=title)
     unit = title.removeprefix(name).strip(" _()[]")

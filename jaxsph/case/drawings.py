@@ -17,7 +17,7 @@ from jaxsph.errors import CaseError
 Corners = NDArray[np.float64]
 
 FINE = 1.0e-4
-"""Largest distance between a curve and its chords, over the extent of the outline."""
+"""Largest ratio of the distance between a curve and its chords to the extent of the outline."""
 PIXEL = 0.0254 / 96.0
 """Length of a pixel, m, in an SVG drawing whose size has a unit, for example millimetres."""
 
@@ -25,9 +25,9 @@ PIXEL = 0.0254 / 96.0
 def read_outline(path: Path, scale: float | None) -> Corners:
     """Corners `[K, 2]` (m) of the only closed outline in a drawing, with x to the right and z upwards.
 
-    **Arguments**: `scale`: factor on the drawing's lengths, or metres per drawing unit if it has no unit.
+    **Arguments**: `scale`: factor on the drawing's lengths, or metres per drawing unit if they have no unit.
     **Raises** CaseError if the drawing cannot be read, has no unit while `scale` is None, or does not have
-    exactly one closed outline. Messages never show its content.
+    exactly one closed outline. Messages never show the content of the drawing.
     """
     text = read_text(path, "drawing", "give the name of a DXF or SVG file, from the case's own folder")
     read = _DRAWINGS[path.suffix.lower()]
@@ -50,7 +50,7 @@ def read_outline(path: Path, scale: float | None) -> Corners:
 
 
 def _dxf(text: str) -> tuple[list[Corners], float | None]:
-    """Closed outlines of a DXF drawing, and the length of its unit, m; None if it has no unit."""
+    """Closed outlines of a DXF drawing, and the length of the drawing's unit, m, or None without a unit."""
     ezdxf, units, path = (_library(f"ezdxf{part}") for part in ("", ".units", ".path"))
     drawing = ezdxf.read(io.StringIO(text))
     paths = [path.make_path(one) for one in drawing.modelspace() if one.dxftype() in CLOSED]
@@ -68,9 +68,9 @@ CLOSED = ("LWPOLYLINE", "POLYLINE", "CIRCLE", "ELLIPSE", "SPLINE")
 
 
 def _svg(text: str) -> tuple[list[Corners], float | None]:
-    """Closed outlines of an SVG drawing, relative to its lower left corner, and the length of its unit, m.
+    """Closed outlines of an SVG drawing, and the length of the drawing's unit, m.
 
-    The length is None if the drawing's size has no unit.
+    Positions are relative to the lower left corner. The length is None if the drawing's size has no unit.
     """
     library = _library("svgelements")
     drawing = library.SVG.parse(io.StringIO(text))
@@ -91,7 +91,7 @@ def _svg(text: str) -> tuple[list[Corners], float | None]:
 
 
 def _closed(library: ModuleType, path) -> Iterator[Corners]:
-    """Corners of an SVG path if it is closed; chords replace its curves."""
+    """Yields the corners of an SVG path if the path is closed; chords replace the curves."""
     box = path.bbox()
     if box is None or not (isinstance(path[-1], library.Close) or path.first_point == path.current_point):
         return
@@ -104,8 +104,8 @@ def _closed(library: ModuleType, path) -> Iterator[Corners]:
 
 
 def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
-    """Points on a curve with the parameter 0 to 1, whose chords deviate from the curve by less than
-    `close`."""
+    """Points on a curve with the parameter 0 to 1. The chords between the points deviate from the curve by
+    less than `close`, unless this takes more than `MOST` chords."""
     number = 4
     while True:
         points = curve(np.linspace(0.0, 1.0, 2 * number + 1))
@@ -116,17 +116,17 @@ def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
 
 
 MOST = 500
-"""Number of chords beyond which a curve is not refined: a polygon has at most a thousand corners."""
+"""Number of chords beyond which a curve is not refined, as a polygon has at most a thousand corners."""
 
 
 def _without_repeats(corners: Corners) -> Corners:
-    """Corners without those that repeat the previous corner; the last corner precedes the first."""
+    """Removes corners that repeat the previous corner; the last corner counts as previous to the first."""
     apart = np.max(np.abs(corners - np.roll(corners, 1, axis=0)), axis=1)
     return corners[apart > 1e-9 * np.max(np.ptp(corners, axis=0))]
 
 
 def _library(name: str) -> ModuleType:
-    """Library of the extra `drawings`. **Raises** CaseError if it is not installed."""
+    """Imports a library of the extra `drawings`. **Raises** CaseError if the library is not installed."""
     try:
         return importlib.import_module(name)
     except ImportError:

@@ -47,10 +47,10 @@ EXPECTED = {
     "draft": "the draught of a front wall is `device.draught`, m; that of a body follows from its mass",
     "orifice": "an orifice is `pto.area`, m2 per metre of width, with `pto.discharge`",
 }
-"""What to use instead of a key, by the last part of its name in small letters."""
+"""Hints on what to use instead of a key, by the last part of the key's name in small letters."""
 
 ONLY_IN = {"amplitude": "waves", "height": "waves", "h": "", "duration": "", "angle_of_incidence": "waves"}
-"""Sections outside which there is no hint for these names; the empty name is the top level."""
+"""For names with a hint in one section only, the section's name, which is empty for the top level."""
 
 
 def instead(key: str) -> str:

@@ -22,10 +22,10 @@ class Reader(NamedTuple):
     """Reader of a section's keys from the file that the section names."""
 
     read: Callable[..., dict[str, Any]]
-    """Function that returns the keys, from the file's path and those of the `options` that the section
-    gives."""
+    """Function that returns the section's keys. Its arguments are the path of the file and, by keyword, the
+    `options` that the section gives."""
     options: tuple[str, ...] = ()
-    """Keys beside `file` that determine how it is read; a case itself does not have them."""
+    """Keys beside `file` that determine how the file is read; they do not become keys of the case."""
 
 
 def built_in_cases() -> dict[str, str]:
@@ -40,7 +40,7 @@ def built_in_cases() -> dict[str, str]:
 
 
 def load_case(name: str | Path) -> Case:
-    """Case from a TOML file, or a built-in case by name.
+    """Loads a case from a TOML file, or a built-in case by name.
 
     **Raises** CaseError if there is no such case, the file cannot be read, or the case is not valid.
     """
@@ -64,7 +64,7 @@ def load_case(name: str | Path) -> Case:
 def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Keys of a case, with the content of the data files in place of the `file` keys of its sections.
 
-    File names are relative to the folder of the case. The run file then contains everything the run needs.
+    File names are relative to the folder of the case. The run file therefore contains all data of the run.
     """
     data = dict(data)
     waves = data.get("waves")
@@ -76,7 +76,10 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _put(data: dict[str, Any], place: list[str], key: str, reader: Reader, folder: Path) -> None:
-    """Puts the content of a file into the section at `place` below `key`; NAME stands for every name."""
+    """Replaces the key `file` of a section by the content of the file.
+
+    `place`: path of the section below the dotted name `key`; NAME stands for every name.
+    """
     if not place:
         file = data.pop("file", None)
         if file is not None and not isinstance(file, str):
@@ -98,16 +101,16 @@ def _put(data: dict[str, Any], place: list[str], key: str, reader: Reader, folde
 
 
 def _read_curve(path: Path) -> dict[str, Any]:
-    """Characteristic curve of a turbine: columns q (m2/s) and P_a (Pa)."""
+    """Reads the characteristic curve of a turbine from the columns q (m2/s) and P_a (Pa)."""
     columns = read_columns(path, {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
     return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
 
 
 def _read_polygon(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
-    """Corners of a shape in order along its outline: columns x and z (m), or the outline in a drawing.
+    """Reads the corners of a shape, in order along its outline, from columns x and z (m) or from a drawing.
 
-    `scale` multiplies the corners, and `at` is the position of their origin in the tank, m. **Raises**
-    ValueError if `scale` or `at` is not valid.
+    `scale` multiplies the corners, and `at` is the position (m) of the file's origin in the tank.
+    **Raises** ValueError if `scale` or `at` is not valid.
     """
     at = [0.0, 0.0] if at is None else at
     if scale is not None and not (_is_number(scale) and scale > 0.0):

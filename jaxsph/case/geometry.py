@@ -1,7 +1,7 @@
-"""Geometry of a case on the lattice of spacing dx: lengths, plate, platform, body and probes, in metres.
+"""Geometry of a case with particles of spacing dx: tank, plate, platform, solids and probes, in metres.
 
-All lengths except those beside the plate are rounded to a whole number of spacings, and `Geometry.notices`
-lists the changes. A length that does not fit raises CaseError.
+Lengths of the tank and the platform, and the plate's draught, are rounded to a whole number of spacings, and
+`Geometry.notices` lists the changes. CaseError is raised if a length would change too much.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from jaxsph.solids.shapes import AbstractShape, Block
 from jaxsph.waves import theory
 
 ON_WALL = 1e-6
-"""Distance from a wall within which a probe counts as on the wall, m."""
+"""Largest distance from a wall at which a probe is treated as a probe on the wall, m."""
 
 PADDLE_GAUGE = 4.8
-"""Distance in spacings from the paddle's face at which active absorption measures the elevation."""
+"""Distance from the paddle's face at which active absorption measures the elevation, in spacings."""
 
 
 class Geometry:
-    """Lengths of a case on its lattice (m); `notices` lists those that differ from the given ones."""
+    """Lengths of a case (m), rounded to whole spacings; `notices` lists the lengths that rounding changed."""
 
     dx: float
     length: float
@@ -55,12 +55,12 @@ class Geometry:
     column: float
     """Length of the tank filled with water at the start, m."""
     layer: float
-    """Depth of the water on the rest of the bed, m; 0 if it is dry."""
+    """Depth of the water on the rest of the bed, m; 0 if the rest is dry."""
     stroke: float
     """Stroke of the paddle from end to end, m; 0 without waves."""
     withdrawal: float
-    """Length of the bed behind the paddle at rest, m; 0 without waves. In most waves it depends on the depth
-    alone, so that the shapes of arrays do not change with the wave height."""
+    """Length of the bed behind the paddle at rest, m; 0 without waves. In most waves this length does not
+    depend on the wave height, so that the shapes of arrays do not depend on the wave height either."""
     plate: WallPlate | None
     platform: Platform | None
     stretches: dict[str, Stretch]
@@ -73,7 +73,7 @@ class Geometry:
     surface: Points
     pressure: Points
     velocity: Points
-    """Positions of the probes; those on a wall that the lattice moved are moved with it."""
+    """Positions of the probes, m. Probes on a wall that rounding moved are moved with the wall."""
     notices: list[str]
     rounded: dict[str, float]
     """Lengths that are rounded to a whole number of spacings, by key, m."""
@@ -100,7 +100,7 @@ class Geometry:
         geometry._probes(case)
         if case.waves is not None:
             geometry.stroke = case.waves.stroke(geometry.depth, case.g)
-            # drift and absorption need more than half a stroke
+            # the paddle needs more than half a stroke, for drift and absorption
             stroke = max(geometry.stroke, theory.largest_stroke(geometry.depth))
             geometry.withdrawal = 1.5 * stroke + 2 * case.dx
         if case.sponge is not None and case.sponge.length >= geometry.length:
@@ -127,9 +127,9 @@ class Geometry:
         return self.length if self.plate is None else self.plate.x0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
-        """Whole number of spacings nearest to the length `value` (m), but at least `least`, as a length (m).
+        """Length (m) of the whole number of spacings nearest to `value` (m), with at least `least` spacings.
 
-        **Raises** CaseError if this changes the length by more than the share `slack`.
+        **Raises** CaseError if rounding changes the length by more than the fraction `slack`.
         """
         count = max(int(np.floor(value / self.dx + 0.5 + 1e-9)), least)
         snapped = count * self.dx
@@ -151,7 +151,7 @@ class Geometry:
         return float(np.ceil(height / self.dx - 1e-9) * self.dx)
 
     def _tank(self, case: Sections) -> None:
-        """Length, width, depth and height of the tank."""
+        """Sets the length, width, depth and height of the tank."""
         tank = case.tank
         self.depth = self.snap("tank.depth", tank.depth, least=4, slack=0.1)
         self.length = self.snap("tank.length", tank.length, least=4, slack=0.1)
@@ -159,7 +159,7 @@ class Geometry:
             self.width = self.snap("tank.width", tank.width, least=4, slack=0.1)
         over = 0.1 + 0.1 * tank.depth
         if case.waves is not None:
-            # in most waves the depth, so that the shapes of arrays do not change with the wave height
+            # in most waves the depth is larger, and the shapes of arrays do not depend on the wave height
             over = max(tank.depth, 0.1 + 3.0 * case.waves.highest(tank.depth, case.g))
         if tank.column is not None:
             over = 3.0 * tank.depth  # the jet at the far wall reaches twice the depth if all energy is kept
@@ -171,7 +171,7 @@ class Geometry:
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Length of the released column (of the tank if there is no column), and the layer beside it."""
+        """Sets the length of the released column, or of the tank without a column, and the layer's depth."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
@@ -195,7 +195,7 @@ class Geometry:
                 )
 
     def _device(self, case: Sections) -> None:
-        """Plate and platform of the OWC."""
+        """Sets the plate and the platform of the OWC."""
         device = case.device
         if device is None:
             for key in ("pto", "air"):
@@ -233,7 +233,7 @@ class Geometry:
             self._platform(device, device.platform_length, device.platform_height)
 
     def _platform(self, device: Device, length: float, height: float) -> None:
-        """Raised bed under the OWC."""
+        """Sets the platform, a raised bed under the OWC."""
         length = self.snap("device.platform_length", length, least=4, slack=0.1)
         height = self.snap("device.platform_height", height, least=1, slack=0.1)
         if height > self.plate.tip - 2 * self.dx:
@@ -249,7 +249,7 @@ class Geometry:
         self.platform = Platform(float(np.round(self.length - length, 12)), height)
 
     def _body(self, case: Sections) -> None:
-        """Shape of the rigid body, inside the tank."""
+        """Sets the shape of the rigid body, which must be inside the tank."""
         section = case.body
         if section is None:
             return
@@ -267,7 +267,7 @@ class Geometry:
             self.notices += off_lattice(section.block, "body", self.dx)
 
     def _solids(self, case: Sections) -> None:
-        """Shapes of the fixed solids, which must be inside the tank and apart from all others."""
+        """Sets the shapes of the fixed solids, which must be inside the tank and must not overlap."""
         if (case.solid or case.body is not None) and case.tank.walls not in (None, "dummy"):
             raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
         walls = list(self._moved_walls(case))
@@ -293,7 +293,7 @@ class Geometry:
             ) from None
 
     def _chambers(self, case: Sections) -> None:
-        """Stretches of the water surface below chambers."""
+        """Sets the stretches of the water surface below chambers."""
         if case.pto is not None and DEVICE_CHAMBER in case.chamber:
             raise CaseError(
                 f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give it another name"
@@ -308,7 +308,7 @@ class Geometry:
         check_apart_chambers(self.stretches)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
-        """Solid with its corners on walls moved with these walls."""
+        """Section of a solid, whose corners on a wall that rounding moved are moved with the wall."""
         if section.polygon is not None:
             corners = (
                 self._with_walls(f"solid.{name}.polygon[{index}]", corner, walls)
@@ -337,13 +337,13 @@ class Geometry:
         return found
 
     def _heightened(self, case: Sections, corners: np.ndarray) -> None:
-        """Raises the walls to four spacings above corners `[K, D]` (m), unless the case gives their
-        height."""
+        """Raises the tank's walls to four spacings above corners `[K, D]` (m), unless the case gives the
+        height of the walls."""
         if case.tank.height is None:
             self.height = max(self.height, self._rounded_up(float(corners[:, -1].max()) + 4 * self.dx))
 
     def _probes(self, case: Sections) -> None:
-        """Positions of gauges and sensors; those on a wall are moved with it."""
+        """Sets the positions of gauges and sensors; probes on a wall that rounding moved are moved, too."""
         walls = list(self._moved_walls(case))
         upper = self.upper
         self.gauges = tuple(
@@ -370,7 +370,7 @@ class Geometry:
             setattr(self, name, tuple(points))
 
     def _moved_walls(self, case: Sections) -> Iterator[tuple[str, int, float, float]]:
-        """(name, axis, given position, position on the lattice) of every wall that the lattice moved."""
+        """Name, axis, given position (m) and rounded position (m) of every wall that rounding moved."""
         tank, plate, device = case.tank, self.plate, case.device
         walls = [("the end wall", 0, tank.length, self.length)]
         if tank.width is not None:
@@ -385,8 +385,8 @@ class Geometry:
         yield from (wall for wall in walls if abs(wall[2] - wall[3]) > ON_WALL)
 
     def _with_walls(self, name: str, point: tuple[float, ...], walls: list) -> tuple[float, ...]:
-        """Point moved with the wall that it is on, or back into the tank if the lattice shortened the
-        tank."""
+        """Point (m), moved with a wall if the point is on the wall, or moved into the tank if rounding
+        shortened the tank."""
         place = list(point)
         for wall, axis, asked, there in walls:
             if axis >= len(point):
@@ -410,7 +410,7 @@ def walls_of(case: Sections) -> str:
 
 
 def thin_wall(device: Device | None) -> AbstractThinWall:
-    """Method that places the ghosts of thin plates: the device's, or the default where there is no device."""
+    """Method that places the ghosts of thin plates, as chosen for the device, or the default without one."""
     if device is None:
         return RegionalGhosts()
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()

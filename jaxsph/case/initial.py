@@ -23,17 +23,17 @@ SURFACE_ROWS: dict[tuple[type[AbstractKernel], int], tuple[float, ...]] = {
     (Gaussian, 2): (0.0003, 0.0186, -0.0058, 0.0018, -0.0008),
     (WendlandC2, 3): (0.0117, 0.0116, -0.0026, 0.0014),
 }
-"""Upward displacement over dx with which the rows of a lattice, from the surface down, are at rest in
-incompressible water, by kernel and number of dimensions. Measured in tanks 0.48 m deep at dx = 0.04 m, with
-the kernels' default smoothing lengths (`python -m experiments run still_tank`)."""
+"""Upward displacement, in spacings, with which each horizontal row of a lattice is at rest in incompressible
+water, from the surface down, by kernel and number of dimensions. Measured in tanks 0.48 m deep at
+dx = 0.04 m, with the kernels' default smoothing lengths (`python -m experiments run still_tank`)."""
 
 
 def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> np.ndarray:
     """Positions `[N, D]` (m) of a lattice below `level` (m), moved to where incompressible water is at rest.
 
-    The surface truncates the kernel, so that the rows below it are at rest a few hundredths of a spacing off
-    the lattice. If they start on the lattice, as with kernels that are not in `SURFACE_ROWS`, they rise or
-    sink, and the projection does work.
+    The surface truncates the kernel, so that the rows of particles near the surface are at rest up to two
+    hundredths of a spacing off the lattice. Rows that start on the lattice rise or sink, and the projection
+    does work. This happens with kernels that are not in `SURFACE_ROWS`.
     """
     rise = (*SURFACE_ROWS.get((type(kernel), x.shape[1]), ()), 0.0)
     moved = np.array(x)
@@ -42,14 +42,15 @@ def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> n
 
 
 def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
-    """Initial velocities `[N, D]` (m/s) of particles at x (m): zero, or those of a linear standing wave while
-    its surface is flat."""
+    """Initial velocities `[N, D]` (m/s) of particles at x (m): zero, or as in a linear standing wave at a
+    time when the surface is flat."""
     u = np.zeros_like(x)
     if case.start is None:
         return u
     k, d = case.start.mode * np.pi / geometry.length, geometry.depth
     scale = case.start.amplitude * np.sqrt(case.g * k * np.tanh(k * d))
-    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) from decaying exponentials: growing ones overflow in deep water
+    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) from decaying exponentials, because growing exponentials
+    # overflow in deep water
     up, down = np.exp(k * (x[:, -1] - d)), np.exp(-k * (x[:, -1] + d))
     u[:, 0] = -scale * np.sin(k * x[:, 0]) * (up + down) / -np.expm1(-2 * k * d)
     u[:, -1] = scale * np.cos(k * x[:, 0]) * (up - down) / -np.expm1(-2 * k * d)
@@ -74,10 +75,10 @@ def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outside_body(away: np.ndarray) -> np.ndarray:
-    """Mask `[N]` of the particles outside a body, from their distances `[N]` from its surface over dx.
+    """Mask `[N]` of the particles outside a body; `away` `[N]`: distances from its surface, in spacings.
 
-    As many particles are inside as fill the body's submerged volume, the sum of the shares of all cells that
-    the body covers. A threshold on the distance alone would lower or raise the surface where the
+    The particles inside fill the body's submerged volume, which is computed as the sum of the fractions of
+    all cells that the body covers. A threshold on the distance alone would lower or raise the surface if the
     body cuts the lattice irregularly. Particles at equal distances, for example at two symmetric faces, are
     treated alike.
     """
@@ -90,12 +91,12 @@ def outside_body(away: np.ndarray) -> np.ndarray:
 
 
 def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
-    """Initial pressure head p/(rho0 g) of particles at x, m: hydrostatic, or that of a column at its release.
+    """Initial pressure head p/(rho0 g) of particles at x, m: hydrostatic, or as at the release of a column.
 
     Removing the gate sets p = 0 on the released face at once. In incompressible water the pressure then
     solves lap p = 0 with p = 0 on this face and at the surface, dp/dx = 0 at the back wall, and
     dp/dz = -rho0 g on the bed. Weakly compressible water started from the hydrostatic pressure would reach
-    this state by sound waves from the face, and would oscillate: in a column of 15 x 30 particles the
+    this state by sound waves from the face, and would oscillate. In a column of 15 x 30 particles the
     pressure oscillated by rho0 g H until the column had run out.
 
     With k_n = (n + 1/2) pi/H and L the column's length,
@@ -104,7 +105,7 @@ def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     H, L, z = geometry.depth, geometry.column, x[:, -1]
     if L >= geometry.length:
         return H - z
-    # the nearest column of particles is half a spacing from the face: the omitted terms are below exp(-10 pi)
+    # the omitted terms are below exp(-10 pi), because all particles are half a spacing or more from the face
     k = (np.arange(int(20 * H / geometry.dx)) + 0.5) * np.pi / H
     xs, column = np.unique(x[:, 0], return_inverse=True)
     zs, row = np.unique(z, return_inverse=True)
@@ -139,12 +140,12 @@ def around_solids(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of still water around solids.
 
-    Particles inside the solids are removed, until the others have the volume of the water outside. These are
-    packed.
+    Particles inside the solids are removed, so that the remaining particles have the volume of the water
+    outside. The remaining particles are then packed.
 
     **Arguments**: positions `x` and volumes of water; `away`: distances `[N]` (m) from the surface of every
-    solid; `walls`: ghosts of the tank and of the solids; `level` (m) of water that fills the tank, or None if
-    the water has other free sides and is not packed.
+    solid; `walls`: ghosts of the tank and of the solids; `level` (m) of water that fills the tank, or None
+    for a released column, which is not packed.
     """
     if not len(away):
         return x, volume

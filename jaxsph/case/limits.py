@@ -25,24 +25,24 @@ from jaxsph.solids.images import Images
 from jaxsph.solids.shapes import AbstractShape
 
 MOST_STEPS = 1e8
-"""Largest number of time steps of a run: weeks for the smallest tank."""
+"""Largest number of time steps of a run; in the smallest tank they take weeks."""
 MOST_PARTICLES = 2**31 - 1
-"""Largest number of lattice points of a case: int32 numbers the particles."""
+"""Largest number of lattice points of a case, because the particles are numbered by int32."""
 BYTES_PER_PLACE = 150
 """Memory per lattice point of the tank, up to the top of the walls, while ghosts are placed on the host,
-bytes: three copies of the coordinates in float64, and a tree."""
+bytes. It holds three copies of the coordinates in float64, and a tree."""
 BYTES_AT_LEAST = 1e9
-"""Memory of the program and of its compilation, bytes: 0.65 to 1.1 GB measured."""
+"""Memory of the program and of its compilation, bytes; measurements gave 0.65 to 1.1 GB."""
 DEPTH_BREAKING = 0.78
-"""Largest wave height over the depth (McCowan 1894)."""
+"""Largest ratio of the wave height to the depth (McCowan 1894)."""
 STEEPNESS_BREAKING = 0.142
-"""Largest wave height over the wavelength times tanh(kd) (Miche 1944)."""
+"""Largest ratio of the wave height to the wavelength, divided by tanh(kd) (Miche 1944)."""
 STANDING_BREAKING = 0.218
-"""Largest height of a standing wave over its wavelength (Penney and Price 1952)."""
+"""Largest ratio of the height of a standing wave to its wavelength (Penney and Price 1952)."""
 
 
 TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone")
-"""Reserved names: those of the parts that a case does not name itself."""
+"""Reserved names: the program itself gives these names to parts, and a case must not give them to others."""
 
 
 def check_limits(case: Sections, geometry: Geometry) -> None:
@@ -118,7 +118,7 @@ def check_memory(case: Sections, geometry: Geometry) -> None:
 
 
 def machine_memory() -> float:
-    """Smallest of the memories of the machine, of its control group and of the accelerator in use, bytes."""
+    """Smallest memory, bytes, among those of the machine, its control group and the accelerator in use."""
     found = [math.inf]
     try:
         found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
@@ -127,7 +127,7 @@ def machine_memory() -> float:
     try:
         found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
     except (OSError, ValueError):
-        pass  # no control group, or one without a limit
+        pass  # no control group, or a control group without a limit
     found += [
         stats["bytes_limit"]
         for device in jax.local_devices()[:1]
@@ -154,7 +154,7 @@ def _under(shape: AbstractShape, level: float) -> float:
 
 
 def _dummies(shape: AbstractShape, dx: float, layers: int) -> int:
-    """Number of dummy particles of a solid: those of its layers, or fewer if they fill it."""
+    """Number of dummy particles of a solid: as many as its layers hold, but no more than fit inside."""
     low, high = shape.bounds()
     if len(low) == 2:
         whole = shape.region()
@@ -299,7 +299,7 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
         raise CaseError(f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure")
-    # the water that leaves one side rises on the other, in inverse proportion to their lengths
+    # the water that leaves one side rises on the other; each change is inverse to the side's length
     front = geometry.front if of_device else geometry.length - stretch.length
     share = front / (front + stretch.length)
     fall = share * section.pto.P_a / (case.fluid.rho0 * case.g)
@@ -416,8 +416,8 @@ def _check_solids(case: Sections, geometry: Geometry) -> None:
 
 
 def _check_coast(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for probes of overtopping and run-up without a solid whose crest is above
-    water."""
+    """**Raises** CaseError for a probe of overtopping or run-up, unless its solid exists and has a crest
+    above still water."""
     for key in ("overtopping", "run_up"):
         for name in getattr(case.probes, key):
             if name not in geometry.solids:
@@ -438,7 +438,7 @@ def _check_steps(case: Sections) -> None:
             "nothing is recorded"
         )
     stable, sample = stable_time_step(case), case.output.sample_dt
-    dt = min(stable, 0.5 * sample)  # a sample takes two steps or more
+    dt = min(stable, 0.5 * sample)  # a sampling interval has two steps or more
     if not case.t1 / dt <= MOST_STEPS:
         why = shortest_limit(case) if stable <= dt else f"output.sample_dt = {sample:g} s: change it"
         raise CaseError(

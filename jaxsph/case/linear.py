@@ -1,4 +1,4 @@
-"""Linear theory of a case: its incident power, and its OWC's response by `waves.linear_owc`."""
+"""Linear theory of a case: the incident power, and the response of the OWC (see `waves.linear_owc`)."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 
 def incident_power(case: Sections) -> float:
-    """Mean power of a case's waves, W per metre of crest: the reference of every efficiency.
+    """Mean power of a case's waves, W per metre of crest, to which every efficiency is relative.
 
-    The depth is that on the lattice, as for the paddle and all results.
+    The depth is rounded to whole spacings, as for the paddle and all results.
     """
     depth = Geometry.of(case).depth
     a, omega = case.waves.sum_of_waves(depth, case.g)
@@ -27,25 +27,25 @@ def incident_power(case: Sections) -> float:
 
 def incident_energy(case: Sections, x: float, start: float, end: float) -> float:
     """Energy (J per metre of crest) that a case's waves carry past x (m) from `start` to `end` (s), by linear
-    theory and without the ramp. Over a whole repetition of a sea its mean rate is `incident_power`."""
+    theory and without the ramp. Over a whole repetition of a sea the mean rate is `incident_power`."""
     depth = Geometry.of(case).depth
     a, omega = case.waves.sum_of_waves(depth, case.g)
     height, T = 2.0 * np.abs(a), 2.0 * np.pi / omega
     power = np.asarray(theory.incident_power(height, T, depth, case.fluid.rho0, case.g), np.float64)
     k = second_order.wavenumbers(omega, depth, case.g)
-    # the mean square of a wave with such an amplitude is that wave's power
+    # a wave with the amplitude sqrt(2 P) has the mean square P, which is the power of this wave
     root = np.sqrt(2.0 * power) * np.exp(1j * (np.angle(a) - k * x))
     t = np.linspace(start, end, int(np.ceil((end - start) / (0.02 * case.waves.period))) + 2)
     return float(np.trapezoid(second_order.Harmonics(root, omega, k).at(t) ** 2, t))
 
 
 def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
-    """Linear theory of a case's device in its waves, with its lengths on the lattice.
+    """Linear theory of a case's device in the case's waves, with depth and draught rounded to whole spacings.
 
     `lip_loss` is the coefficient zeta (-) of the head lost at the front wall's lip, see `linear_response`.
     The theory includes compressible air and linear turbines. The incident wave is linear, with the amplitude
-    waves.H / 2. The response of the water is cached: to sweep the damping or the height, call this for each
-    changed case, or `linear_response` with arrays.
+    waves.H / 2. The response of the water is cached, so that calling this function for each case of a
+    sweep of the damping or the height is fast. Alternatively, call `linear_response` with arrays.
     **Raises** CaseError for a case without a device, waves or turbine, or with a platform.
     """
     missing = _missing(case)
@@ -61,13 +61,13 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
 
 
 def sea_is_linear(case: Sections) -> bool:
-    """Whether linear theory of a sea covers a case: an OWC with linear or quadratic turbine over a flat
-    bed."""
+    """Whether linear theory of a sea covers a case: the case must have an OWC with a linear or quadratic
+    turbine over a flat bed, and waves that are not regular."""
     return case.waves is not None and case.waves.kind != "regular" and _missing(case, seas=True) is None
 
 
 def linear_sea(case: Sections) -> LinearSea:
-    """Linear theory of a case's device in its sea, by stochastic linearisation of its turbine.
+    """Linear theory of a case's device in the case's sea, by stochastic linearisation of the turbine.
 
     **Raises** CaseError for a case without a device, sea or turbine, or with a platform.
     """
@@ -81,7 +81,7 @@ def linear_sea(case: Sections) -> LinearSea:
 
 
 def _linear_air(case: Sections) -> LinearAir:
-    """Resistance of a case's turbine (0 unless it is linear), and compliance of the air."""
+    """Resistance of a case's turbine (0 unless the turbine is linear), and compliance of the air."""
     (chamber,) = case.chambers.values()
     give = 0.0 if chamber.air is None else chamber.air.give
     return LinearAir(_turbine(case).resistance or 0.0, give)
@@ -94,7 +94,7 @@ def _turbine(case: Sections) -> PTOSection:
 
 
 def _chamber(case: Sections) -> ChamberGeometry:
-    """Geometry of a case's chamber, with its lengths on the lattice."""
+    """Geometry of a case's chamber, with the depth and the draught rounded to whole spacings."""
     tank = Geometry.of(case)
     (stretch,) = tank.stretches.values()
     lengths = (tank.depth, stretch.length, tank.depth - tank.plate.tip, tank.plate.thickness)
@@ -104,8 +104,8 @@ def _chamber(case: Sections) -> ChamberGeometry:
 def linear_check(case: Sections) -> list[tuple[str, str]]:
     """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values.
 
-    If the theory does not cover the chambers, the only row gives the reason. Otherwise empty for a sea, and
-    for a case without a chamber in waves.
+    If the theory does not cover the chambers, the list contains only the reason. Otherwise the list is empty
+    for a sea, and for a case without waves or without a turbine.
     """
     if why := why_no_theory(case):
         return [("linear theory", f"none: {why}")]
@@ -123,15 +123,15 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
 
 
 def why_no_theory(case: Sections) -> str:
-    """Reason why linear theory does not cover the chambers of a case in waves; empty if it does, or if there
-    are none."""
+    """Reason why linear theory does not cover the chambers of a case in waves; empty if the theory covers
+    them, or if the case has no turbine or no waves."""
     if not case.turbines or case.waves is None:
         return ""
     return _missing(case, seas=case.waves.kind != "regular") or ""
 
 
 def _missing(case: Sections, seas: bool = False) -> str | None:
-    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None if it does."""
+    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None otherwise."""
     if len(case.chambers) > 1:
         return "there are several chambers"
     for name, chamber in case.chambers.items():

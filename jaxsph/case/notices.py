@@ -1,4 +1,4 @@
-"""Notices of a case that can run, but is near a limit, or beyond a limit of theory or of the lattice."""
+"""Notices of a case that can run, but is near a limit, or beyond a limit of theory or resolution."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from jaxsph.case.speeds import reference_speed, sound_speed
 from jaxsph.waves import theory
 
 CHAMBER = 6
-"""Length of a chamber in spacings below which a case gets a notice: with 3.2 spacings the built-in OWC has an
-efficiency of 0.53 to 0.57, with 6.5 spacings one of 0.64."""
+"""Length of a chamber, in spacings, below which a case gets a notice. The efficiency of the built-in OWC is
+0.53 to 0.57 if the chamber is 3.2 spacings long, and 0.64 if the chamber is 6.5 spacings long."""
 SAMPLE = 0.1
-"""Longest sampling interval over the waves' period, above which a case gets a notice."""
+"""Ratio of the sampling interval to the waves' period above which a case gets a notice."""
 SHORTER = 2.0
-"""Factor by which frequent samples may shorten the time step without a notice; a sample takes two steps."""
+"""Factor by which frequent samples may shorten the time step without a notice. A sampling interval
+has at least two steps."""
 GAUGE = 3.0
-"""Half-width over the spacing of the water column that a gauge reads."""
+"""Half-width of the water column that a gauge reads, in spacings."""
 NEAR = 0.8
-"""Share of the breaking height above which a case gets a notice."""
+"""Ratio of the highest wave's height to the breaking height above which a case gets a notice."""
 
 
 def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of a case that can run, but is near a limit, or beyond a limit of theory or of the lattice."""
+    """Notices of a case that can run, but is near a limit, or beyond a limit of theory or resolution."""
     notes = []
     if case.scheme.kind == "weakly_compressible" and sound_speed(case) < 3.0 * reference_speed(case):
         notes.append(
@@ -84,12 +85,12 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
 
 
 def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of gauges where a plate, a body or a solid pierces the surface."""
+    """Notices of gauges that are too close to a plate, body or solid that pierces the surface."""
     spans = []
     if geometry.plate is not None:
         spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
     for name, shape in geometry.shapes.items():
-        # a submerged solid has a free surface above it
+        # a submerged solid does not disturb a gauge, because the surface above is free
         ends = ends_at(shape, geometry.depth)
         spans += [] if ends is None else [(f"the {name}", *ends)]
     reach = GAUGE * case.dx - 1e-9

@@ -1,4 +1,4 @@
-"""Parts of a case's model, from its sections: rigid body, wavemaker, chamber, background pressure and sponge.
+"""Parts of a model from a case's sections: rigid body, wavemaker, chamber, background pressure and sponge.
 
 `leaf` converts a number to an array of the case's precision.
 """
@@ -44,7 +44,7 @@ from jaxsph.waves.seas import Sea
 
 
 def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
-    """Rigid body of a case, and its fixed solids, as bodies without free motions.
+    """Rigid body of a case, followed by the fixed solids, which are bodies without free motions.
 
     **Raises** CaseError if the model does not support the motions of the body.
     """
@@ -60,7 +60,7 @@ def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) ->
 def _body(
     case: Sections, section: BodySection, geometry: Geometry, rows: tuple[int, int], leaf: Any
 ) -> RigidBody:
-    """Rigid body of a case. **Raises** CaseError if the model does not support its motions."""
+    """Rigid body of a case. **Raises** CaseError if the model does not support the body's motions."""
     solid = geometry.solid
     area, centroid, second = solid.moments()
     mass = section.mass if section.density is None else section.density * area
@@ -92,7 +92,7 @@ def _body(
 
 
 def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:
-    """Waves of a case, on the depth of its lattice."""
+    """Waves of a case, on the depth rounded to whole spacings."""
     section, depth = case.waves, geometry.depth
     ramp = section.ramp_periods * section.period
     if section.kind == "regular":
@@ -107,15 +107,16 @@ def make_paddle(
     case: Sections, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
 ) -> Paddle:
     """Piston wavemaker of a case's waves; `water`: positions (m) of the particles at rest and their volumes
-    per metre of the tank's width (m2), from which the gauge gets its zero."""
+    per metre of the tank's width (m2), from which the still water depth at the paddle's gauge follows."""
     section, waves = case.waves, make_waves(case, geometry, leaf)
     if section.zone is not None:
         return Paddle(motion=FlowMotion(waves), rows=walls.paddle)
     if not section.absorption:
         return Paddle(motion=WaveMotion(waves), rows=walls.paddle)
     distance, width = PADDLE_GAUGE * case.dx, 3.0 * case.dx
-    # The rate is slow compared with the waves and fast compared with the drift: with 0.01 omega the paddle
-    # crept 0.04 m back in ten periods, because the gauge's mean is off by half a millimetre.
+    # The drift correction is slow compared with the waves and fast compared with the drift. At a rate of
+    # 0.01 omega the paddle crept back 0.04 m in ten periods, because the gauge's mean is wrong by half a
+    # millimetre.
     rate = 0.04 * float(waves.omega)
     absorption = ActiveAbsorption.at_gauge(waves, distance, drift_rate=rate)
     absorption = jax.tree.map(leaf, absorption)
@@ -149,7 +150,7 @@ def make_ducts(case: Sections, leaf: Any) -> tuple[Duct, ...]:
 
 
 def _duct_law(case: Sections, section: DuctSection, leaf: Any) -> AbstractPTO:
-    """Turbine of a duct, or the loss in its narrowest area."""
+    """Law of the pressure drop in a duct: a turbine, or the loss behind the narrowest area."""
     if section.pto is not None:
         return make_pto(case, section.pto, leaf)
     assert section.area is not None
@@ -190,13 +191,14 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
     if plate is None or not plate.is_thin(case.dx, case.layers):
         return ()
     draught = geometry.depth - plate.tip
-    # Largest fall of the surface at the plate: by standing waves, or by an air pressure applied at once.
+    # Largest fall of the surface at the plate, in standing waves or under a sudden air pressure.
     fall = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     fall = max([fall, *(abs(P_a) / (case.fluid.rho0 * case.g) for P_a in case.prescribed)])
-    # These shares were found by runs at rest and in waves. The background must end below the surface, where
-    # it would act as a false pressure. With much more head left in the pair sums, the water at the tip
-    # becomes noisy; with none, nothing keeps the particles in order. The gradients of a narrower zone disturb
-    # the particles, and with a background over the whole tank the waves lost 40 % of their height.
+    # These fractions were found by runs at rest and in waves. The background must end below the surface,
+    # because it would act as a false pressure there. If much more head is left in the pair sums, the water at
+    # the tip becomes noisy; if no head is left, nothing keeps the particles in order. The gradients of a
+    # narrower zone disturb the particles. With a background over the whole tank the waves lost 40 % of their
+    # height.
     background = Background(
         x=leaf(plate.middle),
         inner=leaf(0.2 * draught),
@@ -210,11 +212,12 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
 
 
 ZONE_STRENGTH = 1.0
-"""Largest rate of a relaxation zone over the waves' angular frequency.
+"""Ratio of a relaxation zone's largest rate to the waves' angular frequency.
 
-With a zone of one wavelength and a wall that reflects everything, waves 1.5 spacings high have 0.99 of the
-target height; with half of this rate they have 1.03, and in a zone of three quarters of a wavelength 0.95
-(0.89 with four times the rate).
+The ratio of the wave height to the target height was found for waves 1.5 spacings high and a wall that
+reflects everything. In a zone of one wavelength the ratio is 0.99 at this rate, and 1.03 at half of this
+rate. In a zone of three quarters of a wavelength the ratio is 0.95 at this rate, and 0.89 at four times this
+rate.
 """
 
 

@@ -1,4 +1,4 @@
-"""Probes of a case's run, at their positions on the lattice."""
+"""Probes of a case's run, at the positions that `Geometry` gives."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProb
 
 
 def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractProbe, ...]:
-    """Probes of a case, at their positions on the lattice.
+    """Makes the probes of a case, at the positions that `Geometry` gives.
 
-    All gauges measure elevations from the still water level, or from the bed if a column is released.
+    All gauges measure elevations above the still water level, or above the bed if a column is released.
     """
     geometry = Geometry.of(case)
     dtype = model.dt.dtype
@@ -32,7 +32,7 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     if geometry.gauges:
         at = jnp.asarray(geometry.gauges, dtype)
         gauge = WaveGauge(at, jnp.zeros_like(at))
-        # a gauge reads the depth of the water, also above a raised bed
+        # a gauge reads the depth of the water, which is smaller above a raised bed
         still = jnp.zeros_like(at) if released else _measure(gauge, model, state)["eta"]
         found.append(WaveGauge(at, still))
     if geometry.surface:
@@ -62,5 +62,5 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
 
 @eqx.filter_jit
 def _measure(probe: AbstractProbe, model: Model, state: State) -> dict[str, jax.Array]:
-    """Readings of the water at rest by name, compiled whole."""
+    """Readings of a probe in the given state, by name; compiled as one function."""
     return probe.measure(model, state, None)

@@ -1,4 +1,4 @@
-"""Report of `jaxsph check`: a description of a run, and the time that it takes."""
+"""Report of `jaxsph check`: a description of a run, and the time that the run takes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jaxsph.problem.sources import source_of
 
 
 def check(given: Any) -> list[tuple[str, str]]:
-    """Report before a run of a case, a problem or a function, as labels and values: particles, time step,
+    """Report on a case, a problem or a function before a run, as labels and values: particles, time step,
     waves, incident power and wall time."""
     source = source_of(given)
     problem = source.problem()

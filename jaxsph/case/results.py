@@ -30,16 +30,17 @@ from jaxsph.problem.results import amplitude, linear
 from jaxsph.waves import theory
 
 FEW = 5
-"""Number of averaged periods below which a longer run is advised, if periods before them were left out."""
+"""Number of averaged periods below which a longer run is advised, if earlier periods were left out."""
 REFLECTING = 0.2
-"""Reflection coefficient above which waves that a device sends back affect it when they return: an absorbing
-paddle leaves a twentieth of them, and the power changes by twice that times the coefficient."""
+"""Reflection coefficient above which waves that a device sends back affect the device when they return. An
+absorbing paddle reflects a twentieth of these waves, and the power changes by twice this twentieth times the
+coefficient."""
 WHOLE = 0.95
-"""Share of a focused group's energy that must have reached the device for an efficiency to be given."""
+"""Fraction of a focused group's energy that must have reached the device before an efficiency is given."""
 
 
 class SettledPeriods(AbstractAveraging):
-    """Means over whole settled periods of a case's waves; over the whole record of a focused group."""
+    """Averages over whole settled periods of a case's waves, or over the whole record of a focused group."""
 
     case: Sections = eqx.field(static=True)
     """Case of the run."""
@@ -78,7 +79,7 @@ class SettledPeriods(AbstractAveraging):
 
 
 def _before_the_echo(case: Sections, record: Record) -> list[str]:
-    """Notice if means begin before the waves that the device sends back return from the paddle."""
+    """Notice if averaging begins before waves that the device has sent back return from the paddle."""
     waves = given_waves(case)
     echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
     begin = float(record.t[record.window.over][0])
@@ -145,7 +146,7 @@ def _run_up(name: str, record: Record) -> Scalars:
 
 
 def _periods(record: Record) -> Scalars:
-    """Number of periods averaged, and of those left out before them; empty if there is no mean."""
+    """Number of averaged periods, and number of earlier periods left out; empty if nothing is averaged."""
     window = record.window
     if not window.periods:
         return {}
@@ -153,8 +154,8 @@ def _periods(record: Record) -> Scalars:
 
 
 def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
-    """Power (W; W/m in 2-D) of all power take-offs, as means since the previous sample; None without a power
-    take-off, and with prescribed pressures only."""
+    """Total power (W; W/m in 2-D) of all power take-offs, as means since the previous sample. None if there
+    is no power take-off, or if all chambers have a prescribed pressure."""
     if case.prescribed and not case.turbines and case.body is None:
         return None
     names = [name for name in harvested(record.solution.model) if name in record.solution.series]
@@ -162,12 +163,12 @@ def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
 
 
 def _share(case: Sections, share: float) -> dict[str, float]:
-    """Absorbed over incident energy as a result: the efficiency, or in 3-D the capture width (m)."""
+    """Result for the ratio `share` of absorbed to incident energy: efficiency, or in 3-D capture width, m."""
     return {"xi": share} if case.tank.width is None else {"capture_width": share}
 
 
 def _power(case: Sections, record: Record) -> dict[str, float]:
-    """Incident power, and the share of it that the device absorbs, both over the window."""
+    """Incident power, and the fraction that the device absorbs, both averaged over the window."""
     window, waves = record.window, given_waves(case)
     if not window.periods:
         return {}
@@ -211,10 +212,10 @@ def _linear(case: Sections, record: Record) -> Scalars:
 
 
 def incident_over(case: Sections, t_end: float, periods: int) -> float:
-    """Mean power of the waves that meet the device in the last whole periods up to t_end (s), W per metre of
-    crest.
+    """Mean power (W per metre of crest) of the waves that meet the device in the last `periods` whole periods
+    up to `t_end` (s).
 
-    A part of a sea may be higher or lower than the whole; therefore the energy of this part is used.
+    A part of a sea may have higher or lower waves than the whole; therefore the energy of this part is used.
     """
     waves = case.waves
     if waves.repeats is None or periods >= round(waves.repeats / waves.cycle):
@@ -224,7 +225,7 @@ def incident_over(case: Sections, t_end: float, periods: int) -> float:
 
 
 def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
-    """Energy of a focused group, and the share of it that the device has absorbed by the end of the run.
+    """Energy of a focused group, and the fraction that the device has absorbed by the end of the run.
 
     A group has no mean power, because device and waves would need different averaging times.
     """
@@ -242,8 +243,8 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
 
 
 def _device_x(case: Sections) -> float:
-    """Position at which waves meet a case's device, m from the paddle: its plate, the front wall of its first
-    chamber, or its body; without a device the end of the tank."""
+    """Position at which waves meet a case's device, m from the paddle: the nearest of the plate, the front
+    walls of chambers and the body, or the end of the tank without any of these."""
     geometry = Geometry.of(case)
     fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
     if geometry.plate is not None:
@@ -254,7 +255,7 @@ def _device_x(case: Sections) -> float:
 
 
 def _reflection(case: Sections, record: Record) -> dict[str, float]:
-    """Incident and reflected waves, and the incident power, from the gauges of the free flume."""
+    """Incident and reflected waves, and the incident power, from the gauges of `flume_gauges`."""
     solution, waves = record.solution, given_waves(case)
     if "eta" not in solution.series or (waves.kind != "focused" and not record.window.periods):
         return {}
@@ -275,7 +276,7 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
         return {"reflection": found.coefficient, "incident_height": height, "P_inc_measured": power}
     sea = two_way_sea(case, t[over], record["eta"][over], depth)
     if waves.kind == "focused":
-        return {"reflection": sea.coefficient}  # its mean power would depend on the length of the record
+        return {"reflection": sea.coefficient}  # a group's mean power depends on the duration
     return {
         "reflection": sea.coefficient,
         "Hm0": sea.incident.Hm0,
@@ -287,10 +288,10 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
 def two_way_sea(
     case: Sections, t: NDArray[np.floating], eta: NDArray[np.floating], depth: float
 ) -> analysis.TwoWaySea:
-    """Incident and reflected sea at the gauges of the free flume, over the given record.
+    """Incident and reflected sea from the gauges of `flume_gauges`, over the given record.
 
     **Arguments**: times (s); elevations of all gauges `[T, gauge]` (m); depth (m). **Raises** ValueError if
-    the gauges cannot separate the two, or the record is too short.
+    the gauges cannot separate the two seas, or the record is too short.
     """
     chosen = flume_gauges(case)
     x = np.asarray(Geometry.of(case).gauges)[chosen]
@@ -300,16 +301,17 @@ def two_way_sea(
 
 
 def flume_gauges(case: Sections) -> list[int]:
-    """Indices of gauges in free waves: a depth or more from paddle, device and body, and before the sponge.
+    """Indices of the gauges in free waves: a depth or more from solids, outside sponge and relaxation zone.
 
-    Nearer to a solid there are evanescent waves, which decay by exp(-pi/2 x/d) or faster.
+    Without a relaxation zone, they are also a depth or more from the paddle. Closer to the paddle or a solid
+    there are evanescent waves, which decay with the distance x as exp(-pi/2 x/d) or faster.
     """
     first, last = _free_flume(case)
     return [k for k, x in enumerate(Geometry.of(case).gauges) if first <= x <= last]
 
 
 def _free_flume(case: Sections) -> tuple[float, float]:
-    """First and last x (m) of free waves, measured from the paddle."""
+    """First and last x (m), measured from the paddle, between which waves are free."""
     geometry = Geometry.of(case)
     depth, ends = float(geometry.depth), [geometry.length]
     first = depth if case.waves.zone is None else case.waves.zone
@@ -322,7 +324,9 @@ def _free_flume(case: Sections) -> tuple[float, float]:
 
 
 def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
-    """Result `of` over the settled periods of a run, for slopes: xi, P_owc (W; W/m in 2-D) or energy_pto (J).
+    """Function that returns how the result `of` follows from the power, for the computation of slopes.
+
+    `of` is xi or P_owc (W; W/m in 2-D), which are means over the settled periods, or energy_pto (J).
 
     **Raises** CaseError for a result that the case does not have.
     """

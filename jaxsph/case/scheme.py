@@ -36,7 +36,7 @@ def stable_time_step(case: Sections) -> float:
 
 
 def shortest_limit(case: Sections) -> str:
-    """Name of the limit of the stable time step (speed, viscosity or gravity), and the keys to change."""
+    """What limits the stable time step (speed, viscosity or gravity), and which keys to change, in words."""
     dt = stable_time_step(case)
     if dt == _stable_dt(case, 0.0, 0.0):
         if case.scheme.kind == "incompressible":
@@ -52,7 +52,7 @@ def shortest_limit(case: Sections) -> str:
 
 
 def remedies(case: Sections) -> Remedies:
-    """Keys of a case to change if a run of it fails, by the kind of failure."""
+    """Advice on which keys of a case to change if the run fails, by the kind of failure."""
     rim = "raise tank.height and continue: jaxsph resume FILE --set tank.height={higher}; "
     found = {
         Trouble.OVER_RIM: rim + 'or let water leave: tank.rim = "open"',
@@ -83,7 +83,7 @@ def _stable_dt(case: Sections, nu: float, g: float) -> float:
     if isinstance(section, Incompressible):
         return stable_dt(STEP_LENGTH[case.dim] * case.dx, projection_speed(case), nu, g, section.cfl)
     cfl = section.cfl if section.cfl is not None else _integrator(section).cfl
-    # Eq. 10 holds for the Gaussian's h: the step follows from h_over_dx dx, not from the kernel's own h
+    # Eq. 10 holds for the Gaussian's h = h_over_dx dx, which therefore replaces the kernel's own h here
     share = cfl * section.h_over_dx * case.dx / h
     return stable_dt(h, sound_speed(case), nu, g, share)
 

@@ -24,7 +24,8 @@ Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
 
 
 def _plain_name(name: str) -> str:
-    """Name of a part, if it is valid; the names of the part's readings end with it."""
+    """Name of a part, unchanged; the names of the part's readings end with this name. **Raises** ValueError
+    if the name is not valid."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
         raise ValueError(
             "must begin with a small letter and have at most 39 further small letters, digits and underscores"
@@ -54,7 +55,7 @@ def by_name(annotation: Any) -> bool:
 
 
 def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:
-    """Function that returns the `kind` of a section, or of the mapping from which it is validated; a mapping
+    """Function that returns the `kind` of a section, or of a mapping that is validated as one. A mapping
     without a kind has the first of the `kinds`."""
     usual = next(iter(kinds))
 

@@ -1,6 +1,6 @@
 """Sections of a case file: every key with its type, range, default and meaning, in SI units.
 
-`geometry` and `limits` check what depends on several sections, or on the lattice of spacing dx.
+`geometry` and `limits` check conditions on several sections, or on the spacing dx.
 """
 
 from __future__ import annotations
@@ -69,16 +69,16 @@ class WeaklyCompressible(Section):
     """Courant number, the time step over h/c0; by default 0.5 (symplectic) or 0.25 (predictor_corrector)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 1000, 3: 2200}
-    """Memory per particle of water or wall, bytes, by number of dimensions: growth of a run's peak memory
-    between 7,500 and 43,000 particles in two dimensions, and 14,500 and 63,000 in three (neighbour tables of
-    52 and 288 slots)."""
+    """Memory per particle of water or wall, bytes, by number of dimensions, from the growth of a run's peak
+    memory with the number of particles. In two dimensions the number grew from 7,500 to 43,000 (neighbour
+    tables of 52 slots), and in three dimensions from 14,500 to 63,000 (tables of 288 slots)."""
 
     def support(self, dim: int) -> float:
-        """Radius of the kernel's support over dx, in `dim` dimensions."""
+        """Radius of the kernel's support, in spacings, for `dim` dimensions."""
         return self.smoothing_kernel(dim).reach * self.smoothing_length(dim)
 
     def smoothing_length(self, dim: int) -> float:
-        """Smoothing length of the kernel over dx."""
+        """Smoothing length of the kernel, in spacings."""
         return self.h_over_dx * self.smoothing_kernel(dim).width
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
@@ -120,15 +120,15 @@ class Incompressible(Section):
     """Where the pressure is zero: just beyond the surface, or at the surface particles (Eq. 23-24)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 2100, 3: 1900}
-    """Memory per particle of water or wall, bytes, by number of dimensions; measured as for the weakly
-    compressible scheme (neighbour tables of 80 and 208 slots)."""
+    """Memory per particle of water or wall, bytes, by number of dimensions. Measured as for the weakly
+    compressible scheme, with neighbour tables of 80 slots in two dimensions and 208 slots in three."""
 
     def support(self, dim: int) -> float:
-        """Radius of the kernel's support over dx, in `dim` dimensions."""
+        """Radius of the kernel's support, in spacings, for `dim` dimensions."""
         return self.smoothing_kernel(dim).reach * self.smoothing_length(dim)
 
     def smoothing_length(self, dim: int) -> float:
-        """Smoothing length of the kernel over dx."""
+        """Smoothing length of the kernel, in spacings."""
         return usual_length(self.smoothing_kernel(dim), dim) if self.h_over_dx is None else self.h_over_dx
 
     def smoothing_kernel(self, dim: int) -> AbstractKernel:
@@ -298,7 +298,7 @@ class Sections(Section):
 
     @property
     def chambers(self) -> dict[str, ChamberSection]:
-        """Chambers by name: those of the sections `chamber.NAME`, and that of the device, with the power
+        """Chambers by name: all sections `chamber.NAME`, and the device's chamber, which has the power
         take-off `pto` and the air `air`."""
         if self.pto is None:
             return self.chamber
@@ -306,7 +306,7 @@ class Sections(Section):
         return {DEVICE_CHAMBER: own, **self.chamber}
 
     def is_device_chamber(self, name: str) -> bool:
-        """Whether a chamber is the device's, which a case gives in short form by `pto` and `air`."""
+        """Whether a chamber is the device's chamber, given in short form by `pto` and `air`."""
         return name == DEVICE_CHAMBER and self.pto is not None
 
     @property
@@ -333,5 +333,5 @@ class Sections(Section):
 
     @property
     def layers(self) -> int:
-        """Number of layers of ghosts, one spacing apart, within the kernel of a particle at a wall."""
+        """Number of layers of ghosts, one spacing apart, in the kernel's support of a particle at a wall."""
         return math.ceil(self.scheme.support(self.dim) - 0.5)

@@ -1,4 +1,4 @@
-"""Time until the waves in a tank have settled, and the periods after it over which results are averaged."""
+"""Time until the waves in a tank have settled, and the later periods over which results are averaged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def given_waves(case: Sections) -> AbstractWavesSection:
 
 
 def settling_time(case: Sections) -> float:
-    """Time for the waves' ramp and for their energy to reach the far end of the tank, s."""
+    """Duration of the waves' ramp, plus the time their energy takes to the far end of the tank, s."""
     waves = given_waves(case)
     return waves.ramp_periods * waves.period + travel_time(case, Geometry.of(case).length)
 
@@ -34,11 +34,12 @@ def travel_time(case: Sections, x: float) -> float:
 
 
 def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
-    """Number of whole periods at the end of a run to t1 (s) that may be averaged; below 1 there is none.
+    """Number of whole periods at the end of a run to t1 (s) that may be averaged; 0 or less if none may.
 
-    The periods begin when the waves' energy has reached the far end of the tank. They are wave periods of
-    regular waves, groups of bichromatic waves, or the peak periods of a whole repetition of a sea. `since`:
-    time (s) of the run's last change, after which the energy has to reach the far end again.
+    The periods begin when the waves' energy has reached the far end of the tank. A period is a wave
+    period of regular waves, a group of bichromatic waves, or a peak period of a sea; at most one repetition
+    of a sea is averaged. `since`: time (s) of the run's last change, after which the energy has to reach the
+    far end again.
     `settled_window` finds which of these periods have settled.
     """
     waves = given_waves(case)
@@ -52,10 +53,10 @@ def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
 def settled_window(
     case: Sections, t: NDArray[np.float64], settling: Iterable[NDArray[np.floating]], since: float = 0.0
 ) -> Window:
-    """Window of settled whole periods at the end of a record, by `analysis.settled_from`.
+    """Window of settled whole periods at the end of a record, found by `analysis.settled_from`.
 
-    **Arguments**: times `t` (s); `settling`: series that must all have settled, whose values are means since
-    the previous sample; `since`: time from which the record counts, s.
+    **Arguments**: times `t` (s); `settling`: series, of means since the previous sample, that must all have
+    settled; `since`: time (s) before which the record is ignored.
 
     A sea is averaged over one repetition, because its periods differ and cannot be compared. A
     focused group has no mean, and its window is the whole record.

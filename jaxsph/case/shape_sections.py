@@ -66,7 +66,7 @@ class ShapeSection(Section):
     """A shape in its position at rest: a block, a polygon or a disc."""
 
     shapes: ClassVar[tuple[str, ...]] = ("block", "polygon", "disc")
-    """Keys of the shapes; a section gives exactly one."""
+    """Keys of the shapes; a section gives exactly one of these keys."""
 
     block: BlockSection | None = None
     polygon: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(None, min_length=3, max_length=1000)

@@ -21,8 +21,8 @@ Points = tuple[tuple[float, ...], ...]
 def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractShape:
     """Shape of the section `name` in a tank of `dim` dimensions.
 
-    **Raises** CaseError for another number of dimensions, or if no particle of spacing dx (m) fits in the
-    shape.
+    **Raises** CaseError if the shape has another number of dimensions, or if no particle of spacing dx (m)
+    fits in the shape.
     """
     if (found := 2 if section.block is None else len(section.block.low)) != dim:
         raise CaseError(f"{name}: its shape has {found} dimensions, and the tank has {dim}")
@@ -77,7 +77,7 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
 
 
 def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
-    """**Raises** CaseError if two of the shapes, given by name, overlap by more than half a particle."""
+    """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume."""
     for (a, one), (b, other) in itertools.combinations(shapes.items(), 2):
         low, high = (np.stack(ends) for ends in zip(one.bounds(), other.bounds(), strict=True))
         common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0))
@@ -91,8 +91,8 @@ def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
 
 
 def _check_polygon(corners: Points, name: str, dx: float) -> None:
-    """**Raises** CaseError unless the corners outline one area whose sides do not cross, and which holds a
-    particle."""
+    """**Raises** CaseError unless the sides between the corners do not cross or touch, and enclose an area
+    that is thick enough to hold a particle."""
     sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
     lengths = np.hypot(*sides.T)
     if lengths.min() < 1e-3 * dx:
@@ -140,7 +140,7 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
 
 
 def ends_at(shape: AbstractShape, level: float) -> tuple[float, float] | None:
-    """First and last x (m) of a shape at a level (m); None where the shape does not reach this level."""
+    """First and last x (m) of a shape at a level (m); None if the shape does not reach this level."""
     low, high = shape.bounds()
     if not low[-1] < level < high[-1]:
         return None
@@ -160,8 +160,8 @@ def crest_of(shape: AbstractShape, dx: float) -> tuple[float, float]:
 
 
 def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
-    """Notice if faces of the block of the section `name` do not lie between two particles, with a dx for
-    which they do."""
+    """Notice if a face of the block of the section `name` does not lie midway between two particles; it
+    proposes a dx with which all faces do."""
     faces = np.array([*block.low, *block.high])
     off = np.abs(faces / dx - np.round(faces / dx)) * dx
     if off.max() < 1e-3 * dx:

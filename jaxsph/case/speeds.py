@@ -1,4 +1,4 @@
-"""Expected speeds of a case, m/s: they set the speed of sound, the time step and the neighbour search."""
+"""Expected speeds of a case, m/s, which determine sound speed, time step and interval between searches."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from jaxsph.case.shapes import corners_of
 from jaxsph.waves import theory
 
 LEAST = 1e-3
-"""Lower bound of the expected speed, m/s: water without gravity is at rest, and the search divides by it."""
+"""Lower bound of the expected speed, m/s. The interval between neighbour searches is divided by this
+speed, which would be zero for water at rest without gravity."""
 
 
 def wavenumber(T: float, d: float, g: float) -> float:
@@ -35,13 +36,14 @@ def _speed_scale(case: Sections) -> float:
     if case.tank.column is not None:
         return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
     if case.body is not None and any(case.body.velocity[:2]):
-        # the jet of a wedge of 30 degrees has twice the speed of its spray root, pi/2 V/tan(30 degrees)
+        # the spray root of a wedge of 30 degrees has the speed pi/2 V/tan(30 degrees),
+        # and the jet is twice as fast
         return 6.0 * float(np.hypot(*case.body.velocity[:2]))
     if case.start is not None:
         return 0.1 * shallow
     if case.waves is None:
         pressure = max([0.0, *map(abs, case.prescribed)])
-        # a level suddenly pushed down by P_a/(rho g) oscillates with at most g A / omega ~ sqrt(P/rho)
+        # a level suddenly pushed down by A = P/(rho g) moves at a speed of at most g A / omega ~ sqrt(P/rho)
         return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
     depth, T = case.tank.depth, case.waves.period
     k = wavenumber(T, depth, case.g)
@@ -49,7 +51,7 @@ def _speed_scale(case: Sections) -> float:
     surface = height * np.pi / T / np.tanh(k * depth)
     speed = float(surface * (2.5 if case.device is not None or case.chambers else 1.5))
     if any(corners_of(solid)[:, -1].max() > depth - 2.0 * height for solid in case.solid.values()):
-        # waves that break on a slope: the tips of waves 0.05 m high reach 2.3 sqrt(g H) on 1:10
+        # the tips of waves 0.05 m high that break on a slope of 1:10 reach 2.3 sqrt(g H)
         speed = max(speed, 2.5 * float(np.sqrt(case.g * height)))
     return speed
 
@@ -58,9 +60,9 @@ def search_speed(case: Sections) -> float:
     """Largest expected speed (m/s), from which the number of steps between two neighbour searches follows.
 
     This number is the length of a compiled loop, which should not change with the wave height. In waves the
-    speed is therefore rounded to 0.13 sqrt(g d) times a whole power of sqrt(2), 0 or more. For higher speeds
-    this changes the estimate by at most a fifth. If a neighbour table goes stale, the run notices it and
-    searches more often.
+    speed is therefore rounded to 0.13 sqrt(g d) times a non-negative whole power of sqrt(2). Above
+    0.13 sqrt(g d) this changes the estimate by at most a fifth. If a neighbour table goes stale, the run
+    notices this and searches more often.
     """
     speed = speed_scale(case)
     if case.waves is None:
@@ -70,7 +72,7 @@ def search_speed(case: Sections) -> float:
 
 
 def reference_speed(case: Sections) -> float:
-    """Larger of the expected speed and the shallow-water wave speed, m/s: the scale of the sound speed."""
+    """Larger of the expected speed and the shallow-water wave speed, m/s; the scale of the sound speed."""
     return max(speed_scale(case), float(np.sqrt(case.g * case.tank.depth)))
 
 
@@ -87,7 +89,7 @@ def projection_speed(case: Sections) -> float:
         return speed
     if case.tank.column is not None:
         return 1.5 * speed_scale(case)  # the jet where the column's tip meets a wall
-    # The projection is stable whatever the wave speed, and the water is slower than the waves. With half of
-    # this lower bound a standing wave's particles spread, and its potential energy rises by half of the
-    # wave's.
+    # The projection is stable at any wave speed, and the water is slower than the waves. With half of this
+    # lower bound the particles of a standing wave spread, and the potential energy rises by half of the
+    # wave's energy.
     return max(speed_scale(case), 0.5 * float(np.sqrt(case.g * case.tank.depth)))

@@ -1,6 +1,6 @@
 """Sections of a case's waves: regular, bichromatic, irregular and focused waves, and recorded series.
 
-Each kind gives the height and the period of its waves, and the sinusoidal waves of which they are the sum.
+Each section gives the height and the period of the waves, and their sinusoidal components.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Waves = tuple[NDArray[np.complexfloating], NDArray[np.floating]]
 """Complex amplitudes (m) of waves at the paddle, and their angular frequencies (rad/s)."""
 
 MOST_PERIODS = 500
-"""Longest time after which a sea repeats, in peak periods: the second-order terms of all pairs of its waves
-then take half a minute to compute."""
+"""Longest time after which a sea repeats, in peak periods. For such a sea the second-order terms of all pairs
+of components take half a minute to compute."""
 MOST_WAVES = 600
-"""Largest number of waves taken from a recorded series; the highest are taken."""
+"""Largest number of sinusoidal components taken from a recorded series; the highest are taken."""
 MOST_SAMPLES = 20_000
 """Largest number of samples of a recorded series; every run file stores the series as text."""
 
@@ -37,8 +37,8 @@ class AbstractWavesSection(Section, abc.ABC):
     period_key: ClassVar[str]
     """Key of the wave period."""
     least_length: ClassVar[int] = 40
-    """Least wavelength over the spacing; a sea needs more, as it has waves of a seventh of its peak
-    wavelength."""
+    """Smallest ratio of the wavelength to the spacing. A sea needs a larger ratio than regular waves, because
+    the sea contains waves of a seventh of the peak wavelength."""
 
     ramp_periods: float = Field(2.0, ge=0, le=1e4)
     """Number of periods over which the paddle's amplitude grows from zero."""
@@ -62,12 +62,12 @@ class AbstractWavesSection(Section, abc.ABC):
 
     @property
     def cycle(self) -> float:
-        """Length of a cycle, s: results are averaged over whole cycles."""
+        """Duration of a cycle, s; results are averaged over whole cycles."""
         return self.period
 
     @abc.abstractmethod
     def sum_of_waves(self, depth: float, g: float) -> Waves:
-        """Sinusoidal waves whose sum this section describes, on the depth (m)."""
+        """Amplitudes and frequencies (see `Waves`) of the waves' sinusoidal components, on the depth (m)."""
 
     @property
     def repeats(self) -> float | None:
@@ -149,7 +149,7 @@ class BichromaticWavesSection(AbstractWavesSection):
 
     @property
     def period(self):
-        """See `AbstractWavesSection.period`: that of the higher wave."""
+        """See `AbstractWavesSection.period`: the period of the higher wave."""
         return self.T[int(np.argmax(self.H))]
 
     @property
@@ -268,8 +268,8 @@ class FocusedWavesSection(_SpectralSection):
 
     @property
     def height(self):
-        """See `AbstractWavesSection.height`: that of a sea whose highest wave in a thousand has this
-        crest."""
+        """See `AbstractWavesSection.height`: the significant height of a sea whose highest wave in a thousand
+        has this crest."""
         return 2.0 * self.crest / 1.86
 
     @property
@@ -339,7 +339,7 @@ class RecordedWavesSection(AbstractWavesSection):
         omega = 2.0 * np.pi * np.arange(len(a)) / self.repeats
         energy = np.abs(a[1:-1]) ** 2
         mean = float(np.sum(energy * omega[1:-1]) / np.sum(energy))
-        # longer components are no waves of a tank, and a piston cannot make shorter ones
+        # longer components are not waves of a tank, and a piston cannot make shorter components
         keep = (omega > 0.3 * mean) & (omega < 3.5 * mean) & (np.arange(len(a)) < len(a) - 1)
         sizes = np.abs(a[keep])
         least = max(1e-3 * np.max(sizes), np.sort(sizes)[-MOST_WAVES:][0])
@@ -348,14 +348,14 @@ class RecordedWavesSection(AbstractWavesSection):
 
     @property
     def left_out(self) -> float:
-        """Share of the series' variance in waves that are too long or too short for the paddle."""
+        """Fraction of the series' variance in waves that are too long or too short for the paddle."""
         a, _ = self._spectrum
         values = np.array(self.X if self.eta is None else self.eta, float)
         return 1.0 - float(np.sum(np.abs(a) ** 2) / 2.0 / np.var(values))
 
     @property
     def period(self):
-        """See `AbstractWavesSection.period`: that of the mean frequency, weighted by the squared spectrum."""
+        """See `AbstractWavesSection.period`; the mean frequency is weighted by the squared spectrum."""
         a, omega = self._spectrum
         weight = np.abs(a) ** 4
         return float(2.0 * np.pi * np.sum(weight) / np.sum(weight * omega))
@@ -365,7 +365,7 @@ class RecordedWavesSection(AbstractWavesSection):
         """See `AbstractWavesSection.height`: four standard deviations of the elevation."""
         if self.eta is not None:
             return 4.0 * float(np.std(self.eta))
-        # on a depth of half a wavelength, as the tank's depth is not known here
+        # 1.8: ratio of height to stroke on a depth of 0.37 wavelengths; the tank's depth is not known here
         return 4.0 * float(np.std(np.array(self.X))) * 1.8
 
     @property

@@ -150,7 +150,7 @@ Program = Annotated[
 def load(name: str, settings: list[str] | None, quick: bool = False) -> Any:
     """Loads a case by name, or a program FILE.py:FUNCTION, with the values of --set; sets JAX's precision.
 
-    `quick`: its coarse form for a first look.
+    `quick`: whether to return the coarse form of the case, for a first look.
     """
     import jaxsph as js
 
@@ -178,7 +178,7 @@ def setting_of(text: str) -> tuple[str, Any]:
 
 
 def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
-    """Parses "a.b=1,2,3" or "a.b=first:last:count" to ("a.b", values), integers if all are written so."""
+    """Parses "a.b=1,2,3" or "a.b=first:last:count" to ("a.b", values), integers if written as integers."""
     from jaxsph.study.sweep import MOST_MEMBERS
 
     key, equals, value = (part.strip() for part in text.partition("="))

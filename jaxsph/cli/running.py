@@ -157,7 +157,7 @@ def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]
 def _resumable(path: Path, program: str) -> Iterator[None]:
     """Context that tells the user how to continue a run that was interrupted or has failed.
 
-    `program`: name that was given to run it; the message repeats it if it is FILE.py:FUNCTION.
+    `program`: name with which the run was started; if it is FILE.py:FUNCTION, the message repeats it.
     """
     resume = f"jaxsph resume {path}" + (f" --program {program}" if ".py" in program else "")
 

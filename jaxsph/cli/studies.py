@@ -262,7 +262,7 @@ def optimise(  # its arguments are the options of the command
 
 
 def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tuple[str, str]:
-    """Values of the parameters in one evaluation of a search; the result there, and its slopes."""
+    """Texts for one evaluation of a search: parameter values, and the result with its slopes."""
     slopes = [f"slope {here[f'slope {key}']:.3g}" for key in keys if f"slope {key}" in here]
     errors = [f" +- {here[f'error {key}']:.2g}" if f"error {key}" in here else "" for key in keys]
     found = [f"{here[of]:.4g}", *(a + b for a, b in zip(slopes, errors, strict=False))]
@@ -270,7 +270,7 @@ def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tupl
 
 
 def _compile_as_members() -> None:
-    """Sets the compiler flags of members, before JAX starts, so that members find what is compiled here."""
+    """Sets the compiler flags of members, before JAX starts, so that members reuse what is compiled here."""
     from jaxsph.study.members import FORWARD_FLAGS
 
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
@@ -320,7 +320,7 @@ def _announce(
 
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:
-    """One row per member: its parameter values, and its efficiency or another result of its case."""
+    """One row per member: its parameter values, and the efficiency or, without one, another result."""
     name = done.meanings.first(done.results) or "energy_residual_share"
     if name not in done.results:
         return []

@@ -20,10 +20,10 @@ Components: TypeAlias = tuple[jax.Array, ...]
 
 
 def real(value: ArrayLike) -> Float[Array, "..."]:
-    """Floating-point array of a value; a floating-point array keeps its precision.
+    """Value converted to a floating-point array; a floating-point array keeps its precision.
 
-    A Python number becomes a weakly typed array, which takes the precision of the array that it is combined
-    with. So float32 stays float32 even if `jax_enable_x64` is on.
+    A Python number becomes a weakly typed array. An operation with a second array then keeps the precision of
+    the second array: float32 stays float32 even if `jax_enable_x64` is on.
     """
     if isinstance(value, bool | int | float):
         return jnp.asarray(float(value))

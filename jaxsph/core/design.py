@@ -1,4 +1,4 @@
-"""Design of kernels with the least false stress on a particle lattice that is stable under pressure."""
+"""Design of kernels that minimise the false stress of a particle lattice and keep the lattice stable."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ __all__ = ["least_stress"]
 SAMPLES = 300
 """Number of random deformations."""
 ROUNDING = 1e-6
-"""Tolerance of the constraints (-), of the order of the rounding errors of the kernels' slopes."""
+"""Tolerance of the constraints (-). The kernels' slopes have rounding errors of this order."""
 MOST_CUTS = 20
-"""Largest number of rounds that add the buckling modes as constraints; usually two or three suffice."""
+"""Largest number of optimisation rounds (-). Each round adds the buckling modes as constraints for the next
+round; usually two or three rounds suffice."""
 
 
 def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
-    """Polynomial kernel with the least false stress on deformed lattices, and a stable undeformed lattice.
+    """Polynomial kernel with the least false stress on deformed lattices and a stable undeformed lattice.
 
     False stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
-    minimise the sum of squares of the false stress over random deformations and pure strain, subject to
-    three constraints: they sum to one, the kernel decreases outwards, and no transverse displacement wave has
-    a negative stiffness (`LatticeStress`).
-    **Arguments**: `dim`: number of dimensions; `support`: radius of the support over the spacing; `lowest`:
-    lowest power; `terms`: number of powers. **Raises** ValueError if no kernel meets the constraints.
-    **Returns**: the kernel; its smoothing length over the spacing is `support / kernel.reach`.
+    minimise the mean square of the false stress under random deformations plus the mean square under pure
+    strain. The minimum is subject to three constraints: the shares sum to one, the kernel decreases outwards,
+    and no transverse displacement wave has a negative stiffness (`LatticeStress`).
+    **Arguments**: `dim`: number of dimensions; `support`: ratio of the support radius to the spacing;
+    `lowest`: lowest power; `terms`: number of powers. **Raises** ValueError if no kernel meets the
+    constraints.
+    **Returns**: the kernel. The ratio of its smoothing length to the spacing is `support / kernel.reach`.
     """
     powers = [Polynomial.of(dim, (1.0,), n) for n in range(lowest, lowest + terms)]
     lengths = [support / power.reach for power in powers]
@@ -61,14 +63,16 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
 
 
 def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
-    """Inward slopes of the normalised powers at 100 points from edge to centre, `[100, terms]` (-)."""
-    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; its common power lowest - 1 is left out
+    """Slopes (-) of the normalised powers towards the centre, `[100, terms]`, at 100 points from the edge of
+    the support to its centre, without a positive factor that is common to all powers."""
+    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; the power lowest - 1 is common to all slopes
     powers = np.arange(lowest, lowest + terms)
     return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 
 
 def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shares of least stress that sum to one and whose product with every cut is at least zero."""
+    """Shares with the least false stress. The shares sum to one, and no component of `cuts @ shares` is
+    negative."""
     n, scale = len(gram), 1.0 / np.trace(gram)
     found = optimize.minimize(
         lambda shares: scale * shares @ gram @ shares,

@@ -1,6 +1,7 @@
 """Smoothing kernels: W and its slope factor F = (dW/dr)/r, so that grad W = F (x_i - x_j).
 
-W and F are functions of r^2: F is finite at r = 0, and a kernel without r itself needs no square root.
+W and F are functions of r^2, so that a kernel that depends only on r^2 needs no square root. F is finite at
+r = 0.
 """
 
 from __future__ import annotations
@@ -24,27 +25,29 @@ class AbstractKernel(eqx.Module):
     """A radial smoothing kernel of smoothing length h (m) that vanishes for r >= `reach` * h."""
 
     width: eqx.AbstractClassVar[float]
-    """Ratio of the smoothing length to that of a Gaussian of the same width (-)."""
+    """Ratio of the kernel's smoothing length to the smoothing length of a Gaussian of the same width (-)."""
     reach: eqx.AbstractVar[float]
     """Support radius in units of h."""
 
     @abc.abstractmethod
     def value(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """Kernel W(r), m^-dim, from r2 = r^2 (m2); not truncated: the caller masks r < reach * h."""
+        """Kernel W(r), m^-dim, from r2 = r^2 (m2). The caller sets W to zero for r >= reach * h."""
 
     @abc.abstractmethod
     def slope(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """Slope factor (dW/dr)/r, m^-(dim+2), from r2 = r^2 (m2); not truncated, never positive."""
+        """Slope factor F = (dW/dr)/r <= 0, m^-(dim+2), from r2 = r^2 (m2). The caller truncates F like W."""
 
 
 class Gaussian(AbstractKernel):
     """Gaussian kernel exp(-r^2/h^2) / (pi^(dim/2) h^dim), truncated at `reach` * h.
 
-    It is not renormalised: truncation at 3.5h loses 5e-6 of its integral in two dimensions and 2e-5 in three.
+    The truncated kernel is not renormalised. Truncation at 3.5h reduces its integral by 5e-6 in two
+    dimensions and by 2e-5 in three dimensions.
 
-    The truncation leaves a step of exp(-reach^2). Because of this step a lattice under pressure resists its
-    deformation, which causes noise. With truncation at 3h a standing wave loses 1.9 % of its amplitude in a
-    second, at 3.5h 0.1 % (`python -m experiments run standing_wave`).
+    The truncation leaves a step of exp(-reach^2) times W(0). Because of this step a lattice under pressure
+    resists deformation, which causes noise. A standing wave loses 1.9 % of its amplitude in a second if the
+    kernel is truncated at 3h, but only 0.1 % if the kernel is truncated at 3.5h
+    (`python -m experiments run standing_wave`).
     """
 
     width: ClassVar[float] = 1.0
@@ -62,7 +65,7 @@ class Gaussian(AbstractKernel):
 class WendlandC2(AbstractKernel):
     """Wendland's C2 kernel (1 - q/2)^4 (1 + 2q), q = r/h, with support 2h, in two and three dimensions.
 
-    Source: Wendland (1995); normalised to an integral of 1.
+    Source: Wendland (1995). The kernel is normalised to an integral of 1.
     """
 
     width: ClassVar[float] = 1.5
@@ -88,18 +91,19 @@ class Semicircle(AbstractKernel):
     """Exponential of a semicircle, C exp(beta (sqrt(1 - (r/R)^2) - 1)), with support R = `reach` h.
 
     Source: Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41, for the non-uniform Fourier
-    transform. Beyond a given wavenumber its transform is nearly the smallest of all kernels with the same
-    support. A lattice of particles therefore resists deformation less than with a kernel of twice as many
-    neighbours (`lattice.lattice_stress`). h is that of the Gaussian with the same second moment.
+    transform. Beyond a given wavenumber the kernel's Fourier transform is nearly the smallest of all kernels
+    with the same support. A lattice of particles therefore resists deformation less than with other kernels
+    that have twice as many neighbours (`lattice.lattice_stress`). h is the smoothing length of the Gaussian
+    with the same second moment.
 
-    At the edge W is exp(-beta) times W(0), and the slope is infinite. Within 5e-5 R of the edge both are
-    therefore kept at their values at that distance.
+    At the edge W is exp(-beta) times W(0), and the slope is infinite. Therefore W and its slope factor are
+    constant within 5e-5 R of the edge.
     """
 
     width: ClassVar[float] = 1.0
     reach: float = eqx.field(static=True)
     beta: float = eqx.field(static=True, default=14.0)
-    """Logarithm of the ratio of the kernel at its centre to the kernel at its edge (-)."""
+    """Logarithm of the ratio of W at the centre to W at the edge (-)."""
 
     @classmethod
     def of(cls, dim: int, beta: float = 14.0) -> Semicircle:
@@ -138,9 +142,9 @@ def _semicircle_moment(beta: float, n: int) -> float:
 class Polynomial(AbstractKernel):
     """Polynomial kernel, a sum of powers of 1 - (r/R)^2, with support R = `reach` h.
 
-    Its coefficients depend on the number of dimensions (`least_stress`). With them a lattice of particles
-    resists deformation less than with a kernel of twice as many neighbours, and does not buckle under
-    pressure. h is that of the Gaussian with the same second moment.
+    The coefficients that `least_stress` finds depend on the number of dimensions. With these coefficients a
+    lattice of particles does not buckle under pressure, and resists deformation less than with other kernels
+    that have twice as many neighbours. h is the smoothing length of the Gaussian with the same second moment.
     """
 
     width: ClassVar[float] = 1.0
@@ -153,7 +157,7 @@ class Polynomial(AbstractKernel):
     @classmethod
     def of(cls, dim: int, shares: Sequence[float], lowest: int) -> Polynomial:
         """Kernel in `dim` dimensions with the second moment of the Gaussian, dim h^2/2."""
-        # the mean of (r/R)^2 over (1 - (r/R)^2)^n is D/(D + 2 n + 2)
+        # the mean of (r/R)^2 with the weight (1 - (r/R)^2)^n is D/(D + 2 n + 2)
         second = sum(share / (dim + 2 * n + 2) for n, share in enumerate(shares, lowest))
         return cls(math.sqrt(0.5 / second), tuple(shares), lowest)
 
@@ -182,7 +186,7 @@ def power_integral(n: int, dim: int) -> float:
 
 
 def _horner(factors, x):
-    """Value at x of the polynomial with these coefficients, from the zeroth power up."""
+    """Value at x of the polynomial whose coefficients are `factors`, from the zeroth power up."""
     total = factors[-1]
     for factor in factors[-2::-1]:
         total = total * x + factor
@@ -190,5 +194,5 @@ def _horner(factors, x):
 
 
 def support(kernel: AbstractKernel, h: jax.Array | float) -> jax.Array | float:
-    """Support radius of a kernel of smoothing length h (m), beyond which it is zero, m."""
+    """Radius (m) beyond which a kernel of smoothing length h (m) is zero."""
     return kernel.reach * h

@@ -1,4 +1,4 @@
-"""Stress with which a particle lattice resists deformation, and its stability: criteria for a kernel."""
+"""Criteria for a kernel: stress with which a particle lattice resists deformation, and lattice stability."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jaxsph.core.kernels import AbstractKernel
 __all__ = ["LatticeStress", "lattice_points", "lattice_stress", "surface_stiffness"]
 
 Lattice = Literal["cubic", "close"]
-"""Lattice of one particle per dx^D: "cubic", or "close": triangular in 2-D, body-centred in 3-D."""
+"""Lattice with one particle per dx^D: "cubic", or "close" (triangular in 2-D, body-centred in 3-D)."""
 
 STRAIN = 0.25
 """Largest logarithmic strain of the pure strain."""
@@ -29,20 +29,23 @@ class LatticeStress(NamedTuple):
     """Properties of a kernel on a lattice, which determine the noise of the particles."""
 
     strained: float
-    """Largest false stress under a pure strain from 0 to `STRAIN`, over the pressure (-)."""
+    """Largest ratio of the false stress to the pressure under a pure strain from 0 to `STRAIN` (-)."""
     distorted: float
-    """RMS of the false stress over random deformations without change of volume, over the pressure (-)."""
+    """RMS of the ratio of the false stress to the pressure, for random deformations without volume change
+    (-)."""
     neighbours: int
     """Number of neighbours of a particle on the undeformed lattice."""
     width: float
-    """Smoothing length of the Gaussian with the same second moment, over the spacing (-)."""
+    """Ratio to the spacing of the smoothing length of the Gaussian with the same second moment (-)."""
     transform: float
-    """Minimum of the Fourier transform over its value at zero (-); particles pair if it is far below 0."""
+    """Ratio of the Fourier transform's minimum to its value at zero (-); particles pair if the ratio is far
+    below 0."""
     stiffness: float
     """Smallest stiffness of the undeformed lattice against transverse displacement waves (-).
 
-    Times 2 p/(rho dx^2) it is the square of their angular frequency. If it is negative, waves grow under
-    pressure and the lattice buckles, faster in water that is deeper in spacings.
+    The stiffness times 2 p/(rho dx^2) is the square of the waves' angular frequency. If the stiffness is
+    negative, waves grow under pressure and the lattice buckles. Buckling is faster if the water is deeper in
+    units of the spacing.
     """
 
 
@@ -54,7 +57,7 @@ def lattice_stress(
     Particles under a uniform pressure p feel the stress p T, T_ab = -sum_j V r_a r_b (dW/dr)/r. T is the
     unit tensor for a perfect kernel. The false stress is the eigenvalue of T - (tr T / D) 1 with the largest
     magnitude. Waves do work against the false stress, and this work returns as noise.
-    **Arguments**: `h_over_dx`: smoothing length over the spacing; `dim`: number of dimensions.
+    **Arguments**: `h_over_dx`: ratio of the smoothing length to the spacing; `dim`: number of dimensions.
     """
     reach = kernel.reach * h_over_dx
     points = lattice_points(lattice, dim, reach)
@@ -65,7 +68,7 @@ def lattice_stress(
     r = np.sqrt(np.sum(points**2, axis=1))
     width, least = _transform(kernel, h_over_dx, dim)
     waves = shear_waves(lattice, dim)
-    # longitudinal waves are no modes of `shear_stiffness`: a large stiffness keeps them out of the minimum
+    # `shear_stiffness` is zero along a wave: a large stiffness keeps this direction out of the minimum
     along = np.eye(dim) - transverse(waves)
     stiffness = shear_stiffness(kernel, h_over_dx, points, waves) + 1e9 * along
     return LatticeStress(
@@ -81,7 +84,7 @@ def lattice_stress(
 def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.float64]:
     """Points `[M, D]` of a lattice of unit density around the origin, in spacings, without the origin.
 
-    They include all points that a deformation of up to twice `STRAIN` can bring within `radius`.
+    The points include all that a deformation of up to twice `STRAIN` can bring within `radius`.
     """
     basis = _basis(lattice, dim)
     far = np.exp(2.0 * STRAIN) * radius
@@ -105,7 +108,8 @@ def _basis(lattice: Lattice, dim: int) -> NDArray[np.float64]:
 
 
 def deformed(points: NDArray[np.float64], samples: int) -> tuple[NDArray[np.float64], ...]:
-    """Lattices of the points under pure strain up to `STRAIN`, and under random deformations, `[S, M, D]`."""
+    """Positions `[S, M, D]` of the points under pure strains up to `STRAIN`, and under random
+    deformations."""
     dim = points.shape[1]
     pure = np.linspace(0.0, STRAIN, 26)[:, None, None] * np.diag([1.0, -1.0, 0.0][:dim])
     random = np.random.default_rng(0).normal(scale=DISTORTION, size=(samples, dim, dim))
@@ -116,10 +120,10 @@ def deformed(points: NDArray[np.float64], samples: int) -> tuple[NDArray[np.floa
 def false_stress(
     kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Deviator of the stress over the pressure (-) for each of S deformed lattices, `[S, D, D]`.
+    """Deviator of the stress divided by the pressure (-), for each of S deformed lattices, `[S, D, D]`.
 
-    **Arguments**: `h_over_dx`: smoothing length over the spacing; `points`: positions of the neighbours,
-    `[S, M, D]`, in spacings.
+    **Arguments**: `h_over_dx`: ratio of the smoothing length to the spacing; `points`: positions of the
+    neighbours, `[S, M, D]`, in spacings.
     """
     dim, r2 = points.shape[-1], np.sum(points**2, axis=-1)
     inside = r2 < (kernel.reach * h_over_dx) ** 2
@@ -131,8 +135,9 @@ def false_stress(
 def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
     """Wavenumbers of displacement waves on a lattice, `[K, D]`, in radians per spacing.
 
-    They sample the first Brillouin zone, in which no shorter wavenumber describes the same displacements.
-    Zero and negative last components are left out, the latter because k and -k are equivalent.
+    The wavenumbers sample the first Brillouin zone, in which no shorter wavenumber describes the same
+    displacements. The wavenumber zero is left out. Wavenumbers with a negative last component are also left
+    out, because k and -k are equivalent.
     """
     reciprocal = 2.0 * np.pi * np.linalg.inv(_basis(lattice, dim)).T
     steps = np.linspace(-1.0, 1.0, {2: 97, 3: 41}[dim])
@@ -143,7 +148,7 @@ def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
 
 
 def transverse(waves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Projections onto the directions perpendicular to each wavenumber, `[K, D, D]`."""
+    """Matrices `[K, D, D]` that project vectors onto the directions perpendicular to each wavenumber."""
     along = waves / np.linalg.norm(waves, axis=1, keepdims=True)
     return np.eye(waves.shape[1]) - along[:, :, None] * along[:, None, :]
 
@@ -153,8 +158,9 @@ def shear_stiffness(
 ) -> NDArray[np.float64]:
     """Stiffness of a lattice under pressure against transverse displacement waves, `[K, D, D]` (-).
 
-    It is sum_j V (1 - cos k r_j) grad grad W(r_j), in spacings, projected onto the directions perpendicular
-    to the wave. The longitudinal part is left out: it compresses the lattice, which the pressure prevents.
+    The stiffness is sum_j V (1 - cos k r_j) grad grad W(r_j), in spacings, projected onto the directions
+    perpendicular to the wave. The longitudinal part is left out, because the pressure prevents longitudinal
+    waves from compressing the lattice.
     """
     near, curvature = _curvature(kernel, h_over_dx, points)
     stiffness = np.einsum("kn,nab->kab", 1.0 - np.cos(waves @ near.T), curvature)
@@ -167,10 +173,11 @@ def surface_stiffness(
 ) -> NDArray[np.float64]:
     """Stiffness `[rows]` (-) of rows below a free surface against waves of vertical displacement along it.
 
-    It is sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 over rho g dx, with the wavenumber `k` in radians per
-    spacing. Times g/dx it is the square of a row's angular frequency in still water if all rows move alike.
-    Far below the surface it equals the stiffness of the lattice. The first row has an excess, which the
-    second row lacks, because the missing rows above the surface would have negative pressures.
+    The stiffness is sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 divided by rho g dx, with the wavenumber `k`
+    in radians per spacing. If all rows move alike, the stiffness times g/dx is the square of a row's angular
+    frequency in still water. Far below the surface the stiffness is `shear_stiffness` times twice the depth
+    in spacings. The first row is stiffer than this relation gives and the second row less stiff, because the
+    missing rows above the surface would have negative pressures.
     """
     points = lattice_points("cubic", dim, kernel.reach * h_over_dx)
     near, curvature = _curvature(kernel, h_over_dx, points)
@@ -183,7 +190,8 @@ def surface_stiffness(
 def _curvature(
     kernel: AbstractKernel, h_over_dx: float, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points `[K, D]` in the support around the origin, and V grad grad W `[K, D, D]` there, in spacings."""
+    """Points `[K, D]` in the support around the origin, and V grad grad W `[K, D, D]` at these points, in
+    spacings."""
     dim, r2 = points.shape[1], np.sum(points**2, axis=1)
     near, r2 = points[r2 < (kernel.reach * h_over_dx) ** 2], r2[r2 < (kernel.reach * h_over_dx) ** 2]
 
@@ -195,7 +203,8 @@ def _curvature(
 
 
 def _transform(kernel: AbstractKernel, h: float, dim: int) -> tuple[float, float]:
-    """Width of a kernel, in spacings, and the minimum of its Fourier transform over its value at zero (-)."""
+    """Width of a kernel, in spacings, and ratio of its Fourier transform's minimum to the transform at zero
+    (-)."""
     R = kernel.reach * h
     nodes, weights = np.polynomial.legendre.leggauss(400)
     r, weights = 0.5 * R * (nodes + 1.0), 0.5 * R * weights

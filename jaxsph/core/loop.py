@@ -32,13 +32,13 @@ def every_block(block: Callable[[S, None], tuple[S, Any]], state: S, n_blocks: i
 
 
 def first_blocks(count: jax.Array) -> Callable[..., tuple[Any, Any]]:
-    """Loop as `every_block`, but over the first `count` blocks only; `count` may be a traced number.
+    """Loop that is called like `every_block` and runs only the first `count` blocks; `count` may be traced.
 
     The readings of the remaining blocks are zero. Reverse mode is not supported.
     """
 
     def over(block, state, n_blocks):
-        block = jax.jit(block)  # traced once, for the shapes of its readings and for the loop
+        block = jax.jit(block)  # one trace for the shapes of the readings and for the loop
         _, shapes = jax.eval_shape(block, state, None)
 
         def add(k, carry):
@@ -65,9 +65,9 @@ def blocks(
 
     In each block `prepare` makes the tables, `begin` takes the readings and makes the changes that are due
     once per block, and then the steps run. Readings are taken at the start of a block, so that a run
-    interrupted at any block continues exactly. `over`: loop over the blocks, `every_block` or `first_blocks`.
-    Reverse mode stores tables and pair sums and recomputes the rest. Its memory grows by one state and the
-    pair sums with every step.
+    interrupted at any block continues exactly. `over`: loop over the blocks, `every_block` or a result of
+    `first_blocks`. Reverse mode stores tables and pair sums and recomputes the rest. The memory for reverse
+    mode grows by one state and the pair sums with every step.
     """
 
     @rematerialise

@@ -2,9 +2,9 @@
 
 A neighbour table is slot-major, `[K, N]`: slot k of target i holds the index of a source. An empty slot holds
 the index of the empty source, which is the last source, has no volume and is far away. A loop over the K
-slots handles N pairs per slot, with gathers of single components. On a CPU this is several times faster than
-arrays `[N, K, D]`, because no array of that size is stored. The number of slots that one turn of the loop
-takes depends on the backend (`SlotLoop`).
+slots evaluates N pairs per slot, and gathers every field component separately. On a CPU this loop is several
+times faster than arrays `[N, K, D]`, because no array of that size is stored. The number of slots that one
+turn of the loop takes depends on the backend (`SlotLoop`).
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
 
 Fields = Any
-"""Mapping from names to arrays `[N]` or tuples of arrays `[N]`; it always contains the positions "x"."""
+"""Mapping from names to arrays `[N]` or tuples of arrays `[N]`; the positions "x" are always included."""
 
 
 SPARE = 1.15
-"""Ratio of a table's number of slots to the largest number of neighbours when it is sized (-)."""
+"""Ratio of a table's number of slots to the largest number of neighbours when the table is allocated (-)."""
 
 
 FAR = 1.0e3
-"""Coordinate of the empty source, m: outside every support, with a square that fits into float32."""
+"""Coordinate of the empty source, m. It is outside every support, and its square fits into float32."""
 
 
 Period = tuple[tuple[int, float], ...]
@@ -46,12 +46,14 @@ class SlotLoop(NamedTuple):
     """Whether a slot that is empty for all targets is skipped."""
 
     def over(self, add: Callable, start: Any, rows: Any) -> tuple[Any, Any]:
-        """Final total, and stacked outputs, of `add(total, row)` over the rows, beginning at `start`."""
+        """Final total and stacked outputs of a scan with `add(total, row)` over the rows, from the total
+        `start`."""
         return jax.lax.scan(add, start, rows, unroll=self.at_once)
 
 
 ONE_BY_ONE = SlotLoop(1, True)
-"""Loop for a CPU: blocks of slots take three to seven times as long, since their sums are kept in memory."""
+"""Loop for a CPU. Blocks of slots take three to seven times as long there, since their sums are stored in
+memory."""
 IN_BLOCKS = SlotLoop(16, False)
 """Loop for an accelerator, on which every operation is a kernel launch and a branch waits for the host."""
 
@@ -76,7 +78,7 @@ class Smoothing(eqx.Module):
         return self.kernel.reach * self.h
 
     def gravity_rate(self, g: Float[Array, " D"]) -> Scalar:
-        """Rate sqrt(g/h) of gravity g (m/s2) and the smoothing length, 1/s."""
+        """Rate sqrt(g/h), 1/s, from the gravity g (m/s2) and the smoothing length h."""
         # the guard keeps the derivative finite without gravity
         return (jnp.sum(g**2) + 1e-30) ** 0.25 / jnp.sqrt(self.h)
 
@@ -128,7 +130,7 @@ def linear_pair_sum(
 ) -> Any:
     """Sum of `law(pair, i, j)` as in `pair_sum`, for fields that are tangents and a law linear in them.
 
-    Its gathers can be transposed, which reverse mode needs for tangents.
+    The gathers of this sum can be transposed, which reverse mode needs for tangents.
     """
     return _summed(law, smoothing, targets, sources, table, gather_linearly)
 
@@ -136,7 +138,7 @@ def linear_pair_sum(
 def pair_weights(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> tuple[Any, Any]:
-    """Sum over neighbours of the law's first result, and its second result for every slot, `[K, N]`.
+    """Sum over neighbours of the law's first result, and the law's second result for every slot, `[K, N]`.
 
     The second results are the weights of a sum that is evaluated many times (`weighted_sum`). Arguments as
     for `pair_sum`; the law returns a pair (term, weight).
@@ -156,9 +158,11 @@ def pair_weights(
 def weighted_sum(
     weights: Float[Array, "K N"], f: Float[Array, " M"], table: Int[Array, "K N"]
 ) -> Float[Array, " N"]:
-    """Weighted sum over neighbours, sum_k weights[k] f[table[k]], in the product of both units; linear in f.
+    """Weighted sum over neighbours, sum_k weights[k] f[table[k]], linear in f; its unit is the product of the
+    units of `weights` and f.
 
-    The last of the M values of f belongs to the empty source. It may be any number: its weights are zero.
+    The last of the M values of f belongs to the empty source. This value may be any number, because its
+    weights are zero.
     """
 
     def add(total, row):
@@ -189,7 +193,7 @@ def _terms(law, smoothing, targets, sources, take):
 
 @functools.partial(jax.jit, static_argnums=3)
 def _kernel_at(kernel, r2, h, dim):
-    """Slope factor and value of a kernel; traced once for all sums, which shortens the start by a tenth.
+    """Slope factor and value of a kernel. A single trace for all sums shortens the start of a run by a tenth.
 
     The compiler removes the value if the law does not use it.
     """
@@ -209,7 +213,7 @@ def _summed(law, smoothing, targets, sources, table, take):
         return terms
 
     terms, closed = jax.closure_convert(noted, table[0])
-    # Reverse mode recomputes the terms: storing the intermediate values would take 14 times the memory.
+    # Reverse mode recomputes the terms, since storing the intermediate values takes 14 times the memory.
     terms = jax.checkpoint(terms)
 
     def zero():
@@ -236,8 +240,8 @@ def _summed(law, smoothing, targets, sources, table, take):
 
     @total_of.defjvp
     def _(primals, tangents):
-        # One branch for all spare rows, outside the loop: reverse mode stores all inputs of a branch. Inside
-        # the loop it would store the sources once for every row.
+        # All spare rows share one branch outside the loop. Reverse mode stores all inputs of a branch, and
+        # with a branch inside the loop it would store the sources once for every row.
         def total_of(table, *closed):
             own = int(len(table) / SPARE)
             add_rows = functools.partial(added, add)
@@ -264,10 +268,11 @@ LEAST_DETERMINANT = 0.05
 """Determinant at or below which a correction matrix M = sum_j V_j (x_j - x_i) (grad W_ij) is not used.
 
 If neighbours fill a wedge of angle a, M has the eigenvalues (a +- sin a)/(2 pi), and in three dimensions also
-a/(2 pi). Its determinant is 1 in the water; in two and three dimensions it is 1/4 and 1/8 at a flat surface,
-and 0.037 and 0.009 in a corner of 90 degrees. The threshold corresponds to wedges of 98 and 137 degrees.
-Every surface is thus corrected, and the correction amplifies errors of the gradient at most 8.6 and 3.7 times
-(the inverse of the smallest eigenvalue).
+a/(2 pi). The determinant is 1 in the water. In two dimensions it is 1/4 at a flat surface and 0.037 in a
+corner of 90 degrees. The threshold corresponds to a wedge of 98 degrees, where the correction amplifies
+errors of the gradient 8.6 times (the inverse of the smallest eigenvalue). In three dimensions the determinant
+is 1/8 at a flat surface and 0.009 in a corner, and the threshold corresponds to a wedge of 137 degrees and an
+amplification of 3.7 times. Flat surfaces are thus always corrected.
 """
 
 
@@ -296,8 +301,9 @@ FLAT = 0.25
 def correctable(M: tuple[jax.Array, ...]) -> jax.Array:
     """Reliability (0 to 1) of a gradient that is corrected with the inverse of M.
 
-    It is 1 in the water, also at a flat surface in two dimensions (0.3 in three). It falls to 0 where M is
-    not inverted: in spray and in sheets of one or two layers.
+    The reliability is 1 in the water and at a flat surface in two dimensions, and 0.3 at a flat surface in
+    three dimensions. It falls to 0 where M is not inverted, for example in spray and in sheets of one or two
+    layers.
     """
     s = jnp.clip((_determinant(M)[0] - LEAST_DETERMINANT) / (FLAT - LEAST_DETERMINANT), 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -4,8 +4,8 @@ Every search sorts the particles along the first axis and cuts them into blocks 
 slabs are therefore always balanced, and a particle that leaves its slab belongs to another one after the next
 search. Arrays of the water cover the whole tank and are split over the devices along the particles' axis.
 Operations on single particles, and sums over all particles, are written as for one device. Only a pair sum
-depends on the slabs: it runs on every device for the targets of its slab, and includes the particles at the
-near ends of the adjacent slabs (the halo). Ghosts are few, and every device holds all of them.
+depends on the slabs. Every device computes the sum for the targets of its slab, and includes the particles at
+the near ends of the adjacent slabs (the halo). Ghosts are few, and every device holds all of them.
 
 On one device there is one slab, and no halo.
 """
@@ -49,14 +49,14 @@ def split(ndim: int) -> PartitionSpec:
 
 
 class Sources(NamedTuple):
-    """Sources of a pair sum: the fields of the water, followed by those of the ghosts."""
+    """Sources of a pair sum: the fields of the water, followed by the fields of the ghosts."""
 
     water: Fields
     """Fields of the particles by name, `[N]`."""
     ghosts: Fields
     """The same fields of the ghosts, `[G]`; empty if only the water is summed over."""
     halo: Fields = {}  # noqa: RUF012 (a field of a named tuple, which nothing writes to)
-    """Fields of the water in the slabs' halos, as far as these have been fetched (`Slabs.fetch`)."""
+    """Fields of the water in the slabs' halos, if they have already been fetched (`Slabs.fetch`)."""
 
     def adding(self, name: str, water: Any, ghosts: Any) -> Sources:
         """Sources with one more field of the water and the ghosts."""
@@ -68,7 +68,8 @@ class Sources(NamedTuple):
         return Sources(self.water | {name: water}, self.ghosts, halo)
 
     def behind(self, ghosts: Fields, **names: str) -> Sources:
-        """Sources with these fields of the `ghosts`; field k of the water is its field `names[k]`, or k."""
+        """Sources whose ghosts have the fields `ghosts`. For each field k the water supplies its field
+        `names[k]`, or its field k if `names` has no k."""
         of = {k: names.get(k, k) for k in ghosts}
         halo = {k: self.halo[name] for k, name in of.items() if name in self.halo}
         return Sources({k: self.water[name] for k, name in of.items()}, ghosts, halo)
@@ -99,11 +100,12 @@ class Slabs(eqx.Module):
         return Mesh(np.array(self.devices), (AXIS,), axis_types=(jax.sharding.AxisType.Auto,))
 
     def in_halo(self, n: int) -> int:
-        """Number of particles in a halo of a slab of n: `halo`, which may have grown, but at most n."""
+        """Number of particles in a halo of a slab with n particles: `halo`, limited to n, or zero on one
+        device."""
         return 0 if self.count == 1 else min(self.halo, n)
 
     def over_slabs(self, function: Callable, arguments: tuple, partitions: Any, results: Any) -> Any:
-        """Results of a function that runs on every device for its slab of the arguments.
+        """Results of a function that every device runs on its slab of the arguments.
 
         **Arguments**: `partitions`, `results`: partitions of the arguments and of the results; one partition
         may stand for a whole pytree.
@@ -116,7 +118,8 @@ class Slabs(eqx.Module):
         return mapped(*arguments)
 
     def gather(self, a: Array) -> Array:
-        """Array of the water, copied in full to every device, for the few operations that do not split."""
+        """Array of the water, copied in full to every device for operations that cannot be split over
+        devices."""
         if self.count == 1:
             return a
         return jax.lax.with_sharding_constraint(a, NamedSharding(self.mesh, WHOLE))
@@ -124,7 +127,8 @@ class Slabs(eqx.Module):
     def largest(
         self, values: Sequence[Float[Array, " N"]], vectors: Sequence[Float[Array, "N D"]]
     ) -> tuple[Float[Array, " M"], Float[Array, "M D"]]:
-        """Maxima of M fields of the water, and the value of the corresponding vector field at each."""
+        """Maxima of M fields of the water, and the value of the corresponding vector field at each
+        maximum."""
 
         def local(values, vectors):
             at = [jnp.argmax(a) for a in values]
@@ -140,7 +144,7 @@ class Slabs(eqx.Module):
         return self.over_slabs(local, (values, vectors), (along, along), WHOLE)
 
     def take(self, fields: Fields, rows: Int[Array, " C"]) -> Fields:
-        """Fields of the particles `rows`, `[C]`, on every device."""
+        """Fields `[C]` of the particles with the indices `rows`, on every device."""
 
         def local(fields, rows):
             leaves, structure = jax.tree.flatten(fields)
@@ -155,7 +159,8 @@ class Slabs(eqx.Module):
     def add(
         self, a: Float[Array, "N D"], rows: Int[Array, " C"], change: Float[Array, "C D"]
     ) -> Float[Array, "N D"]:
-        """Vectors of the water with `change` added at `rows`; rows beyond the last particle are ignored."""
+        """Vectors `a` of the water with `change` added at the indices `rows`; an index beyond the last
+        particle is ignored."""
 
         def local(a, rows, change):
             at, here = _local(rows, len(a))
@@ -167,7 +172,8 @@ class Slabs(eqx.Module):
         return self.over_slabs(local, (a, rows, change), (along, WHOLE, WHOLE), along)
 
     def fetch(self, sources: Sources) -> Sources:
-        """Sources with their halos, fetched once for several sums; otherwise each sum fetches them."""
+        """Sources with their halos, fetched once for several sums; without this call each sum fetches the
+        halos."""
         missing = {k: a for k, a in sources.water.items() if k not in sources.halo}
         if self.count == 1 or not missing:
             return sources
@@ -175,7 +181,8 @@ class Slabs(eqx.Module):
         return sources._replace(halo={**sources.halo, **halo})
 
     def halos(self, fields: Fields) -> Fields:
-        """Fields of the particles in a slab's halos, that before it first; call it within `over_slabs`."""
+        """Fields of the particles in a slab's halos, first the halo before the slab; for use within
+        `over_slabs`."""
         leaves, structure = jax.tree.flatten(fields)
         found: list[Any] = [None] * len(leaves)
         # one message to each side for all fields of one type
@@ -189,7 +196,8 @@ class Slabs(eqx.Module):
         return jax.tree.unflatten(structure, found)
 
     def with_halo(self, fields: Fields, halo: Fields | None = None) -> Fields:
-        """Fields of a slab's particles, `[n]`, followed by those of its halos; call it within `over_slabs`.
+        """Fields of a slab's particles, `[n]`, followed by the fields of the slab's halos; for use within
+        `over_slabs`.
 
         `halo`: halos that have already been fetched, by the field's name.
         """
@@ -200,7 +208,8 @@ class Slabs(eqx.Module):
         return {k: jax.tree.map(lambda a, b: jnp.concatenate([a, b]), a, there[k]) for k, a in fields.items()}
 
     def _from_beside(self, last: Array, first: Array) -> tuple[Array, Array]:
-        """Last particles of the slab before, and first of the slab after; zeros if there is none."""
+        """Last particles of the slab before, and first particles of the slab after; zeros for a missing
+        slab."""
         if self.count == 2:
             # each slab has one adjacent slab: a single message instead of one to each side
             here = jax.lax.axis_index(AXIS)
@@ -211,11 +220,11 @@ class Slabs(eqx.Module):
         return before, jax.lax.ppermute(first, AXIS, self._pairs(-1))
 
     def _pairs(self, step: int) -> list[tuple[int, int]]:
-        """Pairs (sender, receiver) of devices, the receiver `step` slabs farther along the tank."""
+        """Pairs (sender, receiver) of devices; the receiver is `step` slabs farther along the tank."""
         return [(k, k + step) for k in range(self.count) if 0 <= k + step < self.count]
 
     def sources(self, sources: Sources) -> Fields:
-        """Fields of all sources for a slab's targets, the empty source last; call it within `over_slabs`."""
+        """Fields of all sources for a slab's targets, the empty source last; for use within `over_slabs`."""
         every = self.with_halo(sources.water, sources.halo)
         if sources.ghosts:
             every = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), every, sources.ghosts)
@@ -255,11 +264,13 @@ class Neighbours(eqx.Module):
         return self.slabs.over_slabs(local, arguments, partitions, WHOLE)
 
     def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law that is linear in the fields, which are tangents; see `pairs.linear_pair_sum`."""
+        """Sum of a pair law that is linear in the fields, for fields of tangents; see
+        `pairs.linear_pair_sum`."""
         return self._over(functools.partial(linear_pair_sum, law, smoothing), targets, sources, split(1))
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of the law's first result, and its second result for every slot; see `pairs.pair_weights`."""
+        """Sum of the law's first result, and the law's second result for every slot; see
+        `pairs.pair_weights`."""
         results = split(1), split(2)
         return self._over(functools.partial(pair_weights, law, smoothing), targets, sources, results)
 
@@ -283,35 +294,40 @@ class Neighbours(eqx.Module):
 
 
 class Chosen(eqx.Module):
-    """Selected particles of the water, whose fields every device can get; a place may be empty."""
+    """Selected particles of the water, whose fields every device can gather. The list of particles has a
+    fixed length, and an entry may be empty."""
 
     rows: Int[Array, " I"]
-    """Index of the particle in every place; the index of the last particle in an empty place."""
+    """Index of the particle in every entry; an empty entry holds the index of the water's last particle."""
     there: Bool[Array, " I"]
-    """Whether there is a particle in the place."""
+    """Whether each entry holds a particle."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod
     def of(cls, rows: Int[Array, " I"], n: int, slabs: Slabs) -> Chosen:
-        """Particles by their index `rows` among n; an index of n leaves the place empty."""
+        """Selection of the particles with the indices `rows` among n particles; an index of n marks an empty
+        entry."""
         return cls(jnp.minimum(rows, n - 1), rows < n, slabs)
 
     def fields(self, fields: Fields) -> Fields:
-        """Fields of the particles, `[I]`; an empty place (see `there`) has those of the last particle."""
+        """Fields of the particles, `[I]`; an empty entry (see `there`) has the fields of the last
+        particle."""
         if self.slabs.count == 1:
             return jax.tree.map(lambda a: gather_linearly(a, self.rows), fields)
         return self.slabs.take(fields, self.rows)
 
 
 class PointNeighbours(eqx.Module):
-    """Neighbours of points that every device holds, for example ghosts; one slab takes the sum of a point."""
+    """Neighbours of points that every device holds, for example ghosts; one slab computes the sum at each
+    point."""
 
     indices: Int[Array, "K S"]
-    """Index of the source in each slot, for every place in `rows`, or for every point if `rows` is empty."""
+    """Index of the source in each slot, for every entry of `rows`, or for every point if `rows` is empty."""
     rows: Int[Array, " R"]
-    """Points whose sums each slab takes, slab by slab; the number of points in an unused place."""
+    """Indices of the points whose sums each slab computes, slab by slab; an unused entry holds the number of
+    points."""
     places: Int[Array, " P"]
-    """Place in `rows` of every point; the length of `rows` for a point that is not near the water."""
+    """Position of every point in `rows`; the length of `rows` for a point that is not near the water."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod
@@ -321,7 +337,8 @@ class PointNeighbours(eqx.Module):
         return cls(indices, none, none)
 
     def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law over the neighbours of every point; zero for a point away from the water."""
+        """Sum of a pair law over the neighbours of every point; zero for a point that is not near the
+        water."""
 
         def local(targets, sources, indices, rows, places):
             found = pair_sum(law, smoothing, self._of_slab(targets, rows), sources, indices)
@@ -330,7 +347,7 @@ class PointNeighbours(eqx.Module):
         return self._over(local, targets, sources, WHOLE)
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of the law's first result at every point, and its second result for every slot."""
+        """Sum of the law's first result at every point, and the law's second result for every slot."""
 
         def local(targets, sources, indices, rows, places):
             found, weights = pair_weights(law, smoothing, self._of_slab(targets, rows), sources, indices)
@@ -339,7 +356,7 @@ class PointNeighbours(eqx.Module):
         return self._over(local, targets, sources, (WHOLE, split(2)))
 
     def weighted_sum(self, weights: Float[Array, "K S"], f: Sources) -> Float[Array, " P"]:
-        """Sum at every point of the weights times the field "f" of its neighbours."""
+        """Sum at every point of the weights times the field "f" of the point's neighbours."""
 
         def local(weights, sources, indices, rows, places):
             return self._of_points(_weighted_sum(weights, sources, indices), places)
@@ -359,13 +376,13 @@ class PointNeighbours(eqx.Module):
         return self.slabs.over_slabs(local, arguments, partitions, results)
 
     def _of_slab(self, targets: Fields, rows: Int[Array, " S"]) -> Fields:
-        """Fields of the points whose sums a slab takes; unused places repeat the last point."""
+        """Fields of the points whose sums a slab computes; unused entries repeat the last point."""
         if not self.rows.size:
             return targets
         return jax.tree.map(lambda a: a[jnp.minimum(rows, a.shape[0] - 1)], targets)
 
     def _of_points(self, found: Any, places: Int[Array, " P"]) -> Any:
-        """Sums at all points, collected from all slabs; call it within `over_slabs`."""
+        """Sums at all points, collected from all slabs; for use within `over_slabs`."""
         leaves, structure = jax.tree.flatten(found)
         if not self.rows.size or not leaves:
             return found
@@ -384,6 +401,7 @@ def _weighted_sum(
 
 
 def _local(rows: Int[Array, " C"], n: int) -> tuple[Int[Array, " C"], Bool[Array, " C"]]:
-    """Indices of particles within a slab of n, and whether they are in it; call it within `over_slabs`."""
+    """Indices of particles within a slab of n particles, and whether the particles are in the slab; for use
+    within `over_slabs`."""
     at = rows - jax.lax.axis_index(AXIS) * n
     return jnp.clip(at, 0, n - 1), (at >= 0) & (at < n)

@@ -1,7 +1,7 @@
-"""Hints to JAX's transformations, which change no value.
+"""Hints to JAX's transformations, which leave all values unchanged.
 
-For `jax.vmap` over whole runs: gathers, and branches that all lanes share. For reverse mode: the arrays that
-a loop stores, while all others are recomputed.
+For `jax.vmap` over whole runs, all lanes share gathers and branches. For reverse mode, marks select the
+arrays that a loop stores; all other arrays are recomputed.
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ def _(lanes, batched, flag):
 def gather(a: Array, index: Int[Array, " N"]) -> Array:
     """Elements a[index]; every index must be in bounds.
 
-    In a batch this is a single gather over the concatenated lanes, which takes half the time of one gather
-    per lane.
+    In a batch this function is a single gather over the concatenated lanes, which takes half the time of
+    separate gathers for the lanes.
     """
     return _taken_once(a, index)
 
 
 @gather.defjvp
 def _(primals, tangents):
-    # a custom_vmap has no transpose: derivatives go through the plain gather
+    # a custom_vmap cannot be transposed, so that derivatives use the plain gather
     a, index = primals
     return gather(a, index), gather_linearly(tangents[0], index)
 
@@ -73,7 +73,7 @@ def _taken(a, index):
 
 
 _taken_once = jax.jit(_taken)
-"""`_taken`, traced once per array shape, since a step has hundreds of gathers."""
+"""Function `_taken`, traced once per array shape because a step has hundreds of gathers."""
 
 
 @_taken.def_vmap

@@ -87,24 +87,25 @@ class AbstractPTO(eqx.Module):
         return self
 
     def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
-        """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; their sum is q.
+        """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; the parts sum to q.
 
-        The energy of an entry is the energy of the air in its part of the flow. If there is only
-        one entry, its part is the whole flow.
+        The energy of an entry is the energy of the air in the entry's part of the flow. A single entry has
+        the whole flow.
         """
         del P_a
         (name,) = self.entries("")  # a power take-off with several entries overrides this method
         return {name: q}
 
     def divided(self, mean: Scalar, ducted: Scalar) -> tuple[Scalar, Scalar]:
-        """Parts of a step's `mean` flow (m2/s) of incompressible air: through this, and into the ducts.
+        """Parts of a step's `mean` flow (m2/s) of incompressible air: through the take-off, and into the
+        ducts.
 
         `ducted`: flow into the chamber's ducts by the ducts' laws at the end of the step, m2/s.
         """
         return mean - ducted, ducted
 
     def entries(self, whose: str) -> Mapping[str, Entry]:
-        """Energies that the power take-off books, by kind; `whose`: name of the chamber or duct.
+        """Energies that the power take-off adds to the ledger, by kind; `whose`: name of the chamber or duct.
 
         Useful energy is marked as `Exchange.HARVESTED`.
         """
@@ -141,13 +142,14 @@ class AbstractDuct(AbstractPart):
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Air:
-        """Air of the duct at t = 0: its pressure is the drop along it."""
+        """Air of the duct at t = 0; the pressure of this air is the pressure drop along the duct."""
 
     @abc.abstractmethod
     def press(self, air: Air, q_free: Scalar, compliance: Scalar, t: Scalar) -> Pressed:
         """Pressure drop along the duct over a step that starts at the time t (s), and the flow through it.
 
-        **Arguments**: `air`: the duct's air at the start of the step; others as in `AbstractPTO.pressure`.
+        **Arguments**: `air`: the duct's air at the start of the step; the other arguments are as in
+        `AbstractPTO.pressure`.
         """
 
     @abc.abstractmethod

@@ -15,11 +15,12 @@ class Background(eqx.Module):
     """Hydrostatic pressure R beside a wall, taken out of the pair sums and replaced by a body force.
 
     The water on each side of a wall thinner than the kernel interacts with the water below the tip, but not
-    with the water on the other side. For small displacements the sum of (p_i + p_j) grad W then gives
-    accelerations that increase them, in proportion to p: in still water, particles at the tip of a wall of
-    one spacing accelerate without limit (`python -m experiments run thin_wall`), but stay at rest if the wall
-    is as thick as the support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is
-    the same to second order, and the sum contains little pressure at the tip.
+    with the water on the other side. After a small displacement of the particles, the sum of (p_i + p_j) grad
+    W then gives accelerations in proportion to p that increase the displacement. In still water, particles at
+    the tip of a wall one spacing thick therefore accelerate without limit
+    (`python -m experiments run thin_wall`). They stay at rest if the wall is as thick as the support. With
+    (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is the same to second order, and the
+    sum contains little pressure at the tip.
 
     The pair forces stay antisymmetric, and the exchange with the compression energy stays exact. The energy
     balance gains the term sum V R, which changes as particles pack and is counted as compression energy.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 
 FORCES = "forces"
-"""Name in the ledger of the work of body forces."""
+"""Name of the work of body forces in the ledger."""
 
 
 class AbstractForce(eqx.Module):
@@ -21,7 +21,7 @@ class AbstractForce(eqx.Module):
         """Acceleration due to the body force at x (m) and the time t (s), m/s2."""
 
     def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Potential energy per unit mass at x (m), J/kg: zero, since the work of the force is booked."""
+        """Potential energy per unit mass at x (m), J/kg: zero, since the ledger contains the force's work."""
         return jnp.zeros_like(x[:, 0])
 
     def given(self, m: Float[Array, " N"], x: Array, u: Array, t: Scalar, dt: Scalar) -> Scalar:
@@ -41,7 +41,7 @@ class AbstractConservativeForce(AbstractForce):
         """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
 
     def given(self, m, x, u, t, dt):
-        """See `AbstractForce.given`: zero, since the work is in the potential energy."""
+        """See `AbstractForce.given`; zero, since the potential energy contains the work."""
         del m, x, u, t
         return jnp.zeros_like(dt)
 
@@ -49,7 +49,7 @@ class AbstractConservativeForce(AbstractForce):
 class CentralForce(AbstractConservativeForce):
     """Central body force: an acceleration -omega^2 (x - centre) towards a centre.
 
-    It holds a drop together in Monaghan and Rafiee 2013, section 5.1.
+    This force holds a drop together in Monaghan and Rafiee 2013, section 5.1.
     """
 
     omega: Scalar

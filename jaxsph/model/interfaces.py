@@ -1,11 +1,11 @@
 """Interfaces of schemes, tangent filters, damping zones, outlets and chambers, and the model of all parts.
 
-A step loops over tuples of parts. An empty tuple switches its parts off: tracing then leaves nothing of the
-loop. A part stores its evolving state in `state.parts` under its `name` and books energies in `state.ledger`.
-In two dimensions all quantities are per metre of width.
+A step loops over tuples of parts. An empty tuple switches its parts off, because tracing then leaves nothing
+of the loop. A part stores its evolving state in `state.parts` under its `name` and adds its energies to
+`state.ledger`. In two dimensions all quantities are per metre of width.
 
 The interfaces of scheme and chamber and the model refer to each other and therefore share this file. The
-interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) depend on none of them.
+interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) do not depend on this file.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def cost(self, dx: float, dim: int) -> float:
-        """Computing time of a step per water or wall particle, s, on one core of a current CPU, within 50 %.
+        """Computing time of a step per water or wall particle, s, on one core of a current CPU, accurate to
+        50 %.
 
         **Arguments**: `dx`: spacing, m; `dim`: number of dimensions.
         """
@@ -113,7 +114,7 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def prepare(self, model: Model, state: State) -> tuple[State, Tables]:
-        """State with its particles sorted by cell, and their neighbour tables; flags an overflow."""
+        """State with its particles sorted by cell, and their neighbour tables; an overflow is flagged."""
 
     @abc.abstractmethod
     def step(self, model: Model, state: State, tables: Tables) -> State:
@@ -125,7 +126,7 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energies that the scheme itself books, by their names in the ledger."""
+        """Meaning of the energies that the scheme itself adds to the ledger, by name."""
 
     @abc.abstractmethod
     def limiters(self) -> Mapping[str, str]:
@@ -150,13 +151,14 @@ class ExactTangents(AbstractTangents):
 
 
 class AbstractDamper(AbstractPart):
-    """A zone that relaxes the velocities of the water in it towards given ones, for example zero."""
+    """A zone that relaxes the velocities of the water in it towards given velocities, for example zero."""
 
     @abc.abstractmethod
     def damp(
         self, x: Float[Array, "N D"], u: Float[Array, "N D"], t: Scalar, dt: Scalar
     ) -> Float[Array, "N D"]:
-        """Damped velocities (m/s), from u (m/s), of water at x (m), in a step of dt (s) to the time t (s)."""
+        """Damped velocities (m/s) of water at x (m) with velocities u (m/s), for a step of dt (s) to the time
+        t (s)."""
 
 
 class AbstractOutlet(AbstractPart):
@@ -224,7 +226,7 @@ class AbstractChamber(AbstractPart):
     def candidates(self, x: Float[Array, "N D"], margin: float, capacity: int) -> tuple[Array, Array]:
         """Indices `[capacity]` of particles that may feel the air before the next search, and their number.
 
-        `margin`: distance by which the air's region is widened to allow for motion until then, m.
+        `margin`: distance by which the air's region is widened to allow for motion until that search, m.
         """
 
     @abc.abstractmethod
@@ -263,7 +265,8 @@ class AbstractChamber(AbstractPart):
     def water_pressure(self, air: Air, grip: AbstractGrip, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Part of the water's gauge pressure at x (m) that is due to the air, Pa.
 
-        It is to be added to the pressure of the scheme, which does not contain it; `grip`: the scheme's grip.
+        This part must be added to the scheme's pressure, which does not contain it. `grip`: the scheme's
+        grip.
         """
 
 
@@ -309,7 +312,8 @@ class Model(eqx.Module):
     depth: Scalar
     """Depth of water for depth-averaged results, m."""
     z0: Float[Array, " N"]
-    """Initial height of each particle, by `Particles.id`, m; potential energies are relative to it."""
+    """Initial height of each particle, by `Particles.id`, m; potential energies are relative to this
+    height."""
     search: Search
     """Neighbour search, and the sizes of its tables."""
 
@@ -326,8 +330,8 @@ class Model(eqx.Module):
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"]]:
         """Positions of all ghosts and of their nodes, m, with the moving solids in the states `parts`.
 
-        `mirrored`: positions (m) of the particles that image ghosts mirror, at most one array. Without it the
-        image ghosts have the positions of those without a particle.
+        `mirrored`: positions (m) of the particles that image ghosts mirror, at most one array. Without
+        `mirrored` the image ghosts keep their positions at rest.
         """
         x, nodes, images = self.walls.x, self.walls.node, self.walls.images
         for solid in (*self.moving, *self.bodies):
@@ -340,9 +344,10 @@ class Model(eqx.Module):
         return x, nodes
 
     def paddle_at(self, parts: Mapping[str, Any]) -> Callable[[Array], Array]:
-        """Function from positions at rest (m) of points fixed to the paddle to their positions (m).
+        """Function that returns the present positions (m) of points fixed to the paddle from their positions
+        at rest.
 
-        Without a paddle it is the identity.
+        Without a paddle the function is the identity.
         """
         for wall in self.moving:
             if wall.rows == self.walls.paddle:
@@ -372,7 +377,8 @@ class Model(eqx.Module):
         return total
 
     def pressure(self, state: State) -> Float[Array, " N"]:
-        """Gauge pressure of every particle, Pa: that of the scheme plus the part due to the chambers' air."""
+        """Gauge pressure of every particle, Pa: the scheme's pressure plus the part due to the chambers'
+        air."""
         p = self.scheme.pressure(state.particles)
         for chamber in self.chambers:
             air = state.parts[chamber.name]
@@ -399,7 +405,7 @@ class Model(eqx.Module):
 
 
 def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
-    """States of all parts that evolve, at t = 0, by name."""
+    """States at t = 0 of all parts that evolve, by name."""
     parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
     return {part.name: part.start(dtype) for part in parts}
 
@@ -407,8 +413,8 @@ def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
 def check_parts(model: Model) -> None:
     """Checks that the parts of a model are consistent.
 
-    **Raises** ValueError if parts share a name or an energy, a duct ends at no chamber, body forces meet a
-    movable body, or the ghosts of moving solids do not match those of the walls.
+    **Raises** ValueError if parts share a name or an energy, a duct ends at no chamber, a model with body
+    forces has a movable body, or the ghosts of moving solids do not match those of the walls.
     """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]

@@ -1,7 +1,8 @@
 """Pair laws and the linear equation of state.
 
 A law returns the term of one pair (`pairs.Pair`) from the fields of its two particles. The formulas below are
-those of the sums over j that the pair loop makes of the terms. Equation numbers are those of Zhu et al. 2020.
+written as sums over j, which the pair loop computes from the terms. Equation numbers refer to Zhu
+et al. 2020.
 
 Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3; m2 in 2-D; a negative sign marks
 a source in a wall, which takes no part in the density diffusion), grad_rho (kg/m4), grad_u (1/s, one gradient
@@ -18,7 +19,8 @@ from jaxsph.core.arrays import dot
 from jaxsph.core.pairs import Fields, Pair, outer_upper
 
 GUARD = 1.0e-3
-"""Fraction of h^2 added to r^2 in denominators (-): 0.1 % at r = h, and no 0/0 at r = 0."""
+"""Fraction of h^2 that is added to r^2 in denominators (-). It increases r^2 by 0.1 % at r = h and avoids 0/0
+at r = 0."""
 
 
 def volume(j: Fields) -> jax.Array:
@@ -44,7 +46,7 @@ def density_deviation(p: jax.Array, c0: jax.Array) -> jax.Array:
 def moment_matrix(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     """Moment matrix sum (x_j - x_i) (x) grad W V_j (-), upper triangle.
 
-    Its inverse is L of Eq. 9, and its trace is the divergence of position of Eq. 15.
+    The inverse of the matrix is L of Eq. 9, and its trace is the divergence of position of Eq. 15.
     """
     w = -pair.F * water_volume(j)
     return outer_upper(pair.r, tuple(w * r for r in pair.r))
@@ -59,7 +61,7 @@ def density_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
 def velocity_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[tuple[jax.Array, ...], ...]:
     """Gradient of every velocity component, sum (u_j - u_i) grad W V_j over the water, 1/s.
 
-    To be renormalised by L, like the density gradient (Eq. 9).
+    The gradient must be renormalised by L, like the density gradient (Eq. 9).
     """
     w = water_volume(j) * pair.F
     change = tuple((b - a) * w for a, b in zip(i["u"], j["u"], strict=True))
@@ -67,9 +69,9 @@ def velocity_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[tuple[jax.Array
 
 
 def velocity_jump(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
-    """Part of the velocity difference u_j - u_i that both gradients do not explain, m/s; antisymmetric.
+    """Part of the velocity difference u_j - u_i that the mean gradient does not explain, m/s; antisymmetric.
 
-    It is u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i): zero in linear and quadratic fields.
+    The jump u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i) is zero in linear and quadratic fields.
     """
     return tuple(
         b - a + 0.5 * dot(tuple(p + q for p, q in zip(at_i, at_j, strict=True)), pair.r)
@@ -114,7 +116,8 @@ def laplacian_weight(pair: Pair, j: Fields, guard: ArrayLike) -> jax.Array:
 
 
 def divergence(pair: Pair, i: Fields, j: Fields) -> jax.Array:
-    """Negative divergence of the velocity, -div u = sum (u_i - u_j).grad W V_j, 1/s (Eq. 7 over rho_i)."""
+    """Negative divergence of the velocity, -div u = sum (u_i - u_j).grad W V_j, 1/s (Eq. 7 divided by
+    rho_i)."""
     u = tuple(a - b for a, b in zip(i["u"], j["u"], strict=True))
     return dot(u, pair.r) * volume(j) * pair.F
 

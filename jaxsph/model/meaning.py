@@ -49,7 +49,8 @@ class Reading(NamedTuple):
 
 
 class Oscillation(NamedTuple):
-    """Reading of a part that oscillates in regular waves, and whose amplitude is a result of a run."""
+    """Reading of a part that oscillates in regular waves; the amplitude of the reading is a result of a
+    run."""
 
     reading: str
     """Name of the reading."""
@@ -62,7 +63,7 @@ class Oscillation(NamedTuple):
     has_mean: bool = False
     """Whether the mean is also a result, for example a drift force."""
     over_waves: bool = False
-    """Whether the ratio of the amplitude to that of the incident waves is also a result (an RAO)."""
+    """Whether the ratio of the amplitude to the amplitude of the incident waves is also a result (an RAO)."""
 
 
 class Group(enum.StrEnum):
@@ -80,11 +81,11 @@ class Label(NamedTuple):
     """Meaning of a scalar result: its name in a table, its unit, and an explanation."""
 
     text: str
-    """Name of the result in words. If it begins with spaces, the result is a part of the preceding one, and a
-    table omits the text up to a colon, for example "efficiency: "."""
+    """Name of the result in words. If the name begins with spaces, the result is a part of the preceding
+    result, and a table omits the text up to a colon, for example "efficiency: "."""
     unit: str = ""
     """Unit, for example "W/m"; labels of the package's own results have the unit in two dimensions."""
     meaning: str = ""
-    """Explanation of the result, if its name is not enough."""
+    """Explanation of the result; empty if the name is enough."""
     group: str = Group.DEVICE
     """Group of the result in a table: a `Group`."""

@@ -33,8 +33,9 @@ class Sampled(NamedTuple):
 class AbstractPart(eqx.Module):
     """A part of a model: a moving solid, a body, a chamber, a damper, an outlet.
 
-    The names of its energies and readings end with its name, for example `P_a_left` for a chamber called
-    "left". A part with the usual name, normally the only part of its kind, has no such ending.
+    The names of a part's energies and readings end with the part's name, for example `P_a_left` for a chamber
+    called "left". The ending is omitted for a part with the usual name, which is normally the only part of
+    its kind.
     """
 
     name: eqx.AbstractVar[str]
@@ -43,12 +44,13 @@ class AbstractPart(eqx.Module):
     """Default name, for the only part of its kind in a model."""
 
     def called(self, what: str) -> str:
-        """Name of this part's energy or reading `what`; it ends with the part's name unless that is usual."""
+        """Name of this part's energy or reading `what`, followed by the part's name if that is not the usual
+        name."""
         return what if self.name == self.usual_name else f"{what}_{self.name}"
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:
-        """Meaning of the energies that the part books, by their names in the ledger."""
+        """Meaning of the energies that the part adds to the ledger, by name."""
 
     def harvest(self) -> tuple[str, ...]:
         """Names in the ledger of the energies that the part's power take-off harvests."""

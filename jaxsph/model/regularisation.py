@@ -37,17 +37,19 @@ __all__ = [
 ]
 
 HYPERVISCOSITY = 1.0
-"""Default strength of the hyperviscosity (-): the rate at which velocity noise decays, over sqrt(g/h).
+"""Default strength of the hyperviscosity (-): ratio of the decay rate of velocity noise to sqrt(g/h).
 
-For the OWC at dx = 0.02 m: with 0.3 the flow beside it has half again as much noise; with 3 the vortices at
-its lip lose more energy, and its efficiency falls by a tenth.
+In the OWC case at dx = 0.02 m, a strength of 0.3 instead of 1 leaves 1.5 times as much noise in the flow
+beside the OWC. With a strength of 3, the vortices at the OWC's lip lose more energy, and the OWC's efficiency
+falls by a tenth.
 """
 
 SEPARATION = 3.0
-"""Default strength of the separation (-): the rate at which clumped particles separate, over sqrt(g/h)."""
+"""Default strength of the separation (-): ratio of the rate at which clumped particles separate to
+sqrt(g/h)."""
 
 PAIR = 0.6
-"""Distance in spacings below which two particles are clumped: well below the distances that waves cause."""
+"""Distance in spacings below which two particles are clumped. In waves particles stay much farther apart."""
 
 
 WHOLE = 0.5 * PAIR
@@ -55,7 +57,7 @@ WHOLE = 0.5 * PAIR
 
 
 class Regularised(NamedTuple):
-    """Result of a regularisation, for the time since the last one."""
+    """Result of a regularisation, for the time since the previous regularisation."""
 
     u: Float[Array, "N D"]
     """Velocities after the regularisation, m/s."""
@@ -81,26 +83,27 @@ class Regularisation(eqx.Module):
 
     **Hyperviscosity** is a velocity diffusion that vanishes for velocities up to second degree in space:
     du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i)), with
-    weights w_ij proportional to V_j W_ij^2, whose sum over a lattice is 1. It does for the velocity what the
-    diffusion of delta-SPH (Antuono et al. 2012) does for the density. Disorder of the particles adds noise
-    to their velocities that varies from one particle to the next. The noise decays at the rate above, in
-    0.05 s for dx = 0.02 m, but the damping of a wave k is proportional to (kh)^4. An artificial viscosity,
-    proportional to (kh)^2, damps both. In spray and thin sheets, where particles have too few neighbours for
-    a gradient, the sum fades out (`pairs.correctable`).
+    weights w_ij proportional to V_j W_ij^2, whose sum over a lattice is 1. This diffusion has the form of the
+    density diffusion in delta-SPH (Antuono et al. 2012). Disorder of the particles adds noise to their
+    velocities that varies from one particle to the next. The noise decays at the rate hyperviscosity
+    sqrt(g/h), within 0.05 s for dx = 0.02 m. The damping of a wave with wavenumber k is much weaker, because
+    it is proportional to (kh)^4. An artificial viscosity, whose damping is proportional to (kh)^2, damps both
+    noise and waves. In spray and thin sheets, where particles have too few neighbours for a gradient, the sum
+    fades out (`pairs.correctable`).
 
     **Separation** moves particles apart that an impact has brought nearer than 0.6 spacings:
     dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. The velocities change
     with the displacement, u_i += (grad u_i + grad u_j)/2 . dr_ij. Particles farther apart are not affected,
     neither in a wave nor at a surface. Separation therefore cannot lift a surface.
 
-    Both conserve the momentum of every pair, and their energies are booked. Without gravity the rate is zero,
-    and both are off.
+    Hyperviscosity and separation conserve the momentum of every pair, and the ledger contains the energies
+    that they take. Without gravity the rate sqrt(g/h) is zero, and both have no effect.
     """
 
     hyperviscosity: Scalar = eqx.field(converter=real)
-    """Rate at which velocity noise decays, over sqrt(g/h) (-)."""
+    """Ratio of the decay rate of velocity noise to sqrt(g/h) (-)."""
     separation: Scalar = eqx.field(converter=real)
-    """Rate at which clumped particles separate, over sqrt(g/h) (-)."""
+    """Ratio of the rate at which clumped particles separate to sqrt(g/h) (-)."""
 
     def entries(self) -> dict[str, Entry]:
         """Energies that the regularisation takes, by their names in the ledger."""
@@ -113,14 +116,14 @@ class Regularisation(eqx.Module):
     def law(unit: Scalar, dx: Scalar, pair: Pair, i: Fields, j: Fields) -> Terms:
         """Terms of one pair of water particles; the terms of walls are zero.
 
-        **Arguments**: `unit`: `lattice_sum`; `dx`: spacing, m; `i`, `j`: fields "u", "grad_u", "trust"
-        (`pairs.correctable`), and "V", the mass over rho0, with which pairs conserve momentum.
+        **Arguments**: `unit`: result of `lattice_sum`; `dx`: spacing, m; `i`, `j`: fields "u", "grad_u",
+        "trust" (`pairs.correctable`), and "V", the mass divided by rho0, with which pairs conserve momentum.
         """
         w = i["trust"] * j["trust"] * laws.water_volume(j) * pair.W**2 / unit
         jump = tuple(w * jump for jump in laws.velocity_jump(pair, i, j))
         # the guard is for r = 0, where the direction is undefined
         r = jnp.sqrt(pair.r2 + (1e-6 * dx) ** 2)
-        # particles without mass do not separate: copies that fill up a slab would jump away
+        # particles without mass (copies that fill up a slab) are not separated, since they would jump away
         size = jnp.where(i["V"] > 0.0, laws.water_volume(j), 0.0) / dx ** len(pair.r)
         near = size * jnp.maximum(1.0 - r / (PAIR * dx), 0.0) / r
         apart = tuple(near * component for component in pair.r)
@@ -133,7 +136,7 @@ class Regularisation(eqx.Module):
     ) -> Regularised:
         """Velocities (m/s) and displacements (m) after the time t (s), by two pair sums.
 
-        t is the time between two regularisations. For any t, noise and clumping are at most removed.
+        t is the time between two regularisations. Noise and clumping are at most removed, however large t is.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         own = {"x": columns(p.x), "V": p.m / scheme.rho0, "u": columns(p.u)}
@@ -163,7 +166,7 @@ class Regularisation(eqx.Module):
 def regularisations(
     hyperviscosity: float, separation: float, leaf: Callable[[float], Scalar]
 ) -> tuple[Regularisation, ...]:
-    """Regularisation with the given strengths as a tuple of one; empty if both strengths are zero.
+    """Tuple of one regularisation with the given strengths; empty if both strengths are zero.
 
     `leaf` converts a number to an array in the scheme's precision.
     """

@@ -17,11 +17,11 @@ class Shifting(eqx.Module):
     """Fickian shifting of particles, down the gradient of their concentration.
 
     Source: Lind et al. 2012, with the sum of Sun et al. 2017, Eq. 6, which also prevents particles from
-    pairing: dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, at most U dt/2, with the
-    largest speed U. Shifting fades out near a free surface, where the support is not full and the gradient
-    is that of the surface. Velocities and densities stay with their particles. Therefore angular momentum is
-    not conserved, and a free surface creeps outwards. Use shifting where pressures are negative
-    (`python -m experiments run rotating_square`), not where they are positive anyway
+    pairing: dr_i = -strength h U dt sum_j (1 + 0.2 (W_ij/W(dx))^4) grad W_ij V_j, at most U dt/2, where U is
+    the largest speed. Shifting fades out near a free surface, where the support is not full and the
+    concentration gradient is due to the surface. Velocities and densities stay with their particles.
+    Therefore angular momentum is not conserved, and a free surface creeps outwards. Use shifting where
+    pressures are negative (`python -m experiments run rotating_square`), not where they are positive anyway
     (`python -m experiments run oscillating_drop`).
 
     A flow that stretches the lattice needs shifting. Without it, the Taylor-Green vortex at Re = 100 loses
@@ -31,8 +31,8 @@ class Shifting(eqx.Module):
     strength: Scalar = eqx.field(converter=real)
     """Strength of the shifting (-), for example 1.
 
-    A strength of 12 keeps the particles ordered in the tests with exact solutions; with 3 some energy is
-    still lost. Shifting is a diffusion, which is stable while strength U is below c0.
+    A strength of 12 keeps the particles ordered in the tests with exact solutions; a strength of 3 still
+    loses some energy. Shifting is a diffusion, which is stable while strength U is below c0.
     """
 
     def displacement(
@@ -56,7 +56,7 @@ class Shifting(eqx.Module):
 
         gradient, trace = tables.fluid.sum(law, scheme.smoothing, sources.water, sources)
         speed = jnp.sqrt(jnp.max(jnp.sum(u**2, axis=1)))
-        # the trace is dim within a few per cent for a full support, and half of that for half a support
+        # the trace is dim within a few per cent for a full support, and dim/2 for half a support
         inside = jnp.clip((trace / dim - 0.8) / 0.15, 0.0, 1.0)
         move = self.strength * h * stack(gradient) * inside[:, None]
         # the guard keeps the derivative finite at zero

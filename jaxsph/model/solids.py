@@ -57,7 +57,7 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
     """A moving solid, with ghosts that move with it."""
 
     rows: eqx.AbstractVar[tuple[int, int]]
-    """Index of the solid's first ghost, and of the ghost after its last."""
+    """Index of the solid's first ghost, and one more than the index of the solid's last ghost."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
@@ -122,7 +122,8 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def generalised_mass(self) -> Float[Array, "3"]:
-        """Mass, mass (kg, kg/m in 2-D) and moment of inertia (kg m2, kg m in 2-D) of surge, heave, pitch."""
+        """Mass for surge and for heave (kg; kg/m in 2-D), and moment of inertia for pitch (kg m2; kg m
+        in 2-D)."""
 
     @abc.abstractmethod
     def directions(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
@@ -134,9 +135,9 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def external(self, motion: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
-        """Forces along x and z (N) and moment (N m) on the body, without those of water and linear damping.
+        """Forces along x and z (N) and moment (N m) on the body, except from water and linear damping.
 
-        They are per metre of width in 2-D; g (m/s2): gravity.
+        The forces are per metre of width in 2-D; g (m/s2): gravity.
         """
 
     @abc.abstractmethod
@@ -163,7 +164,8 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def energy(self, motion: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
-        """Kinetic energy of the body, and its potential energy relative to that at rest, J (J/m in 2-D)."""
+        """Kinetic energy of the body, and potential energy relative to the position at rest, J (J/m
+        in 2-D)."""
 
     @abc.abstractmethod
     def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
@@ -171,7 +173,7 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:
-        """Energies that the body books in a step, by their names in the ledger, J (J/m in 2-D).
+        """Energies that the body adds to the ledger in a step, by name, J (J/m in 2-D).
 
         **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given to the body to
         maintain the constant velocity of motions that are not free.

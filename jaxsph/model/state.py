@@ -42,11 +42,12 @@ class Particles(eqx.Module):
     u: Float[Array, "N D"]
     """Velocities, m/s."""
     rho: Float[Array, " N"]
-    """Deviation of the density from rho0, kg/m3: the whole density in float32 cannot resolve the pressure."""
+    """Deviation of the density from rho0, kg/m3. The whole density in float32 could not resolve the
+    pressure."""
     m: Float[Array, " N"]
     """Masses, kg (kg/m in two dimensions)."""
     id: Int[Array, " N"]
-    """Index of the particle in the initial lattice, which the particle keeps in every sort."""
+    """Index of the particle in the initial lattice; sorting does not change the particle's index."""
     p: Float[Array, " N"]
     """Gauge pressure, Pa, if the scheme solves for it; zero if it follows from the density."""
     p_mean: Float[Array, " N"]
@@ -54,11 +55,11 @@ class Particles(eqx.Module):
 
 
 class Tally(eqx.Module):
-    """Running sum of an amount, in two parts: up to the last sample, and since then.
+    """Running sum of an amount, in two parts: up to the last sample, and since the last sample.
 
     The sum since the last sample is small, so that the amount of a step is not lost to rounding. At a sample
-    it is added to the earlier sum and the rounding error is kept (Knuth's two-sum), so that a long run loses
-    nothing either.
+    the recent sum is added to the settled sum, and the rounding error of this addition is kept (Knuth's
+    two-sum). A long run therefore loses nothing to rounding either.
     """
 
     recent: Float[Array, "..."]
@@ -83,16 +84,17 @@ class Tally(eqx.Module):
         return Tally(self.recent + amount, self.settled, self.carry)
 
     def settle(self) -> Tally:
-        """Tally of the same total at a sample: the recent amount is moved to the settled amount."""
+        """Tally with the same total at a sample: the recent amount is moved to the settled amount."""
         settled = self.settled + self.recent
         kept = settled - self.settled
         lost = (self.settled - (settled - kept)) + (self.recent - kept)
         return Tally(jnp.zeros_like(self.recent), settled, self.carry + lost)
 
     def over(self, share: float) -> Tally:
-        """Tally of the same total with `share` times the recent amount; the rest is settled.
+        """Tally with the same total: a fraction `share` of the recent amount stays recent, and the remainder
+        is moved to the settled amount.
 
-        `share`: ratio of another sampling interval to the present one.
+        `share`: ratio of another sampling interval to the present interval.
         """
         rest = Tally(self.recent * (1.0 - share), self.settled, self.carry).settle()
         return Tally(self.recent * share, rest.settled, rest.carry)
@@ -108,7 +110,7 @@ def settle(tree: Any, due: jax.Array) -> Any:
 
 
 def map_tallies(change: Callable[[Tally], Tally], tree: Any) -> Any:
-    """Pytree with every `Tally` changed."""
+    """Pytree with `change` applied to every `Tally`."""
     return jax.tree.map(
         lambda leaf: change(leaf) if isinstance(leaf, Tally) else leaf,
         tree,
@@ -117,7 +119,7 @@ def map_tallies(change: Callable[[Tally], Tally], tree: Any) -> Any:
 
 
 class Failure(enum.IntFlag):
-    """Flags of failures inside the time loop; they are reported once, outside it."""
+    """Flags of failures inside the time loop; failures are reported once, outside the loop."""
 
     NEIGHBOUR_OVERFLOW = 1
     """A neighbour table had too few slots."""
@@ -140,7 +142,8 @@ SIZES = ("capacity", "node_capacity", "chamber_capacity", "halo", "points")
 
 
 class Status(eqx.Module):
-    """Failures so far, with position and step of the first, and the largest demands on tables and solver."""
+    """Failures so far, with position and step of the first failure, and the largest table sizes and
+    residual."""
 
     bits: Int[Array, ""]
     """`Failure` flags."""
@@ -182,7 +185,7 @@ class State(eqx.Module):
     particles: Particles
     """Particles of the fluid."""
     parts: dict[str, Any]
-    """States of the parts by their names: a paddle's motion, a body's, a chamber's air."""
+    """States of the parts by their names, for example the motion of a paddle or body, or a chamber's air."""
     ledger: dict[str, Tally]
     """Energies exchanged, by name, J (J/m in 2-D); `Model.entries` describes them."""
     limits: dict[str, Tally]
@@ -190,7 +193,7 @@ class State(eqx.Module):
     step: Int[Array, ""]
     """Number of steps since t = model.t0."""
     status: Status
-    """Failures, and the largest demands on tables and solver."""
+    """Failures, and the largest table sizes and residual."""
 
 
 class Search(eqx.Module):
@@ -211,16 +214,18 @@ class Search(eqx.Module):
     regularise_every: int = eqx.field(static=True)
     """Number of steps between two regularisations of the particles.
 
-    It stays the same if stale tables require more frequent searches, so that a run does not depend on them.
+    This interval stays the same if stale tables require more frequent searches, so that the results of a run
+    do not depend on the search interval.
     """
     skin: float = eqx.field(static=True)
-    """Margin of the search radius over the kernel's support, m."""
+    """Difference between the search radius and the kernel's support radius, m."""
     slabs: Slabs = eqx.field(default=ONE)
     """Devices that share the particles."""
 
 
 class Pressures(eqx.Module):
-    """Pressures of water and ghosts, and the accelerations and forces that they cause on the bodies."""
+    """Pressures of water and ghosts, and the accelerations and forces of the bodies due to these
+    pressures."""
 
     p: Float[Array, " N"]
     """Pressure of the water, Pa."""
@@ -232,12 +237,13 @@ class Pressures(eqx.Module):
     """Generalised forces on the bodies (N, N, N m; per metre in 2-D) by the body's name."""
 
     def plus(self, factor: Scalar, other: Pressures) -> Pressures:
-        """Sum of these pressures and `factor` times the others."""
+        """Sum of these pressures and `factor` times the pressures `other`."""
         return jax.tree.map(lambda a, b: a + factor * b, self, other)
 
 
 class Response(eqx.Module):
-    """Response of the incompressible water to the air of one chamber, per Pa of its pressure in a step."""
+    """Response of the incompressible water to the air of one chamber, per Pa of the air's pressure in a
+    step."""
 
     pressures: Pressures
     """Pressures that keep the water free of divergence, Pa/Pa."""
@@ -255,10 +261,12 @@ class Tables(eqx.Module):
     nodes: PointNeighbours
     """Particles around the interpolation nodes of the other ghosts."""
     around: dict[str, PointNeighbours]
-    """Particles around the ghosts of every moving wall and body, by its name, for the force on it."""
+    """Particles around the ghosts of every moving wall and body, by the solid's name, for the force on the
+    solid."""
     chambers: dict[str, Int[Array, " C"]]
     """Particles that may feel a chamber's air, by the chamber's name; N marks an unused entry."""
     x: Float[Array, "N D"]
     """Positions of the particles at the search, m."""
     responses: dict[str, Response] = eqx.field(default_factory=dict)
-    """Response of the water to the air in each chamber, by its name; empty for compressible schemes."""
+    """Response of the water to the air in each chamber, by the chamber's name; empty for compressible
+    schemes."""

@@ -1,8 +1,9 @@
-"""Filter of tangents: averages of derivatives over neighbours, which change no value.
+"""Filter of tangents, which averages derivatives over neighbours and leaves all values unchanged.
 
-The motion of particles is chaotic. After a fraction of a second, an exact derivative through the loop
-describes the paths of single particles and not the flow. Averaged over neighbours at intervals, the
-derivative still describes the flow, but a part of it is lost (`python -m experiments run filter_study`).
+The motion of particles is chaotic. After a fraction of a second, an exact derivative through the time loop
+describes the paths of single particles and no longer the flow. A derivative that is averaged over neighbours
+at regular intervals still describes the flow, but the averages remove a part of the flow's response
+(`python -m experiments run filter_study`).
 """
 
 from __future__ import annotations
@@ -33,16 +34,17 @@ class TangentFilter(AbstractTangents):
     """Filter of the tangents of positions and velocities by averages over neighbours.
 
     Every `interval` steps a tangent f becomes f - (1 - S)^order f, with the average S over neighbours
-    (`Average`). S is exact for linear fields, so that it does not distort tangents at the free surface. It
+    (`Average`). S is exact for linear fields, and therefore does not distort tangents at the free surface. S
     treats components tangential to a wall as even across the wall. One average multiplies a wave of
     wavenumber k by exp(-(k h)^2/4).
 
     The filter must act faster than exact tangents grow. Under pressure the rows of the square lattice slide
-    over each other, and exact tangents grow e-fold in 0.14 s at the bed of still water, 0.4 m deep at
-    dx = 0.02 m (`python -m experiments run lattice_growth`). Higher orders preserve the chamber's flow
-    better: order 3 at every step lost a fifth of the response, while order 1 at every fifth step loses half.
-    But order 3 left slow modes of those rows, which grew thirtyfold per period in a tank of 4 m. Tangents of
-    the densities need no filter, since they follow those of positions and velocities.
+    over each other, and exact tangents grow. At the bed of still water 0.4 m deep, with dx = 0.02 m, they
+    grow by a factor of e in 0.14 s (`python -m experiments run lattice_growth`). Higher orders preserve the
+    chamber's flow better: order 3 at every step lost a fifth of the response, while order 1 at every fifth
+    step loses half. But order 3 left slow modes of the sliding rows, which grew thirtyfold per period in a
+    tank of 4 m. Tangents of the densities need no filter, since they follow the tangents of positions and
+    velocities.
     """
 
     order: int = eqx.field(static=True, default=1)
@@ -92,9 +94,9 @@ class Average(NamedTuple):
     weight: jax.Array
     """Sum of all weights (-)."""
     centre: Components
-    """Weighted mean position of the neighbours relative to the particle, over h (-)."""
+    """Weighted mean position of the neighbours relative to the particle, divided by h (-)."""
     inverse: tuple[tuple[jax.Array, ...], ...]
-    """Inverse of the positions' covariance over h^2/2 (-), for every component of the field.
+    """Inverse of the ratio of the positions' covariance to h^2/2 (-), for every component of the field.
 
     Gradients across a wall are suppressed for components that are even across it.
     """
@@ -162,7 +164,8 @@ number will do."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:
-    """Covariance over 1/2, upper triangle, with stiffness added in the directions of suppressed gradients."""
+    """Twice the covariance, upper triangle, with stiffness added in the directions of suppressed
+    gradients."""
     found, count = [], 0
     for row in range(dim):
         for column in range(row, dim):

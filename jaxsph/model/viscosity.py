@@ -1,6 +1,6 @@
 """Viscosities of a scheme: pair laws of the viscous force, with their coefficients.
 
-Equation numbers are those of Zhu et al. 2020.
+Equation numbers refer to Zhu et al. 2020.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class AbstractViscosity(eqx.Module):
 class PhysicalViscosity(AbstractViscosity):
     """Physical viscosity nu in Monaghan's form, with the coefficient 2 (dim + 2) nu (Eq. 6).
 
-    On a square lattice with h = 1.2 dx it is up to 9 % too large for any dx
+    On a square lattice with h = 1.2 dx the effective viscosity is up to 9 % too large for any dx
     (`python -m experiments run taylor_green`). `LaplacianViscosity` does not have this error.
     """
 
@@ -56,11 +56,11 @@ class PhysicalViscosity(AbstractViscosity):
 class LaplacianViscosity(AbstractViscosity):
     """Physical viscosity nu lap u in Morris's form, 2 nu sum (u_i - u_j) (r.grad W)/r^2 V_j.
 
-    Source: Morris et al. 1997, Eq. 22. It is for flows that the physical viscosity governs. The weights of
-    Monaghan's form (`PhysicalViscosity`) are not smooth at r = 0, and their sum over a square lattice has an
-    error of 9 %; this form only needs accurate sums of the kernel's second moments. It does not conserve
-    angular momentum. At a free surface it implies du/dn = 0 instead of zero stress: it dissipates
-    nu |grad u|^2, which in a wave is half of the physical dissipation.
+    Source: Morris et al. 1997, Eq. 22. This form is meant for flows that the physical viscosity governs. The
+    weights of Monaghan's form (`PhysicalViscosity`) are not smooth at r = 0, and their sum over a square
+    lattice has an error of 9 %; Morris's form only needs accurate sums of the kernel's second moments. It
+    does not conserve angular momentum. At a free surface it implies du/dn = 0 instead of zero stress. It
+    dissipates nu |grad u|^2, which in a wave is half of the physical dissipation.
     """
 
     nu: Scalar = eqx.field(converter=real)

@@ -64,10 +64,12 @@ class Variable:
 
 @contextlib.contextmanager
 def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.File]:
-    """Context with an HDF5 file to write, a copy ("r+") or a new one ("w"); on success it replaces `path`.
+    """Context with an HDF5 file to write: a copy of `path` ("r+") or a new file ("w").
+
+    If no error occurs, the written file replaces `path`.
 
     `sealed`: whether to append the checksum that `open_file` verifies.
-    **Raises** FileError if it cannot be written; the existing file is then unchanged.
+    **Raises** FileError if the file cannot be written; an existing file is then unchanged.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     with tell_write_errors(path):
@@ -90,7 +92,7 @@ def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.Fi
 
 
 def put_file(path: Path, content: bytes) -> None:
-    """Replaces the file by one with this content, atomically."""
+    """Writes this content to the file and replaces its earlier content, atomically."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with part.open("wb") as file:
@@ -132,7 +134,7 @@ def tell_write_errors(path: Path) -> Iterator[None]:
     """Context that turns errors during the writing of a file into FileError."""
     try:
         yield
-    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
+    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as one of these
         raise FileError(
             f"{path}: could not be written ({error}); an existing file is unchanged. Check the free "
             "space and the permissions of its folder"
@@ -160,7 +162,7 @@ def _check_seal(path: Path) -> bool:
         return False
     if _crc_of_bytes(path, length) != int.from_bytes(end[len(_SEAL) :], "little"):
         raise Damage("its checksum does not match its content")
-    if time.time_ns() - found.st_mtime_ns > 10**8:  # an immediate change could keep this time
+    if time.time_ns() - found.st_mtime_ns > 10**8:  # a change within 0.1 s could have the same time
         _intact[path] = stamp
     return True
 
@@ -175,7 +177,7 @@ def _crc_of_bytes(path: Path, length: int) -> int:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Removes unfinished copies from killed runs: those older than an hour, while a write takes seconds."""
+    """Removes unfinished copies of killed runs; copies younger than an hour may be in use and are kept."""
     for part in path.parent.glob(f".{path.name}.*.part"):
         with contextlib.suppress(OSError):
             if time.time() - part.stat().st_mtime > 3600.0:
@@ -230,7 +232,7 @@ def plain(value: Any) -> Any:
 
 
 def scale(group: h5py.Group, dim: str, size: int) -> h5py.Dataset:
-    """Dimension `dim` of a group, created if missing. **Raises** ValueError if it has another size."""
+    """Dimension `dim` of a group, created if missing. **Raises** ValueError if its size is different."""
     if dim not in group:
         bare = group.create_dataset(dim, (size,), "f4")
         bare.make_scale(_BARE_DIMENSION.format(size))

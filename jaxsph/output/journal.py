@@ -30,7 +30,7 @@ from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
-    """Owner of a journal: a run and its stage, a count of the times its file was folded or amended."""
+    """Owner of a journal: a run and its stage, the number of times the run's file was folded or amended."""
 
     run: str
     stage: int
@@ -106,7 +106,7 @@ def _open(run: Path, stack: contextlib.ExitStack) -> Journal | None:
     head, begin = read_head(saved, 0), read_head(chunks, 0)
     owner = Owner(*begin.about["owner"])
     if Owner(*head.about["owner"]) != owner:
-        return None  # left over from a kill, or a new journal has just begun
+        return None  # files left over from a kill, or a new journal that has no checkpoint yet
     if os.fstat(chunks.fileno()).st_size < head.about["end"]:
         raise Damage("the journal is shorter than its checkpoint states")
     return Journal(owner, begin.about["variables"], begin.end, head.about, chunks, saved, head)

@@ -32,7 +32,10 @@ class Head(NamedTuple):
 
     about: dict[str, Any]
     arrays: dict[str, tuple[str, tuple[int, ...], int, int | None]]
-    """Type, shape, offset in the body (bytes) and checksum of each array; None if only the body has one."""
+    """Type, shape, offset in the body (bytes) and checksum of each array.
+
+    The checksum of an array is None in older records, which only have a checksum of the whole body.
+    """
     body: int
     """Offset of the body in the file, bytes."""
     end: int
@@ -55,7 +58,7 @@ def pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def read_head(file: BinaryIO, place: int) -> Head:
-    """Reads the head of the record at byte `place`. **Raises** Damage if it is cut short or damaged."""
+    """Reads the head of the record at byte `place`. **Raises** Damage if the head is cut short or damaged."""
     file.seek(place)
     prefix = file.read(_PREFIX.size)
     if len(prefix) < _PREFIX.size:

@@ -58,9 +58,9 @@ from jaxsph.output.run_view import View, owner_of, part_of
 from jaxsph.output.series_group import over_time, write_coordinates
 
 COPIES = 4
-"""Largest ratio of bytes copied to update the series in the file to bytes appended to the journal."""
+"""Largest ratio of bytes copied for updates of the series in the file to bytes appended to the journal."""
 SMALL = 1 << 17
-"""File size below which the series are updated after every chunk, bytes; a copy is then cheap."""
+"""Size (bytes) below which a file is copied after every chunk to update its series; a copy is then cheap."""
 
 
 class RunFile(RunReader):
@@ -116,7 +116,7 @@ class RunFile(RunReader):
         checkpoint: Mapping[str, np.ndarray],
         progress: Mapping[str, float],
     ) -> None:
-        """Appends samples and a snapshot and replaces the checkpoint. After a kill, all or nothing is stored.
+        """Appends samples and a snapshot and replaces the checkpoint. A killed call stores all or nothing.
 
         **Arguments**: `series`: arrays `[T]` or `[T, k]`, including "time" (s), with the same names in
         every call; `snapshot`: arrays "x", "u" `[N, D]` (m, m/s), "p" `[N]` (Pa), "id" `[N]`, and scalars
@@ -173,7 +173,7 @@ class RunFile(RunReader):
         since: float,
         checkpoint: Mapping[str, np.ndarray],
     ) -> None:
-        """Replaces the case from the checkpoint on and removes results and notices, in one atomic write.
+        """Replaces the case for the time after the checkpoint and removes results and notices, atomically.
 
         **Arguments**: as for `create`; `since`: time from which results are taken, s; `checkpoint`: arrays of
         the changed checkpoint, by name.
@@ -212,7 +212,7 @@ class RunFile(RunReader):
 
     @contextlib.contextmanager
     def _rewritten(self) -> Iterator[tuple[h5py.File, View]]:
-        """Context with a copy of the file, which replaces the file at the end, and the unchanged view."""
+        """Context with a copy of the file and a view of the original, which the copy replaces at the end."""
         with self._view() as view, replace_file(self.path, "r+") as file:
             self._check_own(file)
             yield file, view

@@ -38,7 +38,7 @@ class RunReader:
         self.path = Path(path)
         self._index: tuple[Any, list[Head]] = (None, [])
         self._own: Owner | None = None
-        """Owner of the file when it was created or opened. A file whose owner has changed is not written."""
+        """Owner of the file when it was created or opened. If the owner has changed, nothing is written."""
 
     def __repr__(self) -> str:
         """Class name and path."""
@@ -170,7 +170,7 @@ class RunReader:
             return view.journal is not None or len(view.file["checkpoint"]) > 0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
-        """Arrays of the last checkpoint by name, bit for bit; empty before the first."""
+        """Arrays of the last checkpoint by name, bit for bit; empty before the first checkpoint."""
         with self._view() as view:
             if view.journal is not None:
                 return view.journal.checkpoint()

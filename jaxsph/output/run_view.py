@@ -30,7 +30,7 @@ class View(NamedTuple):
         return self.journal.heads(int(self.file.attrs["read"])) if self.journal else iter(())
 
     def last_time(self) -> float | None:
-        """Time of the last sample, s; None before the first."""
+        """Time of the last sample, s; None before the first sample."""
         if self.journal is not None:
             return self.journal.about["time"]
         times = time_of(self.file)

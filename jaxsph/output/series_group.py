@@ -1,4 +1,4 @@
-"""Samples over time in HDF5, readable by netCDF tools: groups, dimensions, positions of gauges."""
+"""Storage of samples over time in HDF5 groups, with dimensions and positions that netCDF tools can read."""
 
 from __future__ import annotations
 

@@ -43,12 +43,12 @@ class Meanings(NamedTuple):
     """Text, unit, meaning and group of results, by name."""
 
     def first(self, results: Collection[str]) -> str | None:
-        """Name of the result to show: "xi", else the first labelled result that is not an energy; or None."""
+        """Name of the result to show: "xi", else the first labelled result except energies, else None."""
         own = [name for name in self.labels if not name.startswith(("energy_", "whole_"))]
         return next((name for name in ("xi", *own) if name in results), None)
 
     def joined(self, other: Meanings) -> Meanings:
-        """These meanings and other ones, which take precedence."""
+        """These meanings and the meanings in `other`, which take precedence."""
         return Meanings({**self.variables, **other.variables}, {**self.labels, **other.labels})
 
 

@@ -49,7 +49,7 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
 
 
 def _check_replaceable(path: Path) -> None:
-    """**Raises** FileError if the file exists and is not an earlier export: only those may be replaced."""
+    """**Raises** FileError if the file exists and is not an earlier export; only exports are replaced."""
     if not path.exists():
         return
     with contextlib.suppress(OSError), h5py.File(path, "r") as file:
@@ -81,7 +81,7 @@ def _append_rows(root: h5py.Group, name: str, rows: np.ndarray) -> None:
 
 
 def _write_vertices(root: h5py.Group, sizes: np.ndarray) -> None:
-    """Writes one list of vertices for all steps; each step reads as many as it has points."""
+    """Writes one list of vertices for all steps; a step with n points reads the first n vertices."""
     root["NumberOfPoints"] = sizes
     most = int(sizes.max())
     for kind in ("Vertices", "Lines", "Polygons", "Strips"):

@@ -1,8 +1,8 @@
-"""Air of a chamber between the water's surface and the power take-off: incompressible, or a spring.
+"""Laws of the air between a chamber's water and its power take-off: incompressible or isentropic.
 
 Signs and flows are defined in `parts.pto`. The water does work on the air at the rate P_a q, where q is the
-flow by which the water's surface rises. The power take-off takes `head` times the flow through it, and the
-air stores the rest.
+flow by which the water's surface rises. The power take-off takes the power `head` (Pa) times the
+flow through the take-off, and the air stores the remainder.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ __all__ = ["AbstractAirLaw", "Confined", "IncompressibleAir", "IsentropicAir"]
 
 
 class AbstractAirLaw(eqx.Module):
-    """Law of a chamber's air: how much of the flow at the water's surface goes through the power take-off."""
+    """Law of a chamber's air, which divides the flow at the water's surface into outflow and compression."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Any:
-        """State of the air at t = 0, to become `Air.confined`."""
+        """State of the air at t = 0, stored as `Air.confined`."""
 
     @abc.abstractmethod
     def entries(self, whose: str) -> Mapping[str, Entry]:
-        """Meaning of the energies that the air books, by short name; `whose`: the chamber's name."""
+        """Meaning of the air's energies in the ledger, by short name; `whose`: the chamber's name."""
 
     @abc.abstractmethod
     def readings(self, dim: int) -> Mapping[str, Reading]:
@@ -39,7 +39,7 @@ class AbstractAirLaw(eqx.Module):
 
     @abc.abstractmethod
     def read(self, air: Air) -> Mapping[str, Scalar]:
-        """Readings of the air beyond those of incompressible air."""
+        """Readings of the air, by name, that incompressible air does not have."""
 
     @abc.abstractmethod
     def press(
@@ -80,7 +80,7 @@ class AbstractAirLaw(eqx.Module):
 
 
 class IncompressibleAir(AbstractAirLaw):
-    """Incompressible air: all air that the water displaces passes the power take-off or the ducts."""
+    """Incompressible air. All air that the water displaces passes the power take-off or the ducts."""
 
     def start(self, dtype):
         """See `AbstractAirLaw`: there is no state."""
@@ -135,9 +135,9 @@ class IsentropicAir(AbstractAirLaw):
     """Isentropic air of a given volume, (1 + P_a / p0) = (ambient volume / volume)^gamma.
 
     Flow through the power take-off is counted at ambient density, and air that flows in has the ambient
-    entropy (Falcao and Justino 1999, Ocean Engineering 26). Over a step the air is a spring linearised about
-    its state, so that the power take-off's law is solved in closed form. The state follows from the volumes
-    that flowed in and out, so that the pressure does not drift.
+    entropy (Falcao and Justino 1999, Ocean Engineering 26). Over a step the air acts as a spring, linearised
+    about the present state, so that the power take-off's law is solved in closed form. The state follows from
+    the volumes that flowed in and out, so that the pressure does not drift.
     """
 
     volume: Scalar
@@ -192,12 +192,12 @@ class IsentropicAir(AbstractAirLaw):
         return P_a, free - softer * P_a
 
     def divided(self, pressed, mean):
-        """See `AbstractAirLaw`: by the power take-off's law, so that a closed one passes nothing."""
+        """See `AbstractAirLaw`. The power take-off's law sets the flow, so that a closed PTO has no flow."""
         del mean
         return pressed.passed, pressed.ducted
 
     def head(self, P_a):
-        """See `AbstractAirLaw`: the drop in enthalpy."""
+        """See `AbstractAirLaw`. This energy is the drop in enthalpy."""
         power = (self.gamma - 1.0) / self.gamma
         return self.p0 / power * jnp.expm1(power * jnp.log1p(P_a / self.p0))
 

@@ -1,7 +1,7 @@
 """Rigid bodies that move in the x-z plane under the water's forces (Yeylaghi et al. 2016, Eq. 18-21).
 
 The generalised coordinates are surge (m), heave (m) and pitch (rad) of the pivot. Surge is positive along x,
-heave upwards, and pitch from z towards x: landward for a flap. The generalised forces are two forces and a
+heave upwards, and pitch from z towards x (landward for a flap). The generalised forces are two forces and a
 moment: N, N, N m (per metre in 2-D).
 """
 
@@ -74,7 +74,7 @@ class RigidBody(PosedSolid, AbstractBody):
     release: Scalar
     """Time at which the free motions are released, s."""
     pto: AbstractRotationalPTO
-    """Power take-off, spring and stops on the pitch; `parts.rotational.FreeHinge` if there are none."""
+    """Power take-off, spring and stops on the pitch; `parts.rotational.FreeHinge` without these."""
     rows: tuple[int, int] = eqx.field(static=True)
     """Index of the body's first ghost, and of the ghost after its last: an entry of `Ghosts.dummies`."""
     initial_velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
@@ -85,7 +85,7 @@ class RigidBody(PosedSolid, AbstractBody):
     usual_name: ClassVar[str] = "body"
 
     def __check_init__(self) -> None:
-        """Checks the pivot. **Raises** ValueError if the equations of motion do not hold for it."""
+        """Checks the pivot. **Raises** ValueError if the equations of motion do not hold for this pivot."""
         if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, Tracer):
             if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
                 raise ValueError("pivot: must be the centre of mass if pitch and another motion are free")
@@ -199,7 +199,7 @@ class RigidBody(PosedSolid, AbstractBody):
         return not any((*self.free, *self.initial_velocity))
 
     def _told(self, motion: dict[str, Any], forces: dict[str, Any]) -> dict[str, Any]:
-        """Readings of the body that carry information: of a fixed body only the forces."""
+        """Readings of the body by name: `motion` and `forces`, or only `forces` for a fixed body."""
         if not self.fixed:
             return motion | forces
         if self.name == self.usual_name:
@@ -259,7 +259,7 @@ class RigidBody(PosedSolid, AbstractBody):
 
     def normals(self, motion, x):
         """See `AbstractBody`."""
-        # evaluated at rest: rounding of the pose must not decide between two faces that are equally near
+        # evaluated at rest, since rounding of the pose must not decide between two equally near faces
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)

@@ -1,7 +1,7 @@
-"""Chamber of an oscillating water column: trapped air above the water, which drives a power take-off.
+"""Chamber of an oscillating water column, where air trapped above the water drives a power take-off.
 
 Signs: `P_a` is the gauge pressure of the chamber's air, positive when compressed; `q` is the volume flow of
-air out of the chamber, positive when the water column rises; the PTO takes P_a q from the water.
+air out of the chamber, positive when the water column rises; the PTO takes the power P_a q.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ __all__ = ["BodyForceGrip", "Chamber", "SurfaceGrip"]
 class SurfaceGrip(AbstractGrip):
     """Coupling by the pair sum of the pressure gradient, for a scheme that does not detect the surface.
 
-    The surface condition p = P_a enters the gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i). The constant
-    cancels where the kernel is full and acts at the surface. So no switch has to detect surface particles (as
-    in Zhu et al. 2020, Eq. 15-16), and suction in the air puts no tension in the column.
+    The surface condition p = P_a enters the gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i). The term
+    with P_a cancels where the kernel is full and acts at the surface. Surface particles need not be detected,
+    unlike in Zhu et al. 2020, Eq. 15-16, and suction in the air puts no tension in the column.
     """
 
     def force(self, chamber, x, V, around):
@@ -47,7 +47,7 @@ class SurfaceGrip(AbstractGrip):
 class BodyForceGrip(AbstractGrip):
     """Coupling by the body force -P_a chi'(z), which replaces the pressure P_a chi(z).
 
-    It is for a scheme whose pressure is zero on the surface.
+    This coupling is for a scheme whose pressure is zero on the surface.
     """
 
     def force(self, chamber, x, V, around):
@@ -65,7 +65,7 @@ class Chamber(AbstractChamber):
     """Water column below trapped air between two walls, upright or leaning, and the air's power take-off.
 
     A smooth function chi of position weights the air's pressure: it is 1 in the column and fades to 0 above
-    the wall's tip. The flow is q = -sum_i f_i.u_i, where f_i is the force on a particle per unit of P_a: the
+    the wall's tip. The flow q = -sum_i f_i.u_i, where f_i is the force on particle i per unit of P_a, is the
     volume flux averaged over the fading zone. P_a q is then exactly the power that the air's force takes from
     the particles.
     """
@@ -73,7 +73,7 @@ class Chamber(AbstractChamber):
     pto: AbstractPTO
     """Power take-off of the air."""
     sides: Sides
-    """Inner faces of the front and the back wall; water is counted from the middle of the fading zone."""
+    """Inner faces of the front and the back wall; `volume` starts at the middle of the fading zone."""
     fade_low: Scalar
     """Level up to which chi is 0, m."""
     fade_high: Scalar
@@ -196,7 +196,7 @@ class Chamber(AbstractChamber):
             return tables.fluid.sum_at(i, law, scheme.smoothing, {"x": x}, sources)
 
         force = scheme.grip.force(self, x, V, around)
-        # a particle without mass feels no force: any divisor will do
+        # a particle without mass feels no force, so any divisor will do
         return AirCoupling(index, force, jnp.where(fields["m"] > 0.0, fields["m"], 1.0), slabs)
 
     def press(self, air, q_free, compliance, ducted, t, dt):

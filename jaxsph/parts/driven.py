@@ -1,4 +1,4 @@
-"""Solids of any shape that move as a given function of time: a rocking bed, a plunger, a hinged paddle."""
+"""Solids of any shape that move as a given function of time, such as a rocking bed or a plunger."""
 
 from __future__ import annotations
 

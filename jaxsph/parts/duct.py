@@ -75,7 +75,7 @@ class Duct(AbstractDuct):
         """See `AbstractDuct`."""
         drop, q = pressed.P_a, pressed.passed
         amounts = {name: dt * drop * part for name, part in pressed.pto.flows(drop, q).items()}
-        # the chambers' mean flows over the step differ slightly from the duct's flow at its end: book `work`
+        # the chambers' mean flows differ slightly from the duct's flow at the end; correct the sum to `work`
         for first in (*amounts,)[:1]:  # a closed duct has no amounts
             amounts[first] = amounts[first] - (sum(amounts.values()) - work)
         air = Air(drop, q, air.driven.add(dt * q))

@@ -1,4 +1,4 @@
-"""Piston wavemaker: the moving wall at the tank's near end, and the laws of its motion."""
+"""Piston wavemaker, which is the moving wall at the tank's near end, and laws of the piston's motion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Piston(eqx.Module):
     U: Scalar
     """Velocity, m/s."""
     error: Scalar
-    """Filtered error of the elevation at the gauge, m, which active absorption corrects; else zero."""
+    """Filtered error of the elevation at the gauge, m, for active absorption; zero without absorption."""
     mean: Scalar
     """Slowly varying mean of `error`, m."""
 
@@ -102,8 +102,8 @@ class AbsorbingMotion(AbstractMotion):
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
         error = motion.error + dt / (lag + dt) * (expected - elevation - motion.error)
-        # Standing waves lower the mean level by a fraction of a millimetre. This must not be absorbed: the
-        # paddle would drift.
+        # Standing waves lower the mean level by a fraction of a millimetre. This change must not be
+        # absorbed, because the paddle would drift.
         mean = motion.mean + dt * self.absorption.drift_rate * (error - motion.mean)
         eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
         U = self.absorption.velocity(self.waves, motion.X, t + dt, eta)
@@ -111,7 +111,7 @@ class AbsorbingMotion(AbstractMotion):
 
 
 class Paddle(AbstractWall):
-    """Piston wavemaker at the tank's near end: the low wall of the first axis, moving along it."""
+    """Piston wavemaker at the tank's near end: the low wall of the first axis, which moves along x."""
 
     motion: AbstractMotion
     """Law of the piston's motion."""
@@ -197,8 +197,8 @@ def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar
 
     A cosine bell of half-width `width` (m) weights the particles' volumes V per metre of the tank's width
     (m2). The depth is smooth in the positions `x` and conserves volume. If `width` is a whole number of
-    spacings, the depth of a lattice does not depend on the gauge's position. A wave of wavenumber k is damped
-    by 0.065 (k width)^2: 0.1 % at k width = 0.12.
+    spacings, the depth of a lattice does not depend on the gauge's position. The measured amplitude of a
+    wave of wavenumber k is reduced by the fraction 0.065 (k width)^2, which is 0.1 % at k width = 0.12.
     """
     s = (x[0] - at) / width
     bell = jnp.where(jnp.abs(s) < 1.0, 0.5 * (1.0 + jnp.cos(jnp.pi * s)), 0.0) / width

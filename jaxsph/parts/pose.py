@@ -1,4 +1,4 @@
-"""Solids that translate and rotate in the x-z plane: common base of rigid bodies and driven solids."""
+"""Solids that translate and rotate in the x-z plane, the common base of rigid bodies and driven solids."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["PosedSolid", "spread", "turn"]
 class PosedSolid(AbstractMovingSolid):
     """Moving solid of any shape, whose state has a `pose`: surge (m), heave (m), pitch (rad) of its pivot.
 
-    The state has a `velocity` as well: m/s, m/s, rad/s.
+    The state also has a `velocity` (m/s, m/s, rad/s).
     """
 
     shape: eqx.AbstractVar[AbstractShape]
@@ -27,11 +27,11 @@ class PosedSolid(AbstractMovingSolid):
     """Point (x, z) at rest about which the solid turns, m."""
 
     def carry(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Present positions (m) of points of the solid that are at x (m) when it is at rest."""
+        """Present positions (m) of points of the solid, from their positions x (m) at rest."""
         return turn(x - spread(x, self.pivot), motion.pose[2]) + self._place_of_pivot(motion, x)
 
     def place(self, motion, x, nodes):
-        """See `AbstractMovingSolid`: the ghosts are their own nodes."""
+        """See `AbstractMovingSolid`. The node of a ghost is the ghost's own position."""
         del nodes
         there = self.carry(motion, x)
         return there, there
@@ -41,7 +41,7 @@ class PosedSolid(AbstractMovingSolid):
         return x - self._place_of_pivot(motion, x)
 
     def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Centripetal acceleration of the solid at points x (m), m/s2: the part due to constant rotation."""
+        """Centripetal acceleration of the solid at points x (m), m/s2, due to constant rotation."""
         return -(motion.velocity[2] ** 2) * self.lever(motion, x) * spread(x, jnp.ones_like(self.pivot))
 
     def distance(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:

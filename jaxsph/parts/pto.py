@@ -49,7 +49,7 @@ class AbstractTurbine(AbstractPTO):
 class PneumaticPTO(AbstractTurbine):
     """Quadratic turbine or slot, P_a = K_dm^2 |q| q (Zhu et al. 2020, Eq. 13 with the signs above).
 
-    It is exactly dissipative, smooth in K_dm, and tends to a closed chamber (q = 0) as K_dm grows.
+    The law is exactly dissipative, smooth in K_dm, and tends to a closed chamber (q = 0) as K_dm grows.
     """
 
     K_dm: Scalar
@@ -61,7 +61,7 @@ class PneumaticPTO(AbstractTurbine):
         # 1e-12 m2/s, a negligible flow, keeps the derivative finite at q = 0.
         size = jnp.abs(q_free) + 1e-12
         root = jnp.sqrt(1.0 + 4.0 * compliance * self.K_dm**2 * size)
-        scaled = 2.0 * self.K_dm / (1.0 + root)  # the ratio first: it is small where K_dm^2 overflows
+        scaled = 2.0 * self.K_dm / (1.0 + root)  # this ratio is small where K_dm^2 overflows
         return scaled**2 * size * q_free
 
     def flow(self, P_a):
@@ -201,11 +201,12 @@ class ControlledPTO(AbstractPTO):
 class ReliefValve(AbstractPTO):
     """Relief valve beside a turbine, which keeps the air between two pressures.
 
-    The valve lets out, or in, the flow that this requires. Its energy is booked apart from the turbine's.
+    The valve lets air out or in at the flow that this requires. In the ledger the energy of the valve's flow
+    has a separate entry from the turbine's energy.
     """
 
     turbine: AbstractTurbine | PhasedPTO
-    """Turbine beside the valve; in every step it must be an `AbstractTurbine`."""
+    """Turbine beside the valve; the turbine for a step (`at`) must be an `AbstractTurbine`."""
     over: Scalar
     """Upper limit of the gauge pressure, Pa; inf for no limit."""
     under: Scalar
@@ -225,7 +226,7 @@ class ReliefValve(AbstractPTO):
 
     def flows(self, P_a, q):
         """See `AbstractPTO`: at a limiting pressure the valve passes what exceeds the turbine's flow."""
-        # An infinite limit is never reached: any finite number in its place keeps derivatives finite.
+        # An infinite limit is never reached, and any finite number in its place keeps derivatives finite.
         over, under = (jnp.where(jnp.isfinite(limit), limit, 1.0) for limit in (self.over, self.under))
         turbine = _turbine(self.turbine)
         out = jnp.maximum(q - turbine.flow(over), 0.0)
@@ -243,7 +244,7 @@ def _turbine(pto: AbstractPTO) -> AbstractTurbine:
 
 
 class ClosedPTO(AbstractPTO):
-    """No opening to the ambient air: displaced air leaves through ducts or is compressed."""
+    """Chamber without an opening to the ambient air. Displaced air leaves through ducts or is compressed."""
 
     def entries(self, whose):
         """See `AbstractPTO`: there are no entries."""
@@ -267,7 +268,7 @@ class ClosedPTO(AbstractPTO):
 
 
 class PrescribedPressure(AbstractPTO):
-    """Air pressure given as a function of time: a linear rise to P_a, then constant."""
+    """Air pressure given as a function of time, which rises linearly to P_a and is then constant."""
 
     P_a: Scalar
     """Gauge pressure at the end of the rise, Pa."""

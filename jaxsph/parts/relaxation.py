@@ -27,7 +27,7 @@ class FlowMotion(AbstractGivenMotion):
 
 
 class RelaxationZone(AbstractDamper):
-    """Relaxation zone: the water's velocities are relaxed towards those of given waves.
+    """Relaxation zone, in which the water's velocities are relaxed towards the velocities of given waves.
 
     The rate falls smoothly from the near end to zero at the zone's end. Reflected waves are a deviation from
     the given waves, and the zone damps them as a sponge does. The method follows Jacobsen, Fuhrman and
@@ -41,7 +41,7 @@ class RelaxationZone(AbstractDamper):
     length: Scalar
     """Length of the zone from the wall at rest, m."""
     strength: Scalar
-    """Rate at the near end at which velocities are relaxed towards those of the waves, 1/s."""
+    """Rate at the near end at which velocities are relaxed towards the waves' velocities, 1/s."""
     x: Float[Array, " X"]
     """Positions along the tank of the grid on which the waves' velocities are evaluated, m, evenly spaced."""
     z: Float[Array, " Z"]

@@ -1,4 +1,4 @@
-"""Open rim of a tank: water that splashes over the top of the walls leaves and is counted."""
+"""Open rim of a tank, over which splashing water leaves; the mass of this water is recorded."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ class Spill(eqx.Module):
 class Rim(AbstractOutlet):
     """Top of a tank's walls, over which water leaves for good.
 
-    A particle above the rim at a neighbour search loses its mass, and with it all effect on the flow. It then
-    rests in a corner above the tank, so that the number of particles and the shapes of arrays stay the same.
+    A particle above the rim at a neighbour search loses its mass, and thus all effect on the flow. This
+    particle then rests in a corner above the tank, so that the number of particles and the shapes of arrays
+    stay the same.
     """
 
     corner: tuple[float, ...] = eqx.field(static=True)
-    """Position above the tank where particles without mass rest, m; its height is that of the rim."""
+    """Position at the rim's height, above the tank, where particles without mass rest, m."""
     name: str = eqx.field(static=True, default="rim", kw_only=True)
     usual_name: ClassVar[str] = "rim"
 
@@ -75,7 +76,10 @@ class Rim(AbstractOutlet):
 
 
 def energy(model: Model, state: State) -> Scalar:
-    """Energy of the water, J (J/m in 2-D): kinetic, compression, and potential above the initial heights."""
+    """Kinetic, compression and potential energy of the water, J (J/m in 2-D).
+
+    The potential energy is zero at the initial heights of the particles.
+    """
     p = state.particles
     lifted = -model.g[-1] * (p.x[:, -1] - model.z0[p.id])
     return jnp.sum(p.m * (0.5 * jnp.sum(p.u**2, axis=1) + lifted)) + model.scheme.compression(p)

@@ -1,4 +1,4 @@
-"""Power take-offs on a body's pitch: moment as a function of angle and angular velocity."""
+"""Power take-offs on a body's pitch, with a moment as a function of angle and angular velocity."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["AbstractRotationalPTO", "FreeHinge", "RotationalPTO"]
 
 
 class AbstractRotationalPTO(eqx.Module):
-    """Power take-off on a body's pitch: moments of dampers, springs and stops about the pivot."""
+    """Power take-off on a body's pitch, with moments of dampers, springs and stops about the pivot."""
 
     @abc.abstractmethod
     def entries(self, whose: str) -> Mapping[str, Entry]:
-        """Meaning of the energies that the power take-off books, by short name; `whose`: the body's name."""
+        """Meaning of the power take-off's energies in the ledger, by short name; `whose`: the body's name."""
 
     @abc.abstractmethod
     def moment(self, angle: Scalar, omega: Scalar) -> Scalar:
         """Moment at the pitch `angle` (rad) and pitch velocity `omega` (rad/s), N m (per metre in 2-D).
 
-        It does not include the linear damping.
+        The moment does not include the linear damping.
         """
 
     @abc.abstractmethod
@@ -44,7 +44,7 @@ class AbstractRotationalPTO(eqx.Module):
 
 
 class FreeHinge(AbstractRotationalPTO):
-    """Hinge without any moment: no power take-off, spring or stops."""
+    """Hinge without any moment, since there is no power take-off, spring or stop."""
 
     def entries(self, whose):
         """See `AbstractRotationalPTO`."""
@@ -71,7 +71,7 @@ class FreeHinge(AbstractRotationalPTO):
 
 
 class RotationalPTO(AbstractRotationalPTO):
-    """Power take-off on a flap's pitch: linear and Coulomb damping, a spring, and end stops.
+    """Power take-off on a flap's pitch, with linear and Coulomb damping, a spring, and end stops.
 
     Yeylaghi et al. 2016, Eq. 21.
     """

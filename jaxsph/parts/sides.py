@@ -1,4 +1,4 @@
-"""Walls on both sides of a chamber: their inner faces, upright or inclined, and the water between them."""
+"""Inner faces of a chamber's front and back walls, upright or inclined, and the water between the walls."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from jaxsph.core.arrays import Array, Components, Float, Scalar
 __all__ = ["Face", "Sides"]
 
 Face = float | Sequence[Sequence[float]] | np.ndarray
-"""Inner face of a wall: its x (m) if it is upright, or its corners (x, z) (m) from the bottom up."""
+"""Inner face of a wall, as the x (m) of an upright face or the corners (x, z) (m) from the bottom up."""
 
 
 class Sides(eqx.Module):
-    """Inner faces of a chamber's two walls, each a line through its x at common levels.
+    """Inner faces of a chamber's two walls, as straight lines between positions x at common levels.
 
     Below the lowest level and above the highest the faces are upright.
     """
@@ -34,7 +34,7 @@ class Sides(eqx.Module):
 
     @classmethod
     def of(cls, front: Face, back: Face, low: float, start: float, high: float, dtype: Any) -> Sides:
-        """Builds the sides from two faces, for levels from `low` to `high` (m); counts from `start` (m)."""
+        """Builds the sides of two faces, for levels `low` to `high` (m); counts water above `start` (m)."""
         corners = [np.atleast_2d(np.asarray(f, float)) for f in (front, back) if np.ndim(f)]
         between = [c[(c[:, 1] > low) & (c[:, 1] < high), 1] for c in corners]
         z = np.sort(np.concatenate([[low, start, high], *between]))
@@ -56,7 +56,7 @@ class Sides(eqx.Module):
         return x0, x1
 
     def between(self, x: Components, before: Scalar | float, behind: Scalar) -> Array:
-        """Mask of points x (m) between the walls, extended by `before` and `behind` (m) at front and back."""
+        """Mask of points x from `before` (m) ahead of the front face to `behind` (m) past the back face."""
         x0, x1 = self.at(x[-1])
         return (x[0] > x0 - before) & (x[0] < x1 + behind)
 
@@ -65,7 +65,7 @@ class Sides(eqx.Module):
         return jnp.min(self.x0), jnp.max(self.x1)
 
     def level(self, volume: Scalar) -> Scalar:
-        """Level (m) of a flat surface with this volume of water (m2) between it and the level `start`.
+        """Level (m) of a flat surface, from the `volume` of water (m2) between level `start` and the surface.
 
         Between two levels the walls are straight, and the volume is a quadratic function of the height.
         """

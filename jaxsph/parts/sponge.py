@@ -12,7 +12,7 @@ from jaxsph.model.meaning import Entry
 
 
 class Sponge(AbstractDamper):
-    """Sponge layer: damping of the water's velocities between x0 and x1 (Zhu et al. 2020, Eq. 27 and 28)."""
+    """Sponge layer that damps the water's velocities between x0 and x1 (Zhu et al. 2020, Eq. 27 and 28)."""
 
     x0: Scalar = eqx.field(converter=real)
     """Start of the layer, m."""
@@ -32,7 +32,7 @@ class Sponge(AbstractDamper):
         return u * self.factor(x, dt)[:, None]
 
     def factor(self, x: Float[Array, "N D"], dt: ArrayLike) -> Float[Array, " N"]:
-        """Factor of velocities at x (m) in a step of dt (s), 0 to 1 (-): Eq. 28; 1 outside x0..x1."""
+        """Factor of velocities at x (m) in a step of dt (s), 0 to 1 (-), by Eq. 28; 1 outside x0..x1."""
         s = (x[:, 0] - self.x0) / (self.x1 - self.x0)
         inside = (s >= 0.0) & (s <= 1.0)
         damped = jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)

@@ -12,15 +12,15 @@ from jaxsph.model.probe import AbstractProbe
 __all__ = ["OvertoppingProbe", "RunUpProbe"]
 
 HALF_WIDTH = 2.0
-"""Half-width over the spacing (-) of the stretch in which the flow over a crest is measured."""
+"""Half-width, in spacings, of the stretch in which the flow over a crest is measured."""
 
 
 class OvertoppingProbe(AbstractProbe):
     """Probe of the water that overtops the crest of a solid, per metre of crest.
 
     `overtopped` is the increase of the water behind the crest since the start: the water that has gone over
-    it, less the water that has come back or left the tank. `overtopping` is the flow above the crest at the
-    sample.
+    the crest, less the water that has come back or left the tank. `overtopping` is the flow above the crest
+    at the time of the sample.
     """
 
     crest: Scalar
@@ -58,7 +58,7 @@ class OvertoppingProbe(AbstractProbe):
 class RunUpProbe(AbstractProbe):
     """Probe of the highest level of water on the seaward face of a solid, above still water (m).
 
-    Water within a spacing of the face wets it.
+    A particle within one spacing of the face wets the face.
     """
 
     crest: Scalar

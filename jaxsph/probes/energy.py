@@ -15,10 +15,10 @@ __all__ = ["EnergyProbe", "per_metre"]
 
 
 class EnergyProbe(AbstractProbe):
-    """Probe of the energy stored since the initial state, powers, the largest speed and active limiters.
+    """Probe of stored energies relative to the initial state, powers, largest speed and active limiters.
 
     Powers from the ledger are means over all steps since the last sample. The powers of viscosity and density
-    diffusion are values at the sample. The power of a power take-off is in the probe of its part.
+    diffusion are values at the sample. `PartProbe` gives the power of a power take-off.
     """
 
     sample_dt: Scalar
@@ -46,7 +46,7 @@ class EnergyProbe(AbstractProbe):
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
         """Kinetic energy of the bodies, and potential energy of water and bodies, J (J/m in 2-D).
 
-        The potential energy of the water is that in the body forces, without gravity.
+        The potential energy of the water is due to the body forces, without gravity.
         """
         kinetic = potential = 0.0
         for force in model.forces:

@@ -53,7 +53,7 @@ class InterpolatedGauge(AbstractProbe):
     levels: Float[Array, " L"]
     """Heights of the interpolation points, m, in ascending order."""
     still: Scalar
-    """Height that counts as zero elevation, m."""
+    """Height of zero elevation, m."""
 
     def measure(self, model, state, tables):
         """See `AbstractProbe.measure`."""
@@ -91,12 +91,12 @@ class InterpolatedGauge(AbstractProbe):
 class WireGauge(AbstractProbe):
     """Gauge of the surface elevation (m) at points, from the wet length of a vertical wire.
 
-    A resistance gauge reads this length: a splash counts by the water in it, not by its top, and a dry bed
-    reads a depth of zero. The share of water along the wire is sum_j V_j W(x - x_j). Its integral over the
-    height is sum_j V_j W'(x - x_j), where W' is a Gaussian of the horizontal distance with a smoothing length
-    of 1.2 dx. A plane surface is read exactly; a wave of wavenumber k is read too low by the share
-    0.36 (k dx)^2. Beside a wall the wire reads the elevation at up to 0.7 dx from the wall. Within 2.5 dx of
-    a plate it also sees the water behind the plate.
+    A resistance gauge measures this length. A splash adds only the length that it wets, whatever its height,
+    and over a dry bed the depth is zero. The share of water along the wire is sum_j V_j W(x - x_j). The
+    integral of this share over the height is sum_j V_j W'(x - x_j), where W' is a Gaussian of the horizontal
+    distance with a smoothing length of 1.2 dx. The reading of a plane surface is exact. In a wave of
+    wavenumber k the reading is too low by the share 0.36 (k dx)^2. Beside a wall the wire reads the elevation
+    at up to 0.7 dx from the wall. Within 2.5 dx of a plate the wire also measures the water behind the plate.
     """
 
     x: Float[Array, "k H"]

@@ -1,4 +1,4 @@
-"""Readings of several probes in one mapping; their names must differ."""
+"""Readings of several probes in one mapping; the names of the readings must differ."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ V = TypeVar("V")
 def measured(
     probes: Sequence[AbstractProbe], model: Model, state: State, tables: Tables
 ) -> dict[str, jax.Array]:
-    """Readings of all probes, by name, with "time" (s). **Raises** ValueError if two have the same name."""
+    """Readings of all probes, by name, with "time" (s). **Raises** ValueError if two share a name."""
     found = (probe.measure(model, state, tables) for probe in probes)
     return _joined({"time": model.time(state)}, probes, found)
 

@@ -1,4 +1,4 @@
-"""Probe of the particles' noise: the difference of each velocity from the flow of the neighbours."""
+"""Probe of the particles' noise: difference between each particle's velocity and the flow around it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from jaxsph.model.state import State, Tables
 __all__ = ["NoiseProbe"]
 
 REACH = 3.0
-"""Distance over the spacing within which neighbours are used in a fit (-)."""
+"""Distance, in spacings, within which neighbours are used in a fit."""
 
 
 WIDTH = 1.5
-"""Distance over the spacing at which a neighbour's weight has fallen to 1/e (-)."""
+"""Distance, in spacings, at which a neighbour's weight has fallen to 1/e."""
 
 
 class NoiseProbe(AbstractProbe):
     """Probe of the noise of the particles: RMS of their velocities less the flow around them, m/s.
 
-    The flow around a particle is a linear function of position, fitted by least squares to its own velocity
-    and those of its neighbours within 3 dx, with weights exp(-(r/(1.5 dx))^2). The neighbours are those of
-    the scheme's tables: a kernel with a support of less than 3 dx limits the fit to this support.
+    The flow around a particle is a linear function of position, fitted by least squares to the velocities
+    of the particle and its neighbours within 3 dx, with weights exp(-(r/(1.5 dx))^2). The neighbours come
+    from the scheme's tables. A kernel with a support below 3 dx therefore limits the fit to this support.
 
-    Only water inside the tank counts, not water that has left over a rim. A particle with too few neighbours,
-    or with all of them on a line (in three dimensions a plane), has no fit and is left out of the noise. This
-    is a sharp criterion: the determinant of the neighbours' covariance over dx^2 is at most
-    `pairs.LEAST_DETERMINANT`. It is about 1 in the water and 0.2 or 0.1 in a corner.
+    Water that has left the tank over a rim is not included. A particle with too few neighbours, or with all
+    neighbours on a line (in three dimensions on a plane), has no fit and is left out of the noise. The
+    criterion is sharp: the determinant of the neighbours' covariance, in units of dx^2, is at most
+    `pairs.LEAST_DETERMINANT`. The determinant is about 1 in the water and 0.2 or 0.1 in a corner.
     """
 
     def measure(self, model, state, tables):
@@ -69,7 +69,7 @@ def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, B
         w = jnp.where(pair.r2 < reach2, j["counts"] * jnp.exp(-pair.r2 / (WIDTH * dx) ** 2), 0.0)
         there = tuple(-r / dx for r in pair.r)
         first = tuple(w * a for a in there)
-        # relative to the particle's own velocity: in a fast flow the noise would be lost to rounding
+        # use relative velocities, because rounding would hide the noise of particles in a fast flow
         faster = tuple(b - a for a, b in zip(i["u"], j["u"], strict=True))
         carried = tuple((w * f, tuple(a * f for a in first)) for f in faster)
         return w, first, outer_upper(first, there), carried
@@ -92,7 +92,7 @@ def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, B
 
 
 def _rms(vector: Components, counted: Bool[Array, " N"]) -> Scalar:
-    """RMS of a vector field over the `counted` particles, in its unit; 0 if there are none."""
+    """RMS of a vector field over the `counted` particles, in the field's unit; 0 for no particles."""
     square = jnp.sum(jnp.where(counted, dot(vector, vector), 0.0)) / jnp.maximum(jnp.sum(counted), 1)
     moves = square > 0.0  # the root has no derivative at zero; at rest derivatives must be finite
     return jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)

@@ -23,7 +23,7 @@ class PartProbe(AbstractProbe):
     meanings: tuple[tuple[str, Reading], ...] = eqx.field(static=True)
     """Readings of the part: names and meanings."""
     harvest: tuple[str, ...] = eqx.field(static=True)
-    """Ledger names of the energies that its power take-off absorbs."""
+    """Ledger names of the energies that the part's power take-off absorbs."""
     dim: int = eqx.field(static=True)
     """Number of dimensions."""
 

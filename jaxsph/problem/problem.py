@@ -35,8 +35,8 @@ from jaxsph.problem.trouble import Remedies
 class Problem:
     """Problem to run: a model, its initial state, its probes, when they sample, and the results to compute.
 
-    `Case.problem()` builds one, and so can any function of yours: `jaxsph run FILE:FUNCTION` runs it like a
-    case, with a file, `resume`, `sweep` and a page.
+    `Case.problem()` builds a problem, and so can a function of your own: `jaxsph run FILE:FUNCTION` runs the
+    function like a case, and writes a file and a page. `resume` and `sweep` accept the function too.
     """
 
     def __init__(
@@ -51,12 +51,14 @@ class Problem:
         **more: Any,
     ) -> None:
         """**Arguments**: `model` and `state`, from `assemble` with the same `sample_dt`; `sample_dt`: time
-        between samples, s; `t1`: end of the run, s; `probes`: by default those of the model's parts;
+        between samples, s; `t1`: end of the run, s; `probes`: by default energies, noise and the parts;
         `results`: results to compute in addition to the energy balance and noise. Also, by name:
         `snapshot_dt`, time between snapshots, s, by default five samples; `name`, used for names of files;
-        `description`; `averaging`, part of the record over which means are taken; `mean_of_power`, results
-        that can be differentiated; `remedies`, what to change if a run fails.
-        **Raises** CaseError for times that do not fit, and if two probes have a reading of the same name.
+        `description`; `averaging`, part of the record over which means are taken; `mean_of_power`, function
+        from the name of a result that can be differentiated to its `MeanOfRecord`; `remedies`, what to change
+        if a run fails.
+        **Raises** CaseError for a time that is not positive, if `sample_dt` is not a whole number of time
+        steps, and if two probes have a reading of the same name.
         """
         self.model, self.state = model, state
         self.sample_dt, self.t1 = float(sample_dt), float(t1)
@@ -96,7 +98,7 @@ class Problem:
         t1: float | None = None,
         **parts: Any,
     ) -> Problem:
-        """The same problem with some parts of its model replaced, and with further probes and results.
+        """Copy of the problem with some parts of its model replaced, and with further probes and results.
 
         **Arguments**: `parts`: new values of whole fields of `Model`, by name, for example `chambers`,
         `dampers`, `moving` or `scheme`; the water keeps its initial pressures. `t1`: new end of the run, s.
@@ -115,13 +117,13 @@ class Problem:
 
     @property
     def results(self) -> tuple[Result, ...]:
-        """Results to compute from the record: those of every problem, and those added to this one."""
+        """Results to compute from the record: the standard results, and those given to this problem."""
         energy = energy_result(self.model, not isinstance(self.averaging, WholeRecord))
         return energy, noise_result, *self._results, oscillation_result(self.model, self.averaging)
 
     @property
     def sample_every(self) -> int:
-        """Number of time steps between two samples: a whole number, as the constructor checks."""
+        """Number of time steps between two samples, a whole number."""
         return round(self.sample_dt / float(self.model.dt))
 
     @property
@@ -141,7 +143,7 @@ class Problem:
         return summary_of(solution, self.results, self.averaging, seconds, steps, since)
 
     def _energy_of(self, of: str) -> MeanOfRecord:
-        """Energy absorbed by the power take-offs from the start to t1, J (J/m in 2-D)."""
+        """Function for the energy that power take-offs absorb from the start to t1, J (J/m in 2-D)."""
         known = [*self.labels, "energy_pto"]
         if of in self.labels:
             raise CaseError(
@@ -196,8 +198,8 @@ def _begun(model: Model, before: Model, state: State) -> State:
 
 
 def energy_of_power(sample_dt: float) -> MeanOfRecord:
-    """Energy (J, J/m in 2-D) from a whole record of power with samples `sample_dt` (s) apart."""
-    # a reading is the mean since the previous one; the first has no interval
+    """Function from a whole record of power, sampled every `sample_dt` (s), to the energy, J (J/m in 2-D)."""
+    # a reading of power is the mean since the previous sample; the first sample has no interval
     total = PowerMean(lambda power: float(np.sum(power)) * sample_dt)
     return lambda *_: total
 
@@ -210,7 +212,7 @@ def summary_of(
     steps: int,
     since: float = 0.0,
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Scalar results of a completed run, and notices: on their meaning, and on results that failed.
+    """Scalar results of a completed run, and notices about their meaning and about results that failed.
 
     **Arguments**: wall time `seconds` (s) for the last `steps`; `since`: see `Record`. A result that fails is
     left out, so that nothing here can prevent a run from completing.

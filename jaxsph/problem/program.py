@@ -22,7 +22,7 @@ _loaded: dict[str, ModuleType] = {}
 """Modules of the files imported so far, by path."""
 
 VALUES = bool | int | float | str
-"""Types that an argument, or an element of a list, may have: those that a file can store."""
+"""Types that an argument or an element of a list may have; a file can store all of them."""
 
 
 class Program:
@@ -30,8 +30,8 @@ class Program:
 
     def __init__(self, function: Callable[..., Problem], arguments: Mapping[str, Any] | None = None) -> None:
         """**Arguments**: `arguments`: values by name; the function's other arguments have their defaults.
-        **Raises** CaseError for an unknown argument, one without a value, or one that a file cannot store
-        (it stores numbers, booleans, strings and lists of these).
+        **Raises** CaseError for an unknown argument, an argument without a value, or a value that a file
+        cannot store (a file stores numbers, booleans, strings and lists of these).
         """
         self.name = function.__name__
         self._function, self._place = function, _place_of(function)
@@ -54,7 +54,7 @@ class Program:
 
     @property
     def place(self) -> str:
-        """Place of the function, "FILE.py:FUNCTION"; its name alone if it cannot be imported from a file."""
+        """Place of the function, "FILE.py:FUNCTION"; the name alone if it cannot be imported from a file."""
         return self._place or self.name
 
     @property
@@ -115,7 +115,7 @@ class Program:
         return toml_text(about | {"arguments": self.arguments})
 
     def roughness(self, name: str) -> str:
-        """See `Source.roughness`: unknown until it is tried, hence empty."""
+        """See `Source.roughness`: empty, since only a test can tell."""
         del name
         return ""
 
@@ -209,7 +209,7 @@ def _function_at(place: str) -> Callable[..., Problem]:
 
 
 def _import(file: Path) -> ModuleType:
-    """Module of a file, which can import files in its folder, as a script can."""
+    """Imports a file as a module; the file can import other files in its folder, as a script can."""
     if str(file.parent) not in sys.path:
         sys.path.insert(0, str(file.parent))
     # a unique name: `buoy.py` must not hide an installed module called buoy

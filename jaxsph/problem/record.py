@@ -23,7 +23,10 @@ class Window(NamedTuple):
     """Part of a record over which all means of a run are taken."""
 
     over: NDArray[np.bool_]
-    """Mask of the samples. The first one starts the window; its reading, the mean before it, is not in it."""
+    """Mask of the samples.
+
+    The first sample starts the window. Its power is a mean over the time before the window and is not used.
+    """
     periods: int = 0
     """Number of whole periods in the window; 0 if none has settled and the window is the whole record."""
     left_out: int = 0
@@ -56,11 +59,11 @@ class Result(NamedTuple):
     """Scalars computed from a run's record, for example a period or an efficiency."""
 
     make: Callable[[Record], Scalars]
-    """Function that returns results by name. If it fails, a notice says so; other results remain."""
+    """Function that returns results by name. If it fails, a notice reports the error."""
     labels: Mapping[str, Label] = MappingProxyType({})
     """Label of each result: text, unit and meaning."""
     what: str = "result"
-    """Name of what is computed, for the notice that explains a failure."""
+    """Name of the results in the notice that reports an error."""
 
 
 class RegularWave(NamedTuple):
@@ -76,7 +79,7 @@ class AbstractAveraging(eqx.Module):
     """Choice of the part of a record over which means are taken."""
 
     def regular_wave(self) -> RegularWave | None:
-        """Regular waves of which the window holds whole periods; None for a sea or without waves."""
+        """Regular waves whose whole periods make up the window; None for a sea or without waves."""
         return None
 
     @abc.abstractmethod
@@ -99,7 +102,7 @@ class WholeRecord(AbstractAveraging):
 
 
 class PowerMean(NamedTuple):
-    """Result that is linear in the power, over a window of the record that is kept fixed for slopes."""
+    """Result that is linear in the power over a window of the record; derivatives keep the window fixed."""
 
     of_power: Callable[[np.ndarray], float]
     """Function from the power of the power take-offs (W; W/m in 2-D) at the record's times to the result."""

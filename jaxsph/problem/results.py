@@ -26,7 +26,11 @@ def energy_result(model: Model, averaged: bool) -> Result:
 
 
 def _energy(averaged: bool, record: Record) -> Scalars:
-    """Energy balance over the window: whole periods, as a paddle takes back most of the energy it gives."""
+    """Energy balance over the window; with `averaged`, also over the whole record.
+
+    In regular waves the window has whole periods, because in every period a paddle takes back most of the
+    energy that it gives.
+    """
     names, series = harvested(record.solution.model), record.solution.series
     over = {name: values[record.window.over] for name, values in series.items()}
     results = {f"energy_{name}": value for name, value in analysis.energy_budget(over, names).items()}
@@ -37,8 +41,10 @@ def _energy(averaged: bool, record: Record) -> Scalars:
 
 
 def _noise(record: Record) -> Scalars:
-    """Noise of the particles over their speed, both RMS over the settled whole periods, or over the last
-    tenth of the window if there are none; empty for water at rest."""
+    """Ratio of the particles' noise to their speed, both RMS; empty for water at rest.
+
+    The RMS are over the settled whole periods, or over the last tenth of the window without such periods.
+    """
     series, window = record.solution.series, record.window
     if "noise" not in series:
         return {}
@@ -50,7 +56,7 @@ def _noise(record: Record) -> Scalars:
 
 
 noise_result = Result(_noise, what="noise")
-"""Noise of the particles over their speed (-)."""
+"""Result: ratio of the particles' noise to their speed (-)."""
 
 
 def amplitude(name: str) -> str:
@@ -70,8 +76,9 @@ def linear(name: str) -> str:
 def oscillation_result(model: Model, averaging: AbstractAveraging) -> Result:
     """Amplitudes of a model's oscillating parts in regular waves, over whole settled periods.
 
-    An amplitude is that of the first harmonic, by least squares. Ratios are to the amplitude of the incident
-    waves as measured by the gauges, or as specified if no gauges separate incident and reflected waves.
+    An amplitude is the amplitude of the first harmonic, found by least squares. Ratios are to the incident
+    amplitude that the gauges measure, or to the specified amplitude if no gauges separate incident and
+    reflected waves.
     """
     wave = averaging.regular_wave()
     if wave is None:

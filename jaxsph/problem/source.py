@@ -23,15 +23,15 @@ class Source(Protocol):
         ...
 
     def replace(self, changes: dict[str, Any]) -> Self:
-        """Copy with values changed, by name; None removes a value. **Raises** CaseError if it is refused."""
+        """Copy with changed values, by name; None removes a value. **Raises** CaseError for a bad change."""
         ...
 
     def value(self, name: str) -> Any:
-        """Value called `name`; None if it is not given. **Raises** CaseError if there is no such name."""
+        """Value called `name`; None if no value is given. **Raises** CaseError for an unknown name."""
         ...
 
     def built(self, name: str) -> Any:
-        """Value with which the problem is built: a case rounds some lengths to its lattice."""
+        """Value with which the problem is built; a case rounds some lengths to fit the particle spacing."""
         ...
 
     def to_toml(self) -> str:
@@ -39,8 +39,8 @@ class Source(Protocol):
         ...
 
     def roughness(self, name: str) -> str:
-        """Reason why the model may not depend smoothly on a value; empty if it does, or if only a test can
-        tell."""
+        """Reason why the model may not depend smoothly on a value; empty if the model
+        is smooth in it, or if only a test can tell."""
         ...
 
 

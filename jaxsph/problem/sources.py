@@ -1,4 +1,4 @@
-"""Sources of all that a user may run: a case, a function that returns a problem, or a problem."""
+"""Sources of everything that a user may run: a case, a function that returns a problem, or a problem."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Assembled:
         return self._problem
 
     def replace(self, changes: dict[str, Any]) -> Assembled:
-        """See `Source.replace`: always **raises** CaseError, since the problem is built."""
+        """See `Source.replace`: always **raises** CaseError, since the problem is already built."""
         raise CaseError(
             f"{', '.join(changes)}: the problem {self.name!r} is already built and cannot change: give the "
             "function that builds it"

@@ -24,11 +24,11 @@ class Trouble(enum.Enum):
     NOT_CONVERGED = "take shorter time steps, or give the scheme a solver with a larger tolerance"
     """A solution for the pressure did not converge."""
     TOO_DENSE = "build the walls with another filling, such as MirrorNodes"
-    """There are more images of the water at a wall than rows for them."""
+    """More particles are near a wall than there are ghosts for their images."""
     NO_TABLES = "take a smaller spacing, or shorter time steps"
-    """The neighbour tables cannot be kept."""
+    """The neighbour tables overflow again and again."""
 
 
 Remedies = Mapping[Trouble, str]
-"""What to change, by trouble; the default is the value of `Trouble`. In the remedy of `OVER_RIM`, `{higher}`
-stands for a sufficient height, m."""
+"""What to change for each trouble; by default the value of the trouble. In the remedy of `OVER_RIM`,
+`{higher}` stands for a sufficient height, m."""

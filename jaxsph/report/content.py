@@ -168,7 +168,7 @@ def _result_rows(
 
 
 def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
-    """Main result at the top of a page: the first of the device, with linear theory; None without results."""
+    """Main result on a page: the first result of the device, with linear theory; None without results."""
     if not rows or rows[0]["group"] != Group.DEVICE:
         return None
     expected = next((row["value"] for row in rows if row["name"] == linear(rows[0]["name"])), "")
@@ -176,7 +176,7 @@ def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
 
 
 def _standard_error(results: dict[str, float]) -> float | None:
-    """Standard error of the efficiency: of the mean over periods, or as given for a sea; None if unknown."""
+    """Standard error of the efficiency, from the mean over periods or as given for a sea; None if unknown."""
     if "xi_scatter" in results and "periods" in results:
         return results["xi_scatter"] / max(results["periods"], 1.0) ** 0.5
     return results.get("xi_error")
@@ -231,7 +231,7 @@ def _titles(series: Iterable[str], variables: Mapping[str, Variable]) -> dict[st
 
 
 def _is_of(name: str, names: Iterable[str]) -> bool:
-    """Whether a series has one of these names, also if the name of a part follows."""
+    """Whether a series has one of these names, alone or followed by the name of a part."""
     return any(name == one or name.startswith(f"{one}_") for one in names)
 
 
@@ -282,7 +282,7 @@ def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarr
 def _extremes(
     case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> dict[str, list[float]]:
-    """Levels of linear theory by series: mean power of a chamber; in regular waves also its extremes."""
+    """Levels of linear theory by series: mean power; in regular waves also peaks of level, flow and P_a."""
     if case is None or "chamber_level" not in series:
         return {}
     try:
@@ -298,7 +298,7 @@ def _extremes(
 def _spectrum(
     case: Case | None, series: dict[str, np.ndarray], coordinates: dict[str, Any], pack: Pack
 ) -> list[dict[str, Any]]:
-    """Spectra of incident, reflected and target waves of a sea; for other waves, of gauges and chamber."""
+    """Spectra of incident, reflected and target waves of a sea; otherwise, spectra of gauges and chamber."""
     if len(series.get("time", ())) < 64:
         return []
     of_sea = None if case is None else _of_sea(case, series, pack)
@@ -324,7 +324,7 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
         return None
     try:
         t = series["time"]
-        # one repetition, or its recorded part, after the run's last change, where the series begin
+        # one repetition of the sea, or its recorded part, from the beginning of the series
         over = settled_window(case, t, (), float(t[0])).over
         sea = two_way_sea(case, t[over], series["eta"][over], Geometry.of(case).depth)
     except ValueError:

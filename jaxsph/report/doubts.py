@@ -16,7 +16,7 @@ class Doubt(NamedTuple):
     text: str
     """The reason and what to do, for one run."""
     many: str
-    """The same for several members of a sweep, after their number."""
+    """The same for several members of a sweep; the number of the members precedes this text."""
 
 
 def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:

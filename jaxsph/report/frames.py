@@ -113,7 +113,7 @@ class Frames:
         }
 
     def _read(self, index: int, tank: Tank, thinning: int) -> dict[str, Any]:
-        """Particles of a snapshot in the plane of the picture, one in `thinning`, with their fields."""
+        """Particles of a snapshot in the plane of the picture, and their fields; one in `thinning` stays."""
         if index not in self._known:
             snapshot = self.run.snapshot(index)
             x, u, p = (np.asarray(snapshot[name], np.float64) for name in "xup")

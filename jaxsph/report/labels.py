@@ -136,7 +136,7 @@ def is_flat(keys: Mapping[str, Any]) -> bool:
 
 
 def short(label: Label) -> str:
-    """Text of a label in a table; if it belongs to the row above, only what follows its colon."""
+    """Text of a label in a table; if the label belongs to the row above, only the words after its colon."""
     text = label.text
     return f"  {text.rsplit(': ', 1)[-1].strip()}" if text.startswith(" ") else text
 

@@ -25,7 +25,7 @@ SCRIPTS = ("record.js", "player.js", "charts.js", "sweep.js", "page.js")
 
 
 MARK = b"Made by jaxsph."
-"""Text that every page contains: an existing file without it is not replaced unless asked."""
+"""Text that every page contains. An existing file without this text is replaced only with `overwrite`."""
 
 
 def report(
@@ -79,7 +79,7 @@ def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -
 
 
 def _told_apart(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Runs with distinct labels: the case's name, or the file's name if several runs share the former."""
+    """Runs with distinct labels: the case's name, or the file's name if several runs have this name."""
     names = [run["name"] for run in runs]
     return [run | {"label": run["name"] if names.count(run["name"]) == 1 else run["file"]} for run in runs]
 

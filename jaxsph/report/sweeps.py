@@ -19,7 +19,7 @@ from jaxsph.report.pack import Pack
 MOST_LINEAR = 100
 """Number of members above which linear theory is not evaluated."""
 FIRST = ("P_owc", "xi", "P_pto", "capture_width")
-"""Results to show first, in order of preference: "P_owc" in a matrix only, a problem's own after "xi"."""
+"""Results to show first, in order of preference: "P_owc" only in a matrix; a problem's own follow "xi"."""
 
 
 def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:
-    """Efficiency and absorbed power of a member by linear theory; empty if it does not cover the case."""
+    """Efficiency and absorbed power of a member by linear theory; empty if theory does not cover the case."""
     if int(np.prod(stored.shape)) > MOST_LINEAR:
         return {}
     try:

@@ -45,8 +45,8 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[P
 
     For a run, the series go to the CSV file `out` and the results to a file with `_results` added to the
     name, or both to one workbook with two sheets. **Returns** the files. **Raises** FileError if the suffix
-    is another one, if a file exists and `overwrite` is not set, or if a workbook needs openpyxl and it is
-    missing.
+    is neither .csv nor .xlsx, if a file exists and `overwrite` is not set, or if openpyxl, which writes the
+    workbook, is missing.
     """
     out = Path(out)
     if out.suffix not in (".csv", ".xlsx"):

@@ -1,4 +1,4 @@
-"""Changes of a case during its run that keep the lattice, the state's arrays and the series."""
+"""Changes to a case during a run that keep the lattice, the state's arrays and the series."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ REASONS = {
 
 
 UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
-"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples; averages of results go on."""
+"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples, so that averages go on."""
 
 
 class Change(NamedTuple):
@@ -81,7 +81,7 @@ class Change(NamedTuple):
 
 
 def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Start, Change]:
-    """Start with values of the case changed from the checkpoint on, and the change to be written to the file.
+    """Changes values of a case from the checkpoint on; returns the new start and the change for the file.
 
     **Raises** CaseError for a value that cannot change during a run.
     """
@@ -108,7 +108,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     # Energies since the last sample belong to the old interval; a probe divides them by the new interval.
     parts, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.parts, state.ledger))
     limits = map_tallies(lambda tally: tally.over(every / old_every), state.limits)
-    # time is counted in steps: the same time, in steps of the new length
+    # the state counts steps, so convert the time to steps of the new length
     step = jnp.asarray(round(samples) * every, state.step.dtype)
     state = eqx.tree_at(lambda s: (s.step, s.parts, s.ledger, s.limits), state, (step, parts, ledger, limits))
     _check_readings(start.problem, problem)
@@ -124,7 +124,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
 
 
 def _check_readings(before: Problem, now: Problem) -> None:
-    """**Raises** CaseError if the changed case records other series than the file holds."""
+    """**Raises** CaseError if the series of the changed case differ from the file's series."""
     old, new = set(before.units), set(now.units)
     if old != new:
         raise CaseError(
@@ -134,7 +134,7 @@ def _check_readings(before: Problem, now: Problem) -> None:
 
 
 def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
-    """The case with changed values. **Raises** CaseError for keys that a run must keep."""
+    """Returns the case with changed values. **Raises** CaseError for keys that a run must keep."""
     for key in changes:
         if any_name(key) not in CHANGEABLE:
             _refuse_unknown(case, key, changes[key])
@@ -157,7 +157,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
 
 
 def _check_laws(case: Case, new: Case) -> None:
-    """**Raises** CaseError for power take-offs with other entries in the energy budget than the run's."""
+    """**Raises** CaseError if the entries of a power take-off in the energy budget would change."""
     for before, after in ((case.chambers, new.chambers), (case.duct, new.duct)):
         for name in before.keys() & after.keys():
             old, now = before[name].pto, after[name].pto
@@ -182,7 +182,7 @@ def _refuse_unknown(case: Case, key: str, value: Any) -> None:
 
 
 def _carry_over(state: State, initial: State) -> State:
-    """The state of the run. **Raises** CaseError if the state of the amended case has other arrays."""
+    """Returns the state of the run. **Raises** CaseError if the amended case has other state arrays."""
     old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
     if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:
         raise CaseError("the changed case has other state arrays than the run: start a new run with --set")
@@ -190,7 +190,7 @@ def _carry_over(state: State, initial: State) -> State:
 
 
 def _told(text: str, before: Case, case: Case, changes: Mapping[str, Any], t: float) -> str:
-    """The case's text, headed by comments with every change and its time."""
+    """Text of the case, headed by comments that give every change and the time of the change."""
     notes = [line for line in text.splitlines() if line.startswith("# since t = ")]
     for key in changes:
         old, new = _value(before, key), _value(case, key)

@@ -1,4 +1,4 @@
-"""Chunks of a run: advancing them, resizing the neighbour tables, messages of failures."""
+"""Advances a run by chunks, resizes the neighbour tables, and describes failures."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from jaxsph.problem.trouble import Remedies, Trouble
 REPLAYS = 6
 """Largest number of replays of one chunk with larger tables before the run stops."""
 EARLY = 20
-"""Number of first steps in which a particle inside a wall is attributed to the set-up, not to the flow."""
+"""Number of steps from the start in which a particle inside a wall is attributed to the set-up."""
 FASTER = 1.25
-"""Factor on the largest speed so far, from which the steps between searches follow after a stale table."""
+"""Factor on the largest speed so far, for choosing fewer steps between searches after a stale table."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
@@ -33,7 +33,7 @@ def search_settings(model: Model) -> dict[str, int]:
 
 
 def slab_sizes(model: Model) -> dict[str, int]:
-    """Sizes of a model's slabs, by name; not stored, as any number of devices may resume a run's file."""
+    """Sizes of a model's slabs, by name; not stored, since any number of devices may resume a run."""
     return {name: int(getattr(model.search.slabs, name)) for name in ("halo", "points")}
 
 
@@ -50,12 +50,12 @@ def advance_chunk(
     name: str,
     remedies: Remedies,
 ) -> tuple[Model, State, Any]:
-    """Advances a run by one chunk, replayed with larger neighbour tables if they were too small.
+    """Advances a run by one chunk, and replays the chunk if neighbour tables were too small.
 
-    **Arguments**: `advance(model)` returns the new state and other results; `say` reports a replay; `name`
-    of the problem and its `remedies`, for the error. **Returns** the model with the tables that the chunk
-    needed, and the results of `advance`. **Raises** SimulationError for a failure that larger tables do not
-    remedy.
+    **Arguments**: `advance(model)` returns the new state and other results; `say` reports a replay; `name`,
+    `remedies`: name of the problem and its remedies, for the error. **Returns** the model with the tables
+    that the chunk needed, and the results of `advance`. **Raises** SimulationError for a failure that larger
+    tables do not remedy.
     """
     model, new, found = replay_chunk(model, advance, say)
     if int(new.status.bits):
@@ -66,7 +66,7 @@ def advance_chunk(
 def replay_chunk(
     model: Model, advance: Callable[[Model], tuple[State, Any]], say: Callable[[str], None]
 ) -> tuple[Model, State, Any]:
-    """Advances one state or a batch like `advance_chunk`; other failures remain in the status."""
+    """Advances a state or a batch as `advance_chunk` does; keeps other failures in the status."""
     for _ in range(REPLAYS):
         new, found = advance(model)
         changed = better_settings(model, new.status)
@@ -81,8 +81,8 @@ def replay_chunk(
 def better_settings(model: Model, status: Status) -> dict[str, int] | None:
     """Settings of the neighbour tables with which a failed chunk may succeed; None if no setting can help.
 
-    They follow from the sizes that the chunk needed according to its status, which may be that of a batch.
-    A reserve is added, because every change compiles the step again.
+    The settings follow from the sizes that the chunk needed according to its status, which may hold a batch.
+    A reserve is added, because the step is compiled again after every change.
     """
     now = search_settings(model) | slab_sizes(model)
     failed = Failure(int(np.bitwise_or.reduce(np.ravel(status.bits))))
@@ -104,7 +104,7 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
 
 
 def with_settings(model: Model, settings: dict[str, int]) -> Model:
-    """The model with some of its `search_settings` and `slab_sizes` changed."""
+    """Returns the model with some of its `search_settings` and `slab_sizes` changed."""
     search = model.search
     values = {name: getattr(search, name) for name in ("grid", "method", "skin", "regularise_every")}
     values |= {name: settings.get(name, size) for name, size in search_settings(model).items()}
@@ -118,7 +118,7 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
 def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> SimulationError:
     """Error for a run's first failure: kind, place (m) and time (s) of the failure, and what to change.
 
-    **Arguments**: `name` of the problem, and its `remedies`.
+    **Arguments**: `name`, `remedies`: name of the problem, and its remedies.
     """
     step = int(state.status.step)
     t = float(model.t0) + step * float(model.dt)

@@ -1,4 +1,4 @@
-"""Devices of one run: each holds a slab of the tank's particles; files and results need one state."""
+"""Distributes a run's particles over devices in slabs, and gathers one state for files and results."""
 
 from __future__ import annotations
 
@@ -24,12 +24,15 @@ from jaxsph.run.processes import whole
 WORTHWHILE = 8000
 """Number of particles per slab from which a further core of a CPU is worthwhile.
 
-Two cores are faster than one by factors of 1.05 (incompressible) and 1.3 (weakly compressible) with 4,100
-particles, and by 1.5 and 1.7 with 16,400 (`python -m experiments run bench_devices`).
+With 4,100 particles, two cores are faster than one core by a factor of 1.05 (incompressible) or 1.3 (weakly
+compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m experiments run bench_devices`).
 """
 
 WORTH_SPARING = 0.1
-"""Ratio of points away from the water to particles from which omitting the points pays on one device."""
+"""Number of nodes away from the water, as a fraction of the particles, from which these nodes are omitted.
+
+A run on one device does not become faster if fewer nodes are omitted.
+"""
 
 
 def describe_machine(devices: int) -> str:
@@ -40,9 +43,9 @@ def describe_machine(devices: int) -> str:
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]
-    """The first `count` devices of the default backend, or all; the cores of a CPU are made devices.
+    """The first `count` devices of the default backend, or all. Each core of a CPU becomes a device.
 
-    **Raises** CaseError if there are fewer than `count`, and if several processes share the run but do not
+    **Raises** CaseError if there are fewer than `count`, or if several processes share the run but do not
     use all devices.
     """
     if count is not None and count < 1:
@@ -74,10 +77,10 @@ def available_cores() -> int:
 
 
 def usual_devices(model: Model, state: State) -> int:
-    """Default number of devices of a run: as many as make it faster.
+    """Default number of devices of a run, the largest number that makes the run faster.
 
-    These are all accelerators, all devices of several processes, or as many cores of a CPU as have enough
-    particles each; one device for a case that cannot be shared.
+    The number is one for a case that cannot be shared. Otherwise a run uses all devices of several processes,
+    all accelerators, or as many cores of a CPU as get enough particles each, if the slabs are wide enough.
     """
     found = find_devices(None)
     if jax.process_count() > 1:
@@ -101,12 +104,14 @@ def _obstacle(model: Model) -> str:
 
 
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
-    """Model and state of a run whose particles are shared by `devices` devices, in slabs along the tank.
+    """Shares the particles of a run among `devices` devices, in slabs along the tank.
 
-    The tables are sized for the state. On one device, too, they leave out the walls of a tank's empty part.
+    The tables are sized for the state. On one device, too, the tables may leave out walls away from the
+    water.
 
-    Particles are added, if needed, until `devices` divides their number: copies without mass, which drift
-    with the water and act on nothing. **Raises** CaseError for a case that cannot be shared.
+    If `devices` does not divide the number of particles, copies without mass are added, which drift with the
+    water and act on nothing. **Returns** the model and the state. **Raises** CaseError for a case that cannot
+    be shared.
     """
     if devices == 1:
         if isinstance(model.search.method, Cells):
@@ -126,7 +131,7 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
 
 
 def everywhere(slabs: Slabs, tree: Any) -> Any:
-    """Arrays of a tree, complete on every device of a run."""
+    """Copies all arrays of a tree in full to every device of a run."""
     return tree if slabs.count == 1 else _placed(slabs, tree, WHOLE)
 
 
@@ -136,7 +141,7 @@ def _placed(slabs: Slabs, tree: Any, partition: PartitionSpec) -> Any:
 
 
 def gather(state: State, count: int) -> State:
-    """State of the first `count` particles, without the particles that `share` has added.
+    """State with the first `count` particles only, without the copies that `share` has added.
 
     Every process can read the state.
     """
@@ -150,7 +155,7 @@ def gather(state: State, count: int) -> State:
 
 
 def unshare(state: State, count: int) -> State:
-    """State on one device, of the first `count` particles."""
+    """State on one device, with the first `count` particles only."""
     return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), gather(state, count))
 
 
@@ -166,7 +171,7 @@ def _filled_up(p: Particles, more: int) -> Particles:
 
 
 def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
-    """Capacity of a halo (particles) and of a slab (points), with a reserve for later steps."""
+    """Largest numbers of particles in a halo and of points in a slab, with a reserve for later steps."""
     grid = model.search.grid
     cell = np.asarray(_cell_index(state.particles.x, grid))[:, 0]
     columns = np.bincount(cell, minlength=grid.shape[0])
@@ -176,10 +181,10 @@ def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
 
 
 def _points(model: Model, state: State, devices: int) -> int:
-    """Capacity of one slab for points near the water, with a reserve for later steps.
+    """Largest number of points near the water in one slab, with a reserve for later steps.
 
-    On one device it is 0, which means all points, unless many points are away from the water, as in the tank
-    of a dam break.
+    On one device this number is 0, which means all points, unless many points are away from the water, as in
+    the tank of a dam break.
     """
     grid, x = model.search.grid, state.particles.x
     ghosts, nodes = _walls_at(model, state.parts)
@@ -198,7 +203,7 @@ def _points(model: Model, state: State, devices: int) -> int:
     return points
 
 
-# compiled whole: each single operation would be a program of its own, loaded at every start
+# compiled as a whole, because each operation would otherwise be a separate program to load at every start
 _beside = jax.jit(beside, static_argnums=2)
 _cell_index = jax.jit(cell_index, static_argnums=1)
 _walls_at = eqx.filter_jit(Model.walls_at)

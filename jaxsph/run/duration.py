@@ -1,4 +1,4 @@
-"""Estimated wall time of a run on this machine: compiles its program and times its first steps."""
+"""Estimates the wall time of a run on this machine by compiling its program and timing its first steps."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Duration(NamedTuple):
 
 
 def duration(given: Any, devices: int | None = None) -> Duration:
-    """Wall time of a run of a case, a problem or a function on this machine, estimated from its first steps.
+    """Estimates the wall time of a run of a case, a problem or a function on this machine.
 
-    It compiles the program of the run itself, which JAX caches. The estimate may be low, because the
-    pressure takes fewer iterations in water at rest than in waves. `devices`: as for `run`. **Raises**
-    CaseError, as `run`.
+    The first steps are timed with the program of the run itself, which JAX compiles and caches. The estimate
+    may be low, because the pressure takes fewer iterations in water at rest than in waves. `devices`: as for
+    `run`. **Raises** CaseError, as `run`.
     """
     find_devices(devices)
     began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Host driver: `run`, `resume`, `restore` and `march` around the pure `simulate`.
+"""Host driver with `run`, `resume`, `restore` and `march`, which call the pure `simulate`.
 
 The driver advances in chunks. After each chunk it checks the status and records series, snapshot and
 checkpoint in one step. If a neighbour table overflowed or went stale, the table is resized and the chunk is
@@ -57,9 +57,9 @@ def run(
 
     The run is recorded in the file `out`, if given.
 
-    An interrupt (Ctrl-C) stops the run at the end of a chunk, a second interrupt at once. `devices`: number
-    of accelerators or CPU cores that share the particles (see `docs/cluster.md`); by default as many as make
-    the run faster.
+    An interrupt (Ctrl-C) stops the run at the end of a chunk; a second interrupt stops it at once. `devices`:
+    number of accelerators or CPU cores that share the particles (see `docs/cluster.md`); by default as many
+    as make the run faster.
     **Returns** the series as numpy arrays with the last state and scalar results.
     **Raises** CaseError, FileError (the output exists), SimulationError (kind, place and time of the failure,
     and what to change; the file then holds the last good checkpoint).
@@ -89,9 +89,9 @@ def resume(
     """Continues a run from the last checkpoint in its file, to t1 (s) or the problem's end.
 
     On one device the series are bit for bit those of an uninterrupted run. `devices`: as for `run`; the
-    number may differ from the one before. `changes`: values of the case from here on, by dotted name, such
-    as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then records the time
-    of each change. `given`: the function or the problem that was run, unless it was a case; it is needed
+    number may differ from the previous number. `changes`: values of the case from here on, by dotted name,
+    such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then records the
+    time of each change. `given`: the function or the problem that was run, unless it was a case; it is needed
     because code is never imported on behalf of a file. **Raises** FileError, as `restore`; CaseError for a
     change that is not possible during a run.
     """
@@ -118,8 +118,8 @@ def resume(
 def restore(path: str | Path, given: Any = None) -> tuple[Any, Model, State]:
     """Source (a `Case`, or a `Program`), model and state of a file's last checkpoint.
 
-    `given`: see `resume`. **Raises** FileError if the file is not a run's, holds no checkpoint, belongs to
-    another case or program than the one given, or to a version of jaxsph that builds another model from it.
+    `given`: see `resume`. **Raises** FileError if the file is not from a run, holds no checkpoint or belongs
+    to another case or program than `given`, or if this version of jaxsph builds another model from the case.
     """
     start = load_start(path, given)
     return start.source, start.model, start.state
@@ -141,7 +141,7 @@ def load_start(path: str | Path, given: Any = None) -> Start:
             f"{path}: holds no checkpoint (that of a killed run is beside the file, in "
             f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
-    # the progress holds the settings of the last chunk, which may have been regrown since the first
+    # the settings of the last chunk are in the progress, as tables may have grown since the first
     known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
     problem = source.problem()
     model = with_settings(problem.model, {k: int(v) for k, v in known.items()})
@@ -225,7 +225,7 @@ def _called(bar: tqdm, model: Model, **chunk: Any) -> tuple[State, dict[str, jax
 
 @contextlib.contextmanager
 def _one_file(file: RunFile | None) -> Iterator[None]:
-    """Context that folds the run's journal into its file even if the run is stopped."""
+    """Context that folds the run's journal into its file if an exception stops the run."""
     try:
         yield
     except BaseException:

@@ -1,4 +1,4 @@
-"""Ctrl-C: handled between chunks, where all data are complete, and never inside JAX.
+"""Handles Ctrl-C between chunks, when all data are complete, and never inside JAX.
 
 An exception that is raised while JAX compiles or runs can crash the interpreter. An interrupt is therefore
 only noted here, and a run checks for it after every chunk; a second interrupt acts at once.
@@ -18,8 +18,10 @@ CODE = 130
 """Exit status of an interrupted program: 128 and the signal's number."""
 
 ATTACHED = "JAXSPH_ATTACHED"
-"""Name of the environment variable that makes a program end when its standard input closes, and so together
-with the process that started it, however that process ends."""
+"""Name of the environment variable that makes a program end when its standard input closes.
+
+The program then ends with the process that started it, however that process ends.
+"""
 
 STOPPING = "\njaxsph: stopping at the end of this chunk; Ctrl-C again stops at once"
 
@@ -28,10 +30,10 @@ class Interrupt:
     """Request to a run to stop at the end of its chunk."""
 
     def __init__(self) -> None:
-        """No request yet, and no chunk saved."""
+        """Starts without a request and without a saved chunk."""
         self.asked = False
         self.has_saved = False
-        """Whether the run has saved a chunk; before that an interrupt has nothing to wait for."""
+        """Whether the run has saved a chunk; until then an interrupt ends the run at once."""
 
     def chunk_is_saved(self) -> None:
         """Notes that a chunk was saved. **Raises** KeyboardInterrupt if the run is asked to stop."""
@@ -48,7 +50,7 @@ _watched = False
 
 @contextlib.contextmanager
 def hear_interrupts() -> Iterator[Interrupt]:
-    """Context in which Ctrl-C is noted for the run inside to check, instead of raised.
+    """Context in which Ctrl-C is noted instead of raised; the run inside checks for the note.
 
     Outside the main thread no signals arrive, and nothing is noted.
     """
@@ -80,8 +82,8 @@ def hear_interrupts() -> Iterator[Interrupt]:
 def end_at_once(words: Callable[[], str]) -> Iterator[None]:
     """Context of a program with a single run: an interrupt ends it at once or after the run's chunk.
 
-    It ends at once before the first saved chunk and on a second interrupt. A thread handles the signal, even
-    while the main thread is busy compiling. **Arguments**: `words` returns the last message.
+    The program ends at once before the first saved chunk and on a second interrupt. A thread handles the
+    signal, even while the main thread is busy compiling. **Arguments**: `words` returns the last message.
     """
     global _watched
     if threading.current_thread() is not threading.main_thread():

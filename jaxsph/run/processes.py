@@ -33,7 +33,7 @@ def join(place: str) -> None:
     """Joins the processes of a run, before JAX is first used.
 
     **Arguments**: `place`: K/N@HOST:PORT for process K (from 0) of N, which connect at this address of
-    process 0; or auto under Slurm or MPI. **Raises** CaseError for any other text, and if the other processes
+    process 0; or auto under Slurm or MPI. **Raises** CaseError for any other text, or if the other processes
     are not found.
     """
     known: dict[str, Any] = {}
@@ -56,7 +56,7 @@ def join(place: str) -> None:
 
 
 class Processes:
-    """Processes that share a run: their names, and the place of this one among them."""
+    """Processes that share a run: their names, and the index of this process."""
 
     def __init__(self) -> None:
         """Asks every process for its name; all processes must call this together."""
@@ -83,7 +83,7 @@ class Processes:
     def hearing_of_losses(self, path: Any) -> Iterator[None]:
         """Context in which the loss of another process raises a SimulationError that names the process.
 
-        `path`: file of the run, whose last checkpoint remains.
+        `path`: file of the run, which keeps the last checkpoint.
         """
         try:
             yield

@@ -51,7 +51,7 @@ class Recorder:
         self._began = time.perf_counter()
 
     def record(self, model: Model, state: State, readings: dict[str, jax.Array]) -> dict:
-        """Records a chunk and the state after it; returns its readings as recorded."""
+        """Records a chunk's readings and the state after the chunk; returns the readings as recorded."""
         series = {k: np.asarray(v) for k, v in readings.items()}
         series["time"] = sample_times(series["time"], self.problem.sample_dt)
         self._chunks.append(series)
@@ -62,7 +62,7 @@ class Recorder:
         return series
 
     def solution(self, model: Model, state: State, beside: int = 1) -> Solution:
-        """Series, state and results of the whole run, recorded in its file.
+        """Returns series, state and results of the whole run, and writes the results to the run's file.
 
         `beside`: number of runs that ran side by side and share the wall time.
         """
@@ -95,7 +95,10 @@ class Recorder:
 
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:
-    """**Raises** CaseError for a t1 (s) before the run's time, or equal to it if it has results (`ended`)."""
+    """Checks the end t1 (s) of a run, which already has results if `ended`.
+
+    **Raises** CaseError if t1 is not finite, before the present time, or equal to this time if `ended`.
+    """
     dt = start.problem.sample_dt
     now = int(start.state.step) / start.problem.sample_every * dt
     if not math.isfinite(t1):
@@ -105,9 +108,9 @@ def check_end(start: Start, t1: float, ended: bool = True) -> None:
 
 
 def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) -> RunFile:
-    """New file, without samples, of a run shared by `devices` devices.
+    """Creates the file, without samples, of a run that `devices` devices share.
 
-    **Raises** FileError if it exists and `overwrite` is false.
+    **Raises** FileError if the file exists and `overwrite` is false.
     """
     coordinates = {}
     for probe in start.problem.probes:
@@ -125,7 +128,7 @@ def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) 
 
 
 def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
-    """Numbers that determine a run, by name: its time step, speed of sound, lengths, numbers of particles.
+    """Numbers that determine a run, by name, such as its time step, lengths and number of particles.
 
     A single number is represented by its value, an array by its size, mean and root mean square. The
     neighbour tables are left out, because their sizes may change during a run.
@@ -170,7 +173,7 @@ def saved_state(state: State) -> dict[str, np.ndarray]:
 
 
 def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> State:
-    """State of a checkpoint's arrays. **Raises** FileError if they do not fit the state `like`."""
+    """State with the arrays of a checkpoint. **Raises** FileError if they do not fit the state `like`."""
     leaves, tree = jax.tree_util.tree_flatten_with_path(like)
     found = []
     for key, leaf in leaves:

@@ -1,4 +1,4 @@
-"""Scene of a run: what pictures draw around the particles, as stored in the run's file."""
+"""Scene that pictures draw around the particles of a run, as stored in the run's file."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ FAR = 10.0
 
 
 def scene_of(problem: Problem) -> dict[str, Any]:
-    """Box of the water, its walls, and the outlines of all solids at rest in the x-z plane; lengths in m.
+    """Box of the water, its walls, and the outlines of all solids in the x-z plane; lengths in m.
 
-    Keys: `dx`; `low`, `high`: corners (x, z) of the box; `walls`: whether the box has a left, a right and a
-    bottom wall; `level`: still water level, None if the model has none; `solids`: `name` (of the pose in the
-    snapshots, empty for a fixed solid), `corners`, `pivot`.
+    Moving solids are drawn in their rest positions. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
+    `walls`: whether the box has a left, a right and a bottom wall; `level`: still water level, None if the
+    model has none; `solids`: `name` (key of the pose in snapshots, empty for a fixed solid), `corners`,
+    `pivot`.
     """
     model = problem.model
     walls = model.walls
@@ -59,6 +60,6 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
 
 
 def poses_of(model: Model, state: State) -> dict[str, np.ndarray]:
-    """Pose of every solid that moves, surge, heave (m) and pitch (rad), by its name."""
+    """Poses of all moving solids by name, each with surge (m), heave (m) and pitch (rad)."""
     moving = (*model.moving, *model.bodies)
     return {solid.name: np.asarray(solid.pose(state.parts[solid.name])[0]) for solid in moving}

@@ -26,21 +26,21 @@ def simulate(
     probes: Sequence[AbstractProbe] = (),
     sample_every: int | None = None,
 ) -> tuple[State, dict[str, jax.Array]]:
-    """Advances a state by `n_steps` time steps. Pure: may be jitted, vmapped and differentiated.
+    """Advances a state by `n_steps` time steps; this function may be jitted, vmapped and differentiated.
 
     **Arguments**: `sample_every`: steps between samples, a multiple of `model.search.rebuild_every`
     (the default); `n_steps` must be a multiple of `sample_every`.
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
     with "time" (s); the first sample is the given state, whatever its step. Failures set bits in
     `state.status` and never raise exceptions: check the status.
-    **Raises** ValueError for numbers of steps that are not such multiples.
+    **Raises** ValueError if a number of steps is not such a multiple.
     """
     every = _check(model, n_steps, sample_every)
     return _advance(model, state, n_steps, tuple(probes), every, every_block)
 
 
 def _check(model: Model, n_steps: int, sample_every: int | None) -> int:
-    """Number of steps between samples. **Raises** ValueError for numbers of steps that are not multiples."""
+    """Number of steps between samples. **Raises** ValueError for a number of steps that is not a multiple."""
     every = model.search.rebuild_every
     sample_every = every if sample_every is None else sample_every
     if n_steps % sample_every or sample_every % every:
@@ -59,7 +59,7 @@ def _advance(
     sample_every: int,
     over: Callable[..., Any],
 ) -> tuple[State, dict[str, jax.Array]]:
-    """State and readings after a loop `over` blocks of up to n_steps steps."""
+    """Advances a state by at most n_steps steps; `over` loops over the blocks of steps between searches."""
     every = model.search.rebuild_every
     start = state.step
 
@@ -84,7 +84,7 @@ def _advance(
         every,
         over,
     )
-    # the state's step decides which blocks are samples: one in every sample_every // every
+    # the first of every sample_every // every blocks holds a sample
     stride = sample_every // every
     return state, jax.tree.map(lambda a: a[::stride], readings)
 
@@ -94,7 +94,7 @@ UNSPLIT = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
 
 CPU cores used as devices share one pool of threads. If operations are split, a loop over a table's slots
 waits for a thread at every slot: two cores then take twice the time of one core for a weighted sum. Without
-splitting they take 0.6 of it.
+splitting, two cores take 0.6 times the time of one core.
 """
 
 

@@ -1,4 +1,4 @@
-"""Source of a run's or a sweep's file: what was run, read from the text stored in the file."""
+"""Reads the source of a run or a sweep (case, program or problem) from the text in its file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
     """Source of a run (case, program or problem), from the run's file.
 
     **Arguments**: `given`: the program or the problem that was run, unless it was a case. **Raises**
-    FileError if `given` is another one, if its code has changed since the run began, or if it is missing.
+    FileError if `given` is another source, if its code has changed since the run began, or if it is missing.
     """
     keys = file.case_keys()
     if "program" in keys:

@@ -1,4 +1,4 @@
-"""Several runs side by side in one vmapped call, each with a file of its own."""
+"""Runs several problems side by side in one vmapped call, each with a separate file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from jaxsph.run.simulate import simulate
 
 @dataclass(eq=False)  # lanes are compared by identity
 class _Lane:
-    """One of several runs that run side by side."""
+    """One of several runs that advance side by side."""
 
     problem: Problem
     model: Model
@@ -57,7 +57,7 @@ def shape(source: Source) -> Hashable:
 def run_together(
     sources: Sequence[Source], outs: Sequence[str | Path], progress: bool = True
 ) -> list[Solution | SimulationError]:
-    """Runs problems of one `shape` side by side, in one vmapped call per chunk, each into a file of its own.
+    """Runs problems of one `shape` side by side, in one vmapped call per chunk, each into a separate file.
 
     A file that has a checkpoint of its problem is continued. **Returns** for each run the solution that `run`
     would return, or the error that it would raise; a run that fails does not stop the others. **Raises**
@@ -72,7 +72,7 @@ def run_together(
     bar = tqdm(total=left, unit="step", disable=not progress, dynamic_ncols=True, leave=False)
     with bar, hear_interrupts() as interrupt:
         while waiting := [k for k in lanes if k.failure is None and k.step < k.recorder.last]:
-            # after an interruption some lanes may be a chunk ahead: they wait
+            # after an interruption some lanes may be a chunk ahead, and wait
             now = min(lane.step for lane in waiting)
             active = [lane for lane in waiting if lane.step == now]
             n_steps = min(active[0].recorder.per_chunk, active[0].recorder.last - now)
@@ -87,7 +87,7 @@ def _advance(
     lanes: Sequence[_Lane], active: Sequence[_Lane], like: Model, n_steps: int, say: Callable[[str], None]
 ) -> Model:
     """Advances the active lanes by a chunk; returns the model with the tables that the chunk needed."""
-    # a copy of an active lane replaces every lane that waits or failed, so that the shapes stay
+    # a copy of an active lane replaces every lane that waits or failed, so that array shapes stay the same
     going = [lane if lane in active else active[0] for lane in lanes]
     advance = functools.partial(_simulate_lanes, going, n_steps)
     like, states, readings = replay_chunk(like, advance, say)
@@ -107,7 +107,7 @@ def _advance(
 
 
 def _lane(source: Source, out: str | Path) -> _Lane:
-    """A lane that continues its file, or begins it."""
+    """Builds a lane that continues the run in the file `out`, or begins the file."""
     if Path(out).exists() and RunFile.open(out).has_checkpoint():
         start, file = load_start(out, source), RunFile.open(out)
     else:
@@ -117,7 +117,7 @@ def _lane(source: Source, out: str | Path) -> _Lane:
 
 
 def _simulate_lanes(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[State, dict]:
-    """A chunk of all lanes, with the tables of the model `like`."""
+    """Advances all lanes by one chunk, with the neighbour tables of the model `like`."""
     models = [eqx.tree_at(lambda m: m.search, lane.model, like.search) for lane in lanes]
     together = [(model, lane.problem.probes) for model, lane in zip(models, lanes, strict=True)]
     structure = jax.tree.structure(together[0])
@@ -132,7 +132,7 @@ def _simulate_lanes(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[
 
 @functools.partial(jax.jit, static_argnames=("structure", "n_steps", "sample_every"))
 def _simulate_chunks(own, shared, states, structure, n_steps, sample_every):
-    """A chunk of every lane; leaves of models and probes: `own` of each lane, `shared` by all lanes."""
+    """Advances every lane by a chunk. `own`: leaves that differ between lanes; `shared`: equal leaves."""
 
     def lane(own, state):
         leaves = [a if b is None else b for a, b in zip(own, shared, strict=True)]

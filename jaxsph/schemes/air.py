@@ -1,8 +1,8 @@
 """Air of the chambers in a step: its force on the water, and the pressures required by the power take-offs.
 
-The pressure of the air is an unknown of the step, as the pressure of the water is. Both enter linearly, so
-the air pressure is eliminated: the water's response to a unit of it (`Response`) gives the flow as a linear
-function of the pressure. This line and the law of the power take-off are solved together in closed form.
+The pressures of air and water are both unknowns of a step. Both enter linearly. The water's response to a
+unit of air pressure (`Response`) therefore gives the flow out of a chamber as a linear function of the air
+pressure. For a single chamber, this function and the law of the power take-off are solved in closed form.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ __all__ = ["Met", "WaterLine", "couple_airs", "finish_airs", "meet_laws", "water
 NEWTON = 8
 """Number of Newton iterations for laws that are coupled by the water or by ducts.
 
-Each iteration doubles the number of correct digits. A time step may change even the first digit.
+Each iteration doubles the number of correct digits. The iteration starts from the air of the previous step,
+which may differ in the first digit.
 """
 
 
 class Met(NamedTuple):
-    """Air over a step that satisfies every law, by the names of chambers and ducts."""
+    """Air over a step that satisfies the laws of all chambers and ducts, by name."""
 
     chambers: dict[str, Pressed]
     ducts: dict[str, Pressed]
@@ -42,7 +43,7 @@ class WaterLine(NamedTuple):
     flows: Mapping[str, Scalar]
     """Flow out of every chamber at the step's end if all pressures were zero, m3/s (m2/s in 2-D)."""
     compliance: Mapping[tuple[str, str], Scalar]
-    """Decrease of the first chamber's flow per unit of the second's pressure, m3/s/Pa (m2/s/Pa in 2-D)."""
+    """Decrease of chamber a's flow per unit pressure of chamber b, by (a, b), m3/s/Pa (m2/s/Pa in 2-D)."""
 
 
 def couple_airs(
@@ -61,7 +62,7 @@ def water_line(
 ) -> WaterLine:
     """Flows over a step of dt (s) as functions of the pressures, from the water's responses to the air.
 
-    **Arguments**: `u`: velocities (m/s) at the step's end with the pressures `before` (Pa) of the chambers.
+    **Arguments**: `u`: velocities (m/s) at the step's end if the chambers have the pressures `before` (Pa).
     """
     changes = {name: airs[name].push(responses[name].u, dt) for name in airs}
     compliance = {(a, b): -airs[a].flow(changes[b]) for a in airs for b in airs}
@@ -86,9 +87,9 @@ def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval:
 class _Laws(NamedTuple):
     """Equations of chambers and ducts that are coupled by the water, with an unknown flow for each.
 
-    The unknown of a chamber is the flow that it would have with zero pressure of its own. The unknown of a
-    duct is the flow that it would have with zero pressure drop, when the water in both chambers responds. As
-    functions of these unknowns pressure and flow have bounded slopes, however steep a law is.
+    The unknown of a chamber is the flow out of the chamber if its own pressure were zero. The unknown of a
+    duct is the flow through the duct if the pressure drop were zero and the water in both chambers responded
+    to it. As functions of these unknowns, pressure and flow have bounded slopes, however steep a law is.
     """
 
     model: Model
@@ -98,7 +99,7 @@ class _Laws(NamedTuple):
     dt: Scalar
 
     def give(self, between: tuple[str, str]) -> Scalar:
-        """Compliance of the water to the pressure drop of a duct: the two ends act in series."""
+        """Compliance of the water to the pressure drop of a duct; the chambers at its ends act in series."""
         a, b = (self.line.compliance[end, end] for end in between)
         return a * b / (a + b)
 
@@ -123,7 +124,7 @@ class _Laws(NamedTuple):
         return sum(held, jnp.zeros_like(self.line.flows[name]))
 
     def met(self, unknown: Array) -> Met:
-        """Air of chambers and ducts at the unknown flows."""
+        """Air of chambers and ducts for given values of the unknown flows."""
         of_chambers, of_ducts = unknown[: len(self.chambers)], unknown[len(self.chambers) :]
         ducts = {
             duct.name: duct.press(self.parts[duct.name], q, self.give(duct.between), self.t)
@@ -157,7 +158,7 @@ class _Laws(NamedTuple):
 
 
 def _ways(model: Model, chamber: str) -> list[tuple[str, float]]:
-    """Names of the ducts of a chamber, each with 1 if its positive flow leaves the chamber, else -1."""
+    """Names of a chamber's ducts, each with 1 if a positive flow in the duct leaves the chamber, else -1."""
     return [
         (duct.name, way)
         for duct in model.ducts
@@ -173,9 +174,9 @@ def finish_airs(
     flows: Mapping[str, tuple[Scalar, Scalar]],
     dt: Scalar,
 ) -> tuple[dict[str, Air], dict[str, Scalar]]:
-    """Air of chambers and ducts at the end of a step, and the energies (J, J/m in 2-D) taken by name.
+    """Air of chambers and ducts at the end of a step, and the energies (J, J/m in 2-D) taken, by name.
 
-    `flows`: flows out of every chamber at the start and end of the step, by the coupling of the step.
+    `flows`: flows out of every chamber at the start and end of the step, from the step's couplings.
     """
     airs, taken = {}, {}
     work = {duct.name: jnp.zeros_like(dt) for duct in model.ducts}
@@ -183,7 +184,7 @@ def finish_airs(
         name, ways = chamber.name, _ways(model, chamber.name)
         airs[name], amounts, given = chamber.finish(parts[name], met.chambers[name], *flows[name], dt)
         taken |= amounts
-        # a closed chamber: its ducts share the difference of the mean flow to their flows at the step's end
+        # closed chamber: its ducts share the difference of the mean flow from their flow at the step's end
         off = (given.flow - met.chambers[name].ducted) / max(len(ways), 1)
         for duct, way in ways:
             work[duct] = work[duct] + dt * given.head * (way * met.ducts[duct].passed + off)

@@ -33,7 +33,8 @@ __all__ = [
 class BodyGrip(NamedTuple):
     """Linear map from pressures to the force on a body.
 
-    It is minus the sum of the pair law that accelerates the water, so that action equals reaction.
+    The map is minus the sum of the pair law that accelerates the water, so that the forces on body and water
+    are equal and opposite.
     """
 
     arms: Float[Array, "3 B D"]
@@ -65,11 +66,11 @@ class BodyCoupling(NamedTuple):
     inverse: Float[Array, "3 3"]
     """Accelerations per unit generalised force, with damping over a step; 0 for motions that are not free."""
     outside: Float[Array, "3"]
-    """Generalised force other than that of the water's pressure, N, N, N m (per metre in 2-D)."""
+    """Generalised force on the body without the water's pressure, N, N, N m (per metre in 2-D)."""
     movable: Float[Array, "3"]
     """Mask of the motions: 1 where the motion is free, 0 where its velocity is constant."""
     rows: tuple[int, int]
-    """Index of the body's first ghost, and of the ghost after its last."""
+    """Index of the body's first ghost, and one more than the index of its last ghost."""
 
     def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
         """Acceleration (m/s2, m/s2, rad/s2) due to the pressures (Pa) of the water and the ghosts.
@@ -79,7 +80,7 @@ class BodyCoupling(NamedTuple):
         return self.inverse @ self.grip.force(p, p_ghosts[slice(*self.rows)])
 
     def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration (m/s2, m/s2, rad/s2) due to the pressures (Pa), see `response`, and other forces."""
+        """Acceleration (m/s2, m/s2, rad/s2) due to pressures (Pa), as in `response`, and other forces."""
         return self.response(p, p_ghosts) + self.inverse @ self.outside
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, "3"]) -> Float[Array, " G"]:
@@ -150,7 +151,7 @@ class AbstractParticleScheme(AbstractScheme):
         return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))
 
     def _images(self, model: Model, parts: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
-        """Particles that image ghosts mirror until the next search, and whether they are too many."""
+        """Particles that the image ghosts mirror until the next search, and whether there are too many."""
         s = model.search
         x = jax.lax.stop_gradient(s.slabs.gather(p.x))
         paddle = model.paddle_at(jax.lax.stop_gradient(parts))
@@ -161,8 +162,9 @@ class AbstractParticleScheme(AbstractScheme):
     def respond(self, model: Model, state: State, tables: Tables) -> dict[str, Response]:
         """Response of the water to the air in each chamber over a step, by the chamber's name.
 
-        It is computed at a search and kept until the next one. The laws of the power take-offs are met
-        exactly with any response; an inaccurate one only delays a part of a pressure change by a step.
+        The response is computed at a search and kept until the next search. The laws of the power take-offs
+        are satisfied exactly with any response. An inaccurate response only delays a part of a pressure
+        change by a step.
         """
 
     def regularise(self, model, state, tables):
@@ -193,7 +195,7 @@ class AbstractParticleScheme(AbstractScheme):
         return Sources(fields, {})
 
     def level_pressure(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
-        """Field "level_p" of the water: pressure (Pa) from which dummies find its level; empty if it is p."""
+        """Field "level_p": pressure (Pa) from which dummies find the water level; empty if this is p."""
         del model, state
         return {}
 
@@ -208,7 +210,7 @@ class AbstractParticleScheme(AbstractScheme):
         fit = walls.fit(nodes, water, self.smoothing, tables.images, tables.nodes, weight)
         here = fit.wet
         for wall in model.moving:
-            # an image counts in full, since its particle is in front of the wall
+            # an image keeps its full volume, since its particle is in front of the wall
             cover = wall.cover(state.parts[wall.name], x, model.dx)
             here = here * cover.at[: walls.images.count].set(1.0)
         still = jnp.zeros_like(x)
@@ -225,7 +227,7 @@ class AbstractParticleScheme(AbstractScheme):
         return model.walls.carrier(*self._seen(ghosts, tables))
 
     def _seen(self, ghosts: GhostFields, tables: Tables):
-        """What the ghosts see of the water, as arguments for the methods of the walls."""
+        """Arguments for the methods of the walls that carry fields of the water to the ghosts."""
         return ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
 
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
@@ -245,8 +247,8 @@ class AbstractParticleScheme(AbstractScheme):
     ) -> Float[Array, "G D"]:
         """Pressure gradient across the walls at the ghosts, rho0 (f - a_wall), N/m3.
 
-        `parts`: states of the parts by name. Of a body's acceleration only the centripetal part is included;
-        `body_coupling` covers the remainder.
+        `parts`: states of the parts by name. Only the centripetal part of a body's acceleration is
+        included; `body_coupling` covers the remainder.
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
         for field in model.forces:
@@ -267,7 +269,7 @@ class AbstractParticleScheme(AbstractScheme):
     ) -> GhostFields:
         """Ghosts with their velocities (m/s), which follow from the velocities of the water that they see.
 
-        The velocities of moving solids are those of their states in `parts`.
+        The states in `parts` give the velocities of moving solids.
         """
         walls = model.walls
         at_node = self.carried(model, lambda j: j["u"], ghosts, tables)
@@ -344,7 +346,8 @@ class AbstractParticleScheme(AbstractScheme):
     def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array, x_used: jax.Array) -> State:
         """Flags failures in the state's status: outdated tables, non-finite values, escapes, high speeds.
 
-        `x_old`: positions (m) at the beginning of the step; `x_used`: those at which the tables were used.
+        `x_old`: positions (m) at the beginning of the step; `x_used`: positions (m) for which the tables were
+        used.
         """
         p, status = state.particles, state.status
         finite = jnp.isfinite(p.x).all(axis=1) & jnp.isfinite(p.u).all(axis=1) & jnp.isfinite(p.rho)
@@ -371,7 +374,7 @@ class AbstractParticleScheme(AbstractScheme):
 def _checked_tables(state: State, search, found: dict[str, jax.Array], too_many: jax.Array):
     """Status with the largest table sizes needed so far, and a flag if one exceeds its capacity.
 
-    `too_many`: whether more particles are beside a wall than there are rows for their images.
+    `too_many`: whether more particles are beside a wall than there are ghosts for their images.
     """
     status = eqx.tree_at(
         lambda s: s.most, state.status, {k: jnp.maximum(v, found[k]) for k, v in state.status.most.items()}

@@ -1,6 +1,6 @@
 """Incompressible SPH by projection (Yeylaghi et al. 2016, Eq. 7-17; Cummins and Rudman 1999), 2-D and 3-D.
 
-Equation numbers are those of Yeylaghi et al. unless another source is named.
+Equation numbers refer to Yeylaghi et al. unless another source is named.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class ISPH(AbstractParticleScheme):
     rho0: Scalar
     """Density of water, kg/m3."""
     speed: Scalar
-    """Largest speed to expect, m/s."""
+    """Largest expected speed, m/s."""
     lattice: LatticeSums
     """Sums of the kernel over a lattice."""
     viscosity: AbstractViscosity
@@ -77,7 +77,7 @@ class ISPH(AbstractParticleScheme):
     surface: AbstractSurface
     """Free-surface condition of the pressure Poisson equation."""
     relaxation: Scalar
-    """Rate at which crowded particles are spread again, over sqrt(g/h) (-)."""
+    """Rate at which crowded particles are spread, as a multiple of sqrt(g/h) (-)."""
     least: Scalar
     """Lowest gauge pressure of water with a free surface, Pa; with 0 the water bears no tension."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
@@ -109,11 +109,10 @@ class ISPH(AbstractParticleScheme):
     ) -> ISPH:
         """Builds the incompressible scheme from plain numbers, in the precision `dtype`.
 
-        **Arguments**: `dx`, spacing (m); `speed`, largest speed to expect (m/s); `dim`, 2 or 3; `viscosity`,
-        by default that of water; `kernel` and its smoothing length `h_over_dx` dx, by default from `KERNEL`
+        **Arguments**: `dx`, spacing (m); `speed`, largest expected speed (m/s); `dim`, 2 or 3; `viscosity`,
+        by default water's; `kernel` and its smoothing length `h_over_dx` dx, by default from `KERNEL`
         and `usual_length`; `least`, the lowest pressure (Pa); `period`: `Box.period`; `hyperviscosity`,
         `separation`: regularisation strengths, both 0 to disable it; `options`: further fields by name.
-        There is an argument for each choice.
         """
         kernel = KERNEL[dim] if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -163,8 +162,8 @@ class ISPH(AbstractParticleScheme):
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour, for the numbers of iterations met in
-        still water, with a flap in waves, and in the dam break of a column."""
+        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour. This includes the solver's
+        iterations in still water, with a flap in waves, and in the dam break of a column."""
         return 2.2e-6 + 30e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):
@@ -203,15 +202,15 @@ class ISPH(AbstractParticleScheme):
         airs = couple_airs(self, model, p, ghosts.water, tables)
         for name, air in airs.items():
             u = air.push(u, dt * state.parts[name].P_a)
-        # Eq. 7-8. Divergence is linear: `later` is the share of the earlier divergence left to the next step.
+        # Eq. 7-8. `later` is the share of the earlier divergence (linear in u) left to the next step.
         # The ghosts gain velocity from gravity and body forces as the water does, and the ghosts' pressure
-        # contains the walls' acceleration: a divergence-free field is therefore divergence-free at walls.
+        # contains the walls' acceleration. A divergence-free field is therefore divergence-free at walls too.
         later = 1.0 - LEFT_OVER
         eased = (u - later * p.u) / LEFT_OVER
         ghosts = self.ghost_velocity(model, state.parts, tables, ghosts.seeing(tables, u=columns(eased)))
         u_star = u + dt * (model.g + model.acceleration(p.x, interval.middle))
         u_left = LEFT_OVER * ghosts.u + dt * (model.g + model.acceleration(ghosts.x, interval.middle))
-        # The paper predicts positions a whole step ahead; the pressures there damp a wave by omega^2 dt/4.
+        # The paper predicts positions a whole step ahead, where the pressures damp waves by omega^2 dt/4.
         # With positions half a step ahead, waves lose no energy to second order.
         at = self._halfway(model, state, interval, p.u, u_star - later * p.u)
         ghosts = self.place_ghosts(model, at, tables)
@@ -398,7 +397,7 @@ class ISPH(AbstractParticleScheme):
         closed = poisson.closed()
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
-        # complete from the limited pressure: a body feels no tension that the water cannot bear
+        # complete from the limited pressure, so that a body feels no tension that the water cannot bear
         limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
         return Projection(equation.complete(pressure), residual, converged, limited)
 

@@ -1,4 +1,4 @@
-"""Time integrators of the weakly compressible scheme, which build a step from evaluations of its rates."""
+"""Time integrators of the weakly compressible scheme, which build a step from evaluations of the rates."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class AbstractIntegrator(eqx.Module):
     """Time integrator, which builds a time step from evaluations of the rates."""
 
     cfl: eqx.AbstractClassVar[float]
-    """Default time step over h/c0 (Zhu et al. 2020, Eq. 10) (-): stable in tests, with a margin."""
+    """Default ratio of time step to h/c0 (Zhu et al. 2020, Eq. 10) (-); stable in tests, with a margin."""
 
     evaluations: eqx.AbstractClassVar[int]
     """Number of evaluations of the rates in a step."""
@@ -85,11 +85,11 @@ class AbstractIntegrator(eqx.Module):
 
 
 class SymplecticEuler(AbstractIntegrator):
-    """Symplectic Euler integrator: the velocity from the forces at t, then density and position from it.
+    """Symplectic Euler integrator: velocity from the forces at t, then density and position from velocity.
 
-    It needs one evaluation per step. If velocities are taken to be half a step before the positions, the
-    reversible part is the leapfrog scheme: second order, and stable up to twice the time step of the
-    predictor-corrector. Only the dissipative terms are first order.
+    Each step needs one evaluation. With velocities regarded as half a step before the positions, the
+    reversible part is the leapfrog scheme. This part is of second order, and stable up to twice the time step
+    of the predictor-corrector. Only the dissipative terms are of first order.
     """
 
     cfl: ClassVar[float] = 0.5
@@ -102,8 +102,8 @@ class SymplecticEuler(AbstractIntegrator):
         # the continuity equation uses the velocities of the solids after the step
         after = _with_velocities(model, state.parts, interval.after, bodies)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
-        # in the middle of the drift, as in the leapfrog scheme: at its start, the density of water in waves
-        # would drift by dt |grad u|^2
+        # positions in the middle of the drift, as in the leapfrog scheme; with positions at its start, the
+        # density of water in waves would drift by dt |grad u|^2
         middle = eqx.tree_at(lambda a: a.x, p, p.x + 0.5 * dt * u)
         sources = scheme.sources(ghosts, ghosts.u).changing("x", columns(middle.x))
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)
@@ -111,7 +111,7 @@ class SymplecticEuler(AbstractIntegrator):
         work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
         bodies, exchanged = _with_body_work(model, interval, bodies)
         for body in model.bodies:
-            # like the water: with the velocity after the step
+            # the body moves with its velocity after the step, like the water
             pose = state.parts[body.name].pose + dt * bodies[body.name].velocity
             bodies[body.name] = eqx.tree_at(lambda b: b.pose, bodies[body.name], pose)
         dx = dt * u
@@ -126,7 +126,7 @@ class SymplecticEuler(AbstractIntegrator):
 
 
 class PredictorCorrector(AbstractIntegrator):
-    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): a half step, then a full step with its rates."""
+    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): half a step, then a full step with its rates."""
 
     cfl: ClassVar[float] = 0.25
     evaluations: ClassVar[int] = 2
@@ -175,13 +175,13 @@ class _Accelerated(NamedTuple):
     airs: dict[str, Air]
     """Air of the chambers and ducts, by name."""
     taken: dict[str, Scalar]
-    """Energies (J, J/m in 2-D) exchanged with the air and the dampers, by name in the ledger."""
+    """Energies (J, J/m in 2-D) exchanged with the air and the dampers, by ledger name."""
 
 
 def _accelerate(
     scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
 ) -> _Accelerated:
-    """Water, solids and air dt (s) after `start`, with all forces on the water of the state `at`."""
+    """Water, solids and air dt (s) after `start`, under all forces on the water in the state `at`."""
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
     push = spring_acceleration(model, at.parts, p, scheme.c0)
@@ -256,11 +256,11 @@ def _with_air(
     interval: Interval,
     before: Float[Array, "N D"],
 ) -> tuple[Float[Array, "N D"], dict[str, Air], dict[str, Scalar]]:
-    """Velocities (m/s) after the force of the chambers' air, the air at the interval's end, and its energies.
+    """Velocities (m/s) after the force of the chambers' air, the air at the interval's end, and energies.
 
     The air acts on the water of the state `at`. **Arguments**: velocities `u` (m/s) after all other forces,
-    and `before` (m/s) at the start of the interval. The energies (J, J/m in 2-D) are those taken from the
-    water, by name.
+    and `before` (m/s) at the start of the interval. The energies (J, J/m in 2-D), by name,
+    are taken from the water.
     """
     dt = interval.dt
     airs = couple_airs(scheme, model, at.particles, sources, tables)

@@ -26,11 +26,12 @@ POLYNOMIAL = {
 KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
 """Default kernel by number of dimensions.
 
-It has half the neighbours of a Gaussian of 1.2 dx and, in three dimensions, as many as the paper's kernel,
-Wendland's of 1.5 dx (section 2). Waves lose less energy than with either.
+The default kernel has half as many neighbours as a Gaussian with a smoothing length of 1.2 dx. In three
+dimensions it has as many neighbours as the paper's kernel, Wendland's with 1.5 dx (section 2). Waves lose
+less energy with the default kernel than with either of these.
 
 In deep water the lattice buckles with the semicircle (`lattice_stress`), but not with the polynomial. In
-still water in three dimensions the rows at the surface move with the polynomial, but hardly with the
+still water in three dimensions the particles at the surface move with the polynomial, but hardly with the
 semicircle.
 """
 
@@ -49,20 +50,20 @@ NAMED: dict[int, dict[KernelName, AbstractKernel]] = {
 """Kernels by number of dimensions and name."""
 
 SUPPORT = {Semicircle: {2: 3.05, 3: 3.0}, Polynomial: {2: 3.05, 3: 3.025}}
-"""Support radius over the spacing (-), by kernel and number of dimensions."""
+"""Ratio of support radius to spacing (-), by kernel and number of dimensions."""
 
 STEP_LENGTH = {2: 1.2, 3: 1.5}
-"""Length over the spacing (-) in the Courant condition, by number of dimensions, whatever the kernel.
+"""Ratio to the spacing (-) of the length in the Courant condition, by number of dimensions, for any kernel.
 
-A particle may cross the share `cfl` of this length in a time step.
+In a time step a particle may move by `cfl` times this length.
 """
 
 
 def usual_length(kernel: AbstractKernel, dim: int) -> float:
-    """Default smoothing length of a kernel over the spacing (-), in `dim` dimensions.
+    """Ratio of the default smoothing length of a kernel to the spacing (-), in `dim` dimensions.
 
-    For Wendland's kernel it is 2 in two dimensions, with which a square lattice stays at rest, and the
-    paper's 1.5 in three (section 2).
+    For Wendland's kernel the ratio is 2 in two dimensions, where it keeps a square lattice at rest. In three
+    dimensions the ratio is 1.5, as in the paper (section 2).
     """
     if isinstance(kernel, WendlandC2):
         return {2: 2.0, 3: 1.5}[dim]

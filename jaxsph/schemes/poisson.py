@@ -1,6 +1,6 @@
 """Pressure Poisson equation of the incompressible scheme: solvers and free-surface conditions.
 
-Equation numbers are those of Yeylaghi et al. 2016 unless another source is named.
+Equation numbers refer to Yeylaghi et al. 2016 unless another source is named.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ class AbstractSolver(eqx.Module):
         The operator is scaled to a diagonal of 1: p_i - sum A_ij p_j / sum A_ij. An unknown is a pair: the
         pressures, and the bodies' accelerations scaled to pressures.
 
-        **Returns** the solution, the norm of its residual over that of b, and whether this ratio is within
-        the solver's tolerance.
+        **Returns** the solution, the ratio of the residual's norm to the norm of b, and whether this ratio is
+        within the solver's tolerance.
         """
 
 
 class Explicit(AbstractSolver):
-    """Explicit solver with the neighbours' pressures of the last step (Eq. 13-15; Hosseini et al. 2007).
+    """Explicit solver that uses the neighbours' pressures of the last step (Eq. 13-15; Hosseini et al. 2007).
 
-    Pressure waves then travel about a spacing per sweep. The solver has no tolerance for the residual.
+    With this solver pressure waves travel about one spacing per sweep. The residual has no tolerance.
     """
 
     sweeps: int = eqx.field(static=True, default=1)
-    """Number of sweeps in a step; each starts from the pressures of the previous sweep."""
+    """Number of sweeps in a step; each sweep starts from the result of the previous one."""
 
     def solve(self, operator, b, p):
         """See `AbstractSolver.solve`."""
@@ -59,20 +59,20 @@ class Explicit(AbstractSolver):
 
 
 class BiCGStab(AbstractSolver):
-    """Solver by stabilised biconjugate gradients (van der Vorst 1992), from the last step's pressure.
+    """Stabilised biconjugate gradient solver (van der Vorst 1992) that starts from the last step's pressure.
 
-    The matrix is not symmetric because the walls' pressures are interpolated. Derivatives are those of the
-    solution, not of the iteration: each follows from a linear equation that is solved to the same tolerance,
-    relative to its own right-hand side.
+    The matrix is not symmetric because the walls' pressures are interpolated. The solution is differentiated,
+    not the iteration: each derivative follows from a linear equation, which is solved to the same tolerance
+    relative to the right-hand side of this equation.
     """
 
     tolerance: float = eqx.field(static=True, default=3e-3)
-    """Largest norm of the residual over that of the right-hand side."""
+    """Largest ratio of the norm of the residual to the norm of the right-hand side (-)."""
     iterations: int = eqx.field(static=True, default=1000)
     """Largest number of iterations.
 
-    The number needed grows with the rows of particles that the pressure has to cross: a box that sinks in
-    water of 105 rows takes 4 to 20 iterations in most steps, and about 200 at worst.
+    The number needed grows with the depth of the water in spacings. For a box that sinks in water 105
+    spacings deep, most steps need 4 to 20 iterations, and the slowest step needed about 200.
     """
 
     def solve(self, operator, b, p):
@@ -81,7 +81,7 @@ class BiCGStab(AbstractSolver):
         start = jax.lax.stop_gradient(p)
         rest = jax.tree.map(jnp.subtract, b, operator(start))
         # A second unknown, equal to its right-hand side, carries the norm of b to the iteration. For tangents
-        # it is zero; the norm of the right-hand side of their equation then takes its place.
+        # this unknown is zero, and the norm of the right-hand side of the tangents' equation is used instead.
         size = jax.lax.stop_gradient(_norm(b))
         # Transposition requires every part of the right-hand side to depend on the differentiated inputs.
         nothing = sum(0.0 * jnp.ravel(a)[0] for a in jax.tree.leaves(rest))
@@ -112,8 +112,8 @@ class BiCGStab(AbstractSolver):
 CYCLE = 50
 """Number of iterations of stabilised biconjugate gradients after which they restart.
 
-The OWC takes 2 to 7 iterations at dx = 0.02 m. Without a restart one step in 5,500 at 0.005 m stagnated: the
-residual after 200 iterations was still 1.1 times the tolerance.
+The OWC takes 2 to 7 iterations per step with dx = 0.02 m. With dx = 0.005 m and without restarts, one step
+in 5,500 stagnated: the residual after 200 iterations was still 1.1 times the tolerance.
 """
 
 
@@ -136,8 +136,8 @@ def _plus(a: Unknown, factor: Scalar | float, b: Unknown) -> Unknown:
 def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) -> tuple[Unknown, Scalar]:
     """Solution of operator(x) = b from x = 0, and the norm of its residual.
 
-    The residual is at most `least`, unless `iterations` were not enough. The iteration restarts from the
-    solution so far after a breakdown, and after `CYCLE` iterations.
+    The residual is at most `least`, unless `iterations` were not enough. After a breakdown, and after every
+    `CYCLE` iterations, the iteration restarts from the solution found so far.
     """
 
     def goes_on(carry):
@@ -163,7 +163,7 @@ def _cycle(
 ) -> tuple[Unknown, Unknown, Int[Array, ""]]:
     """Approximate solution of operator(x) = b from x = 0, its residual, and the number of iterations.
 
-    It ends at the residual `least`, after `iterations`, or at a breakdown (van der Vorst 1992).
+    The iteration ends at the residual `least`, after `iterations`, or at a breakdown (van der Vorst 1992).
     """
     zero, one = jax.tree.map(jnp.zeros_like, b), jnp.ones_like(least)
     least2, size2 = least**2, _product(b, b)
@@ -179,8 +179,8 @@ def _cycle(
         alpha = rho / _product(b, v)
         s = _plus(r, -alpha, v)
         t = operator(s)
-        # All products at once, those of the new residual s - omega t by expansion: with several devices,
-        # every sum makes the devices wait for each other.
+        # Compute all products at once, and the products of the new residual s - omega t by expansion, because
+        # with several devices every sum makes the devices wait for each other.
         s2, ts, t2, bs, bt = (_product(*pair) for pair in ((s, s), (t, s), (t, t), (b, s), (b, t)))
         early = s2 < least2
         omega = ts / t2
@@ -209,14 +209,14 @@ class AbstractSurface(eqx.Module):
     def free(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
         """Mask of particles: 1 where the pressure is solved for, 0 where it is zero.
 
-        `filled`: kernel sum V W over that of a full kernel (-).
+        `filled`: ratio of the kernel sum V W to its value in a full lattice (-).
         """
 
     @abc.abstractmethod
     def missing(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
         """Increase of the diagonal per unit of the missing neighbours' weights.
 
-        `filled`: kernel sum V W over that of a full kernel (-).
+        `filled`: ratio of the kernel sum V W to its value in a full lattice (-).
         """
 
 
@@ -242,11 +242,11 @@ class EmptyNeighbours(AbstractSurface):
     """
 
     gain: Scalar | float = 1.0
-    """Pressure of a missing neighbour over minus the pressure of its particle (-)."""
+    """Ratio of minus the pressure of a missing neighbour to the pressure of the particle (-)."""
     low: Scalar | float = 0.7
-    """Share of a full kernel's sum below which missing neighbours count in full."""
+    """Share of a full kernel's sum below which the missing neighbours have their full weight."""
     high: Scalar | float = 0.85
-    """Share of a full kernel's sum above which no neighbour is missing."""
+    """Share of a full kernel's sum above which no neighbour is regarded as missing."""
 
     def free(self, filled):
         """See `AbstractSurface.free`."""

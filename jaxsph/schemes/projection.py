@@ -1,8 +1,8 @@
 """Pressure equation of the incompressible scheme: its linear operator, its source and its unknowns.
 
 The unknowns are the pressures of the water and the accelerations of the bodies. The pressure on a body
-depends instantaneously on its acceleration: with the acceleration of the previous step, a light body would
-oscillate without end. The pressure of a chamber's air is an unknown as well (`schemes.air`).
+depends instantaneously on the body's acceleration. If the acceleration of the previous step were used, a
+light body would oscillate without end. The pressure of a chamber's air is an unknown as well (`schemes.air`).
 """
 
 from __future__ import annotations
@@ -22,40 +22,40 @@ from jaxsph.schemes.kernels import LatticeSums
 from jaxsph.schemes.poisson import AbstractSolver, Unknown
 
 RELAXATION = 1.5
-"""Rate at which crowded particles are spread again, over sqrt(g/h) (-).
+"""Rate at which crowded particles are spread, as a multiple of sqrt(g/h) (-).
 
-With projection alone disordered water expands: without relaxation the level of a tank rises by 6 % in 6 s.
-At half this rate waves lose twice as much energy and the energy of still water grows. At twice this rate
-still water is restless.
+With projection alone disordered water expands, and the water level in a tank rises by 6 % in 6 s.
+At half this rate waves lose twice as much energy, and the energy of still water grows. At twice this rate
+the particles of still water do not come to rest.
 """
 
 SECOND_ROW = 28.0
-"""Rate at which crowding in the second row below a free surface is removed, over `relaxation` dt g/h (-).
+"""Rate of removing crowding in the second row below a free surface, as a multiple of `relaxation` dt g/h (-).
 
-A rate in proportion to dt acts as a spring whose stiffness does not depend on dt. The spring counteracts
+A rate proportional to dt acts as a spring whose stiffness does not depend on dt. The spring counteracts
 the pressure, which pushes this row out of place (`surface_stiffness`). With the rate used elsewhere in the
-water the spring would weaken as the time step grows. A value of 40, or holding the third row too, hardly
-improves it.
+water the spring would weaken as the time step grows. Neither a value of 40 nor the same rate in the
+third row as well improves the result noticeably.
 """
 
 MOST = 0.5
 """Largest share of the second row's crowding that is removed in one step (-)."""
 
 MEAN_TIME = 3.0
-"""Averaging time of the pressure from which dummies find the water level, over sqrt(h/g) (-).
+"""Averaging time of the pressure from which dummies find the water level, as a multiple of sqrt(h/g) (-).
 
 A dummy that becomes wet crowds the water beside it, and the pressure of that water makes the dummy wetter.
 With the pressure of the last step, water below a leaning plate never comes to rest. A time of 1 is sometimes
-too short; 2 and 6 are long enough. The mean belongs to the particle, which in waves stays at the same depth
-below the surface.
+too short; times of 2 and 6 are long enough. Every particle has its own mean, because a particle stays at the
+same depth below the surface of waves.
 """
 
 LEFT_OVER = 0.5
 """Share of the divergence left by the previous step that a projection removes (-).
 
-The next step removes half of the remainder, and so on. If all of it were removed at once, the disorder left
-by one step would become a pressure in the next: on the wall of Buchner's dam break, pressures would scatter
-by 0.4 rho g H.
+The next step removes half of the remainder, and so on. If all of the divergence were removed at once, the
+disorder left by one step would become a pressure in the next step. In Buchner's dam break the pressures on
+the wall would scatter by 0.4 rho g H.
 """
 
 
@@ -75,9 +75,9 @@ class Poisson(NamedTuple):
     free: Float[Array, " N"]
     """Mask of particles: 1 where the pressure is solved for, 0 elsewhere."""
     shrinking: Float[Array, " N"]
-    """Source due to the velocities, in proportion to minus their divergence, as a pressure, Pa."""
+    """Source due to the velocities, proportional to minus their divergence and scaled to a pressure, Pa."""
     crowding: Float[Array, " N"]
-    """Source that spreads crowded particles, as a pressure, Pa."""
+    """Source that spreads crowded particles, scaled to a pressure, Pa."""
     held: Scalar
     """Number of particles whose crowding is limited."""
 
@@ -118,21 +118,21 @@ class PressureEquation(NamedTuple):
     at_walls: Callable[[Sources], Float[Array, " G"]]
     """Function that gives the pressures of the ghosts (Pa) from those of the water."""
     beyond: Float[Array, " G"]
-    """Pressure of the ghosts less that at their nodes, due to forces and the walls' accelerations, Pa."""
+    """Pressure difference from nodes to ghosts, due to forces and the walls' accelerations, Pa."""
     couplings: dict[str, BodyCoupling]
     """Couplings of the bodies by name."""
     unit: Scalar
-    """Factor from accelerations to pressures, Pa per m/s2, so that both weigh alike in the residual."""
+    """Factor that scales accelerations to pressures for the residual, Pa per m/s2."""
 
     def unforced(self) -> PressureEquation:
-        """The equation without forces on walls and bodies: pressures due to a source alone."""
+        """The equation without forces on walls and bodies; its solution is due to the source alone."""
         free = {n: c._replace(outside=jnp.zeros_like(c.outside)) for n, c in self.couplings.items()}
         return self._replace(beyond=jnp.zeros_like(self.beyond), couplings=free)
 
     def solve(
         self, solver: AbstractSolver, source: Float[Array, " N"], start: Float[Array, " N"]
     ) -> tuple[Float[Array, " N"], Scalar, Array]:
-        """Pressures of the water (Pa) for a source (Pa), their residual, and whether it is small enough.
+        """Pressures of the water (Pa) for a source (Pa), the residual, and whether it is small enough.
 
         `start`: first guess of the pressures, Pa.
         """
@@ -191,14 +191,15 @@ def undoing(
 ) -> tuple[Float[Array, " N"], Scalar]:
     """Rate of expansion that removes crowding, 1/s, and the number of particles whose crowding is limited.
 
-    Crowding is the relative excess of the particles' density, negative where they are too sparse. It is
-    limited to what ordinary disorder causes. Particles with `filled` below 0.8 are at the surface and have
-    no crowding. The second row below the surface is recognised by the slope of the kernel's sum; its density
-    on a lattice counts as uncrowded, and its rate grows with dt (`SECOND_ROW`).
+    Crowding is the relative excess of the particles' density. It is negative where particles are too sparse,
+    and is limited to the range that ordinary disorder causes. Particles with `filled` below 0.8 are at the
+    surface and have no crowding. The second row of particles below the surface is recognised by the slope of
+    the kernel sum. Crowding in this row is relative to the row's density on a lattice, and the rate of its
+    removal grows with dt (`SECOND_ROW`).
 
-    **Arguments**: `filled`: kernel sum over that of a full lattice; `edge`: slope |sum V grad W| of the
-    kernel sum, times dx; `lattice`: sums over a lattice; `relaxation`: see `RELAXATION`; `frequency`:
-    sqrt(g/h), 1/s; time step dt, s.
+    **Arguments**: `filled`: ratio of the kernel sum to the kernel sum of a full lattice (-); `edge`: slope
+    |sum V grad W| of the kernel sum, times dx (-); `lattice`: sums of the kernel over a lattice;
+    `relaxation`: see `RELAXATION`; `frequency`: sqrt(g/h), 1/s; `dt`: time step, s.
     """
     first, second = lattice.edges
     # 1 at the slope of the second row, 0 in a full lattice and at the first row

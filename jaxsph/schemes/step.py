@@ -44,11 +44,12 @@ class GhostFields(NamedTuple):
     p: Float[Array, " G"]
     """Gauge pressure, Pa."""
     u: Float[Array, "G D"]
-    """Velocity that the continuity equation sees, m/s."""
+    """Velocity in the continuity equation, m/s."""
     u_shear: Float[Array, "G D"]
-    """Velocity that the viscous force sees, m/s.
+    """Velocity in the viscous force, m/s.
 
-    It differs from `u` because a no-slip wall must not look like a moving wall to the continuity equation.
+    It differs from `u`, because these velocities of a no-slip wall would act in the continuity equation like
+    a motion of the wall.
     """
     V: Float[Array, " G"]
     """Volume, m3 (m2 in 2-D); zero for a ghost whose node is dry."""
@@ -58,7 +59,7 @@ class GhostFields(NamedTuple):
     """Fields of the water that the ghosts see, as sources."""
 
     def seeing(self, tables: Tables, **changed: Any) -> GhostFields:
-        """Ghosts for water whose fields `changed`, by name, have new values."""
+        """Ghosts that see water with new values of some fields, given in `changed` by name."""
         water = self.water
         for name, field in changed.items():
             water = water.changing(name, field)
@@ -66,7 +67,7 @@ class GhostFields(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """Time interval of a step, or of a part of one, and the motion of the walls over it."""
+    """Time interval of a step or of a part of a step, and the motion of the walls over the interval."""
 
     before: Mapping[str, Any]
     """States of the parts by name at the interval's beginning."""
@@ -84,7 +85,7 @@ class Interval(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """Velocities at the end of a step and their changes within it, m/s, with the energies of the dampers."""
+    """Velocities at the end of a step, their changes within the step, and the energies of the dampers."""
 
     u: Float[Array, "N D"]
     """Velocity at the end of the step, m/s."""
@@ -104,7 +105,7 @@ def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
 
 
 def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
-    """Tallies by name with the `amounts` of one step added: energies (J, J/m in 2-D), or particle counts."""
+    """Adds the `amounts` of a step, energies (J, J/m in 2-D) or particle numbers, to the tallies by name."""
     return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
 
 
@@ -138,13 +139,13 @@ def damp(
 ) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
     """Velocities (m/s) after all dampers over a step, and the kinetic energy exchanged with each, by name.
 
-    The energies (J; J/m in 2-D) are positive when taken from the water, or when given to it if the damper's
-    ledger entry is of that kind.
+    The energies (J; J/m in 2-D) are positive if taken from the water. They are positive if given to the water
+    for a damper whose ledger entry is `Exchange.GIVEN`.
     """
     exchanged = {}
     for damper in model.dampers:
         damped = damper.damp(p.x, u, interval.t + interval.dt, interval.dt)
-        # difference of squares as a product: small changes are not lost to rounding
+        # a difference of squares in the form of a product, which loses small changes less to rounding
         gained = 0.5 * jnp.sum(p.m * jnp.sum((damped - u) * (damped + u), axis=1))
         given = damper.entries()[damper.name].exchange is Exchange.GIVEN
         exchanged[damper.name] = gained if given else -gained
@@ -162,7 +163,7 @@ def wall_work(
 ) -> dict[str, Scalar]:
     """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
 
-    It is minus dt times the water's force on the wall times the velocity of the wall's state in `parts`.
+    The work is minus dt times the water's force on the wall times the wall's velocity, from `parts`.
     """
     work = {}
     for wall in model.moving:
@@ -180,9 +181,9 @@ def body_work(
 ) -> tuple[Any, Mapping[str, Scalar], jax.Array, jax.Array]:
     """Energies that a body exchanges in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
 
-    **Returns** `new` with the impulse of the water's force added; by name, the energies taken by the power
-    take-off and given by the drive of the motions that are not free; the work of the pressure on the body;
-    the work of the water in contact with the body.
+    **Returns** a tuple: `new` with the impulse of the water's force added; the energies, by name, that the
+    power take-off takes and that the drive of the motions that are not free gives; the work of the pressure
+    on the body; and the work of the water in contact with the body.
     """
     moved = 0.5 * dt * (old.velocity + new.velocity)
     force = new.force + old.contact  # the forces that acted on the body in this step

@@ -6,10 +6,10 @@ from __future__ import annotations
 def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
     """Largest stable time step, s: the smallest of cfl h/speed, h^2/(8 nu) and sqrt(h/g)/4.
 
-    These are Eq. 10 to 12 of Zhu et al. (2020).
+    The three limits are Eq. 10 to 12 of Zhu et al. (2020).
 
     **Arguments**: smoothing length `h` (m); `speed` (m/s): speed of sound of weakly compressible water, or
-    the largest speed expected of incompressible water; kinematic viscosity `nu` (m2/s), gravity `g` (m/s2).
+    the largest expected speed of incompressible water; kinematic viscosity `nu` (m2/s), gravity `g` (m/s2).
     """
     limits = [cfl * h / speed]
     if nu > 0:

@@ -1,6 +1,6 @@
 """Weakly compressible delta-SPH (Zhu et al. 2020, section 2; Antuono et al. 2012).
 
-Equation numbers are those of Zhu et al. unless another source is named.
+Equation numbers refer to Zhu et al. unless another source is named.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class DeltaSPH(AbstractRateScheme):
     integrator: AbstractIntegrator
     """Time integrator."""
     background: tuple[Background, ...] = ()
-    """Hydrostatic pressures that are taken out of the pair sums beside thin walls."""
+    """Hydrostatic pressures that are subtracted in the pair sums beside thin walls."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
     """Regularisation of the particles, at most one."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
@@ -87,10 +87,10 @@ class DeltaSPH(AbstractRateScheme):
         """Builds the weakly compressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), at least ten times the largest
-        speed; `viscosity`, by default that of water; `kernel`, by default the Gaussian; `h_over_dx`:
-        smoothing length of a Gaussian over dx; another kernel gets the same width (`AbstractKernel.width`);
+        speed; `viscosity`, by default water's; `kernel`, by default the Gaussian; `h_over_dx`: ratio of
+        a Gaussian's smoothing length to dx; another kernel gets the same width (`AbstractKernel.width`);
         `period`: `Box.period`; `hyperviscosity`, `separation`: regularisation strengths, both 0 to disable
-        it; `options`: further fields by name. There is an argument for each choice.
+        it; `options`: further fields by name.
         """
         kernel = Gaussian() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity
@@ -124,7 +124,7 @@ class DeltaSPH(AbstractRateScheme):
 
     def stable_dt(self, g, dim):
         """See `AbstractScheme.stable_dt`."""
-        # h of Eq. 10 is that of the Gaussian of the same width, whatever the kernel
+        # for any kernel, h in Eq. 10 is the smoothing length of the Gaussian of the same width
         share = self.integrator.cfl / self.smoothing.kernel.width
         nu = float(self.viscosity.kinematic(self.smoothing.h, self.c0, dim))
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
@@ -161,7 +161,7 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- sources
 
     def water(self, p):
-        """See `AbstractParticleScheme.water`: adds density deviation and pressure over the background."""
+        """See `AbstractParticleScheme.water`: adds density deviation, and pressure less the background."""
         water = super().water(p).water
         return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
 
@@ -179,7 +179,7 @@ class DeltaSPH(AbstractRateScheme):
 
         The pressure p (Pa) is the excess over the background pressure.
         """
-        # ghosts take no part in the diffusion and gradient of the density: their deviation is not used
+        # ghosts do not enter the diffusion and gradient of density; their density deviation is not used
         fields = {"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)}
         p = self._over_background(ghosts.x, ghosts.p)
         return ghosts.water.behind(fields | {"p": p, "rho": jnp.zeros_like(p)}, p="over")
@@ -195,7 +195,7 @@ class DeltaSPH(AbstractRateScheme):
     def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
         """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and gradients of density, kg/m4 (Eq. 9).
 
-        The gradients are renormalised: they are exact for linear fields.
+        The gradients are renormalised and therefore exact for linear fields.
         """
         dim = p.x.shape[1]
         guard = laws.GUARD * self.smoothing.h**2
@@ -273,12 +273,12 @@ class DeltaSPH(AbstractRateScheme):
         return Dissipation(loss_viscous, loss_diffusive)
 
     def surface(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
-        """Divergence of position (Eq. 15): D inside the water, less than `SURFACE` D at the surface."""
+        """Divergence of position (Eq. 15) in D dimensions: D in water, below `SURFACE` D at the surface."""
         sources = self._sources_now(model, state, tables)
         return self.momentum(model, state.particles, sources, tables).position_divergence
 
     def _sources_now(self, model: Model, state: State, tables: Tables) -> Sources:
-        """Sources of the pair sums for a state: water and ghosts as the viscous force sees them."""
+        """Sources of the pair sums for a state: water, and ghosts with the viscous force's velocities."""
         ghosts = self.ghosts(model, state, tables, at_rest(model, state))
         ghosts = self.ghost_velocity(model, state.parts, tables, ghosts)
         return self.sources(ghosts, ghosts.u_shear)

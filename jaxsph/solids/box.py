@@ -1,4 +1,4 @@
-"""Geometry of a tank in plain numbers: box, thin plates, raised bed, and slip at the walls."""
+"""Geometry of a tank in plain numbers (box, thin plates, raised bed), and slip conditions at its walls."""
 
 from __future__ import annotations
 
@@ -15,14 +15,17 @@ from jaxsph.core.pairs import Period
 
 
 class FreeSlip(eqx.Module):
-    """Free slip at a wall: ghosts carry the water's tangential velocity unchanged."""
+    """Free slip at a wall. In the viscous force, ghosts have the water's tangential velocity."""
 
     tangential: float = eqx.field(static=True, default=1.0)
     """Factor of the tangential velocity that a ghost carries."""
 
 
 class NoSlip(eqx.Module):
-    """No slip at a wall: ghosts carry the reversed tangential velocity, so that it vanishes at the wall."""
+    """No slip at a wall. In the viscous force, ghosts have the water's reversed tangential velocity.
+
+    The tangential velocity at the wall is then zero.
+    """
 
     tangential: float = eqx.field(static=True, default=-1.0)
     """Factor of the tangential velocity that a ghost carries."""
@@ -30,7 +33,7 @@ class NoSlip(eqx.Module):
 
 @dataclass(frozen=True)
 class WallPlate:
-    """Vertical plate that pierces the water's surface: x0 <= x <= x1 (m), from its tip (m) upwards."""
+    """Vertical plate through the water's surface, at x0 <= x <= x1 (m) and z >= tip (m)."""
 
     x0: float
     x1: float
@@ -54,11 +57,11 @@ class WallPlate:
         return self.thickness <= layers * dx
 
     def across(self, x: Components) -> jax.Array:
-        """Distance of points x (m) from the plate's middle, m; negative on its left."""
+        """Distance of points x (m) from the plate's middle plane, m; negative on the plate's left."""
         return x[0] - self.middle
 
     def past(self, x: Components) -> jax.Array:
-        """Distance of points x (m) along the plate past its tip, m; negative beside the plate."""
+        """Distance of points x (m) below the plate's tip, m; negative above the tip's level."""
         return self.tip - x[-1]
 
 
@@ -80,12 +83,12 @@ class LeaningPlate:
 
     @property
     def along(self) -> tuple[float, float]:
-        """Unit vector (x, z) from the foot to the head; `across` is positive on its right."""
+        """Unit vector (x, z) from the foot to the head; `across` is positive on the right of this vector."""
         (x0, z0), (x1, z1) = self.foot, self.head
         return (x1 - x0) / self.length, (z1 - z0) / self.length
 
     def across(self, x: Components) -> jax.Array:
-        """Distance of points x (m) from the plate's middle, m; negative on its left."""
+        """Distance of points x (m) from the plate's middle plane, m; negative on the plate's left."""
         (ex, ez), (x0, z0) = self.along, self.foot
         return ez * (x[0] - x0) - ex * (x[-1] - z0)
 
@@ -102,13 +105,13 @@ AnyPlate = WallPlate | LeaningPlate
 
 @dataclass(frozen=True)
 class Platform:
-    """Raised bed: solid for x >= start and z <= height (m), up to the far end of the tank."""
+    """Raised bed that fills x >= start, z <= height (m), up to the far end of the tank."""
 
     start: float
     height: float
 
     def in_front(self, x: Components) -> jax.Array:
-        """Mask of points x (m) in front of the platform's face rather than above its top, True in front.
+        """Mask of points x (m): True in front of the platform's front face, False above its top.
 
         A particle pressed slightly into the platform keeps the ghosts of the face that it entered.
         """
@@ -124,14 +127,14 @@ SIDES = {
     "open": (False, False),
     "periodic": (False, False),
 }
-"""Kinds of boundary along an axis, each with the presence of a wall at the low and at the high end."""
+"""Kinds of boundary along an axis. The values are whether there is a wall at the low and at the high end."""
 
 
 @dataclass(frozen=True)
 class Box:
     """Domain of the water, low <= x <= high (m), and the kind of boundary along each axis.
 
-    **Raises** ValueError for an unknown kind of boundary or an empty extent.
+    **Raises** ValueError for an unknown kind of boundary, or if `low` is not below `high` along every axis.
     """
 
     low: tuple[float, ...]
@@ -139,9 +142,9 @@ class Box:
     paddle: bool = False
     """Whether the wall at the low end of the first axis moves."""
     stroke: float = 0.0
-    """Largest displacement of the paddle towards negative x, m; the bed reaches that far behind it."""
+    """Largest displacement of the paddle towards negative x, m. The bed extends this far behind `low`."""
     sides: tuple[str, ...] = ()
-    """Kind of boundary along each axis, one of `SIDES`; default: "walls", and "floor" along the last axis.
+    """Kind of boundary along each axis, one of `SIDES`; by default "floor" along the last, else "walls".
 
     At an end without a wall, `low` or `high` is only a limit that the water must not pass.
     """
@@ -158,7 +161,7 @@ class Box:
 
     @property
     def walls(self) -> np.ndarray:
-        """Presence of walls `[D, 2]`: True if an axis has a wall at its low end, and at its high end."""
+        """Mask `[D, 2]` of the ends of the axes (low, high), True at an end with a wall."""
         return np.array([SIDES[side] for side in self.sides])
 
     @property

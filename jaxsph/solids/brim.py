@@ -1,4 +1,4 @@
-"""Kernel sums of the ghosts in a full tank: the reference from which the ghosts' wetness is found."""
+"""Kernel sums at the ghosts' nodes in a full tank, from which the wetness of the ghosts is found."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
 
 PAIRS = 1_000_000
-"""Largest number of pairs held in memory at a time, 24 bytes each."""
+"""Largest number of pairs in memory at a time; each pair takes 24 bytes."""
 
 NOWHERE = 1.0e3
-"""Height far beyond every tank, m: stands in where a node sees no water or its level is not evaluated."""
+"""Height far above every tank, m. It is used at a node that sees no water or whose level is not evaluated."""
 
 SLACK = 0.05
-"""Error of a mean height due to the disorder of the particles, over h (-)."""
+"""Error of a mean height due to the disorder of the particles, in smoothing lengths h."""
 
 TELLS = 0.2
-"""Rise of the mean height over h (-) at which the level follows from the mean height alone.
+"""Rise of the mean height, in smoothing lengths h, from which the level is found from the mean height alone.
 
-The rise is the increase from water up to a cell's top to a full tank. If it is smaller, the pressure head is
-used as well.
+The rise is the mean height in a full tank minus the mean height with the level at the top of the node's cell.
+If the rise is smaller, the pressure head is used as well.
 """
 
 FEW = 1.0e-4
-"""Kernel sum of V W below which a point counts as seeing no water (-)."""
+"""Kernel sum of V W (-) below which a point counts as a point without water."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Full:
     """Distance by which the water extends beyond an end without a wall, m."""
 
     def finer(self) -> Full:
-        """The same water at half the spacing in 2-D; unchanged in 3-D.
+        """Returns this water at half the spacing in 2-D, and unchanged in 3-D.
 
         The finer lattice resolves better where a level cuts the cells beside a slanting wall.
         """
@@ -80,21 +80,21 @@ class Full:
 
 
 class Brim(eqx.Module):
-    """Kernel sums at the nodes in a full tank, and mean heights of the water that each node sees there.
+    """Kernel sums and mean heights of the water at the nodes of ghosts in a full tank.
 
-    Heights are measured from the node, m.
+    A mean height (m) is measured upwards from the node and averaged over the water that the node sees.
     """
 
     full: Float[Array, " G"]
     """Kernel sum of V W (-)."""
     bottom: Float[Array, " G"]
-    """Mean height with the level at the bottom of the node's cell, m."""
+    """Mean height with the water level at the bottom of the node's cell, m."""
     top: Float[Array, " G"]
-    """Mean height with the level at the top of the node's cell, m."""
+    """Mean height with the water level at the top of the node's cell, m."""
     mean: Float[Array, " G"]
     """Mean height in a full tank, m."""
     cell: Scalar
-    """Height of a cell, the spacing of the lattice, m."""
+    """Height of a cell, equal to the spacing of the water, m."""
 
     @classmethod
     def of(
@@ -107,10 +107,10 @@ class Brim(eqx.Module):
         least: float,
         dtype: Any,
     ) -> Brim:
-        """Computes the brim of `nodes` (m) in a tank full of `water`, on the host.
+        """Computes kernel sums and mean heights at `nodes` (m) in a tank full of `water`, on the host.
 
         **Arguments**: `sees`: bits of the water that every node uses; `told`: mask of the nodes whose water
-        level is evaluated; `least`: lower bound of the sum V W that counts as full.
+        level is evaluated; `least`: lower bound of the kernel sum in a full tank.
         """
         full = np.ones(len(nodes))
         # a node whose level is not evaluated counts as below the level
@@ -128,12 +128,13 @@ class Brim(eqx.Module):
     def below_level(
         self, height: Float[Array, " G"], head: Float[Array, " G"], h: Scalar
     ) -> Float[Array, " G"]:
-        """Share of each node's cell below the level of the water that the node sees, 0 to 1.
+        """Share of each node's cell that is below the level of the water that the node sees, 0 to 1.
 
         A ghost above that level is behind a dry wall, even if its kernel reaches the water below. The level
-        is found from the mean height of the water, which the particles give most accurately. In two places
-        the mean height fails: under a roof, where more water could not raise it, and far below the level,
-        where it scatters. There the pressure head at the ghost gives the height of the level above it.
+        is found from the mean height of the water, the quantity that the particles give most accurately. Two
+        exceptions are nodes under a roof, where more water could not raise the mean height, and nodes far
+        below the level, where the mean height scatters. At these nodes the level is found from the pressure
+        head.
 
         **Arguments**: `height`: mean height of the water above the node, m; `head`: hydrostatic pressure head
         at the node, found from the water around it, m; `h`: smoothing length, m.
@@ -161,10 +162,10 @@ def kernel_fill(
 
 
 def _mean_heights(points: np.ndarray, water: Full, bits: int, smoothing: Smoothing, dx: float) -> np.ndarray:
-    """Kernel-weighted mean heights `[K, 3]` (m) above the points of the water whose kind is in `bits`.
+    """Mean heights `[K, 3]` (m), above each point, of the water whose kind bit is in `bits`.
 
-    The columns are for a level half a spacing dx (m) below each point, half a spacing above it, and a full
-    tank. A point without water has the height -`NOWHERE`.
+    The means are kernel-weighted. The columns are for a level half a spacing dx (m) below each point, half a
+    spacing above it, and a full tank. A point without water has the height -`NOWHERE`.
     """
     (x, volume), side = water.seen(bits), water.side
     total = np.zeros((3, 2, len(points)))
@@ -181,7 +182,7 @@ def _mean_heights(points: np.ndarray, water: Full, bits: int, smoothing: Smoothi
 def _weights(
     points: np.ndarray, water: np.ndarray, volume: np.ndarray, kernel: AbstractKernel, h: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yields indices of points, indices of the water around them, and weights V W, for blocks of points."""
+    """Yields indices of points, indices of the water around them, and their weights V W, in blocks."""
     if not len(water):
         return
     dim, reach, tree = points.shape[1], kernel.reach, KDTree(water)

@@ -14,7 +14,7 @@ from jaxsph.solids.shapes import AbstractShape, plain_numbers
 class Union(AbstractShape):
     """Union of several shapes in the x-z plane.
 
-    The distance is exact outside. Inside, near a seam, it may be smaller than the distance to the surface.
+    `distance` is exact outside. Inside, near a seam, its magnitude may be too small.
     """
 
     shapes: tuple[AbstractShape, ...] = eqx.field(converter=tuple)
@@ -37,7 +37,7 @@ class Union(AbstractShape):
 class Difference(AbstractShape):
     """A shape with another shape cut out of it, in the x-z plane.
 
-    The distance is exact inside. Outside, near a seam, it may be smaller than the distance to the surface.
+    `distance` is exact inside. Outside, near a seam, its magnitude may be too small.
     """
 
     whole: AbstractShape

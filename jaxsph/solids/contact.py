@@ -30,19 +30,20 @@ TOUCH = 0.4
 def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
     """Acceleration (m/s2) of a contact spring away from a solid's surface, at the distance `gap` (m) from it.
 
-    Mirrored pressures alone do not keep particles off a wall: the nearer a particle comes to its own image,
-    the less the image repels it, and in the vortex at a plate's tip some particles entered the plate and
-    stayed there. The spring is conservative and acts within 0.4 spacings `dx` (m). It stops a normal speed of
-    a tenth of `c0` (m/s), and is stable at a Courant number of 3.
+    Mirrored pressures alone do not keep particles off a wall, because the nearer a particle comes to its
+    image, the less the image repels the particle. Without the spring, some particles in the vortex at a
+    plate's tip entered the plate and stayed there. The spring is conservative and acts within 0.4 spacings
+    `dx` (m). The spring stops a normal speed of a tenth of `c0` (m/s), and is stable at a Courant number of
+    3.
     """
     reach = TOUCH * dx
     return (0.1 * c0 / reach) ** 2 * jnp.maximum(reach - gap, 0.0)
 
 
 def push_off(distance: Callable, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
-    """Acceleration (m/s2) by a surface's contact spring at points x (m), along the gradient of `distance`.
+    """Acceleration (m/s2) of particles at x (m) by a contact spring, along the gradient of `distance`.
 
-    `distance` gives the distances `[N]` (m) of points from the surface.
+    `distance` gives the distances `[N]` (m) of points from the solid's surface.
     """
     away, back = jax.vjp(distance, x)
     (normal,) = back(jnp.ones_like(away))
@@ -50,7 +51,7 @@ def push_off(distance: Callable, x: Float[Array, "N D"], dx: Scalar, c0: Scalar)
 
 
 def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[jax.Array, jax.Array]:
-    """Acceleration (m/s2) away from a solid's outer edge: components along the normals of its two faces.
+    """Acceleration (m/s2) away from a solid with an outer edge, as components normal to the edge's two faces.
 
     **Arguments**: `beside`, `beyond`: distances (m) in front of the two faces, negative behind a face;
     `away`: acceleration (m/s2) as a function of the distance (m) from the solid.
@@ -85,10 +86,11 @@ def stop_at_solids(
     push: Float[Array, "N D"],
     c0: Scalar,
 ) -> Float[Array, "N D"]:
-    """Velocities (m/s) without their component towards any solid whose contact spring pushes the particle.
+    """Removes from velocities (m/s) the component towards a solid whose contact spring pushes the particle.
 
-    Spray that hits a solid therefore stays there; the spring alone would throw it back at the same speed. The
-    removed share grows with the spring's force, and is 1 from a tenth of a spacing inside the spring's range.
+    Spray that hits a solid therefore stays at the solid; the spring alone would throw it back at the same
+    speed. The removed share grows with the spring's force, and is 1 at least a tenth of a spacing inside the
+    spring's range.
 
     **Arguments**: velocities `u` (m/s) before the contact; `push`: the result of `spring_acceleration` with
     the same `c0` (m/s).
@@ -109,10 +111,10 @@ def stop_at_solids(
 def touch_force(
     model: Model, body: AbstractBody, motion: Any, water: Particles, kick: Float[Array, "N D"], dt: Scalar
 ) -> Float[Array, "3"]:
-    """Force on a body by the water that touches it, N, N, N m (per metre in 2-D).
+    """Force on a body by contact with the water, N, N, N m (per metre in 2-D).
 
-    The force is minus the rate of change of that water's momentum. `kick`: change (m/s) of the water's
-    velocities by contact in a step of dt (s).
+    The force is minus the rate of change of the momentum of the touching water. `kick`: change (m/s) of the
+    water's velocities by contact in a step of dt (s).
     """
     near = body.touches(motion, water.x, model.dx)
     momentum = jnp.where(near, water.m, 0.0)[:, None] * kick

@@ -45,31 +45,31 @@ class AbstractDivision(eqx.Module):
     regions: eqx.AbstractClassVar[tuple[str, ...]]
     """Names of the regions."""
     water: eqx.AbstractClassVar[tuple[str, ...]]
-    """Regions that each region sees, their names separated by spaces."""
+    """Names of the regions that each region sees, separated by spaces."""
     ghosts: eqx.AbstractClassVar[tuple[str, ...]]
     """Ghost set, one of `SETS`, that each region sees."""
     nodes: eqx.AbstractClassVar[tuple[tuple[str, ...], ...]]
-    """Regions that the interpolation nodes of each of `SETS` use."""
+    """Regions whose water the interpolation nodes of each of `SETS` use."""
 
     @abc.abstractmethod
     def region(self, x: Components, plate: AnyPlate) -> Int[Array, " N"]:
         """Region of every particle at x (m), as an index into `regions`."""
 
     def water_mask(self) -> np.ndarray:
-        """Visibility of water to water `[regions, regions]`, True where two particles interact; symmetric."""
+        """Symmetric mask `[regions, regions]`, True where particles of the two regions interact."""
         return np.array([[b in seen.split() for b in self.regions] for seen in self.water])
 
     def ghost_mask(self) -> np.ndarray:
-        """Visibility of ghosts to water `[regions, sets]`, True where a particle sees a ghost."""
+        """Mask `[regions, sets]`, True where particles of the region see ghosts of the set."""
         return np.array([[s == seen for s in SETS] for seen in self.ghosts])
 
     def node_mask(self) -> np.ndarray:
-        """Visibility of water to nodes `[sets, regions]`, True where a node uses a particle."""
+        """Mask `[sets, regions]`, True where nodes of the set use particles of the region."""
         return np.array([[r in used for r in self.regions] for used in self.nodes])
 
 
 class HorizontalDivision(AbstractDivision):
-    """Division (b), the default: left and right of the plate above its tip, and all water below the tip."""
+    """Division (b), the default, into the water left of the plate, right of it, and below the tip."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
     water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
@@ -86,7 +86,10 @@ class HorizontalDivision(AbstractDivision):
 
 
 class DiagonalDivision(AbstractDivision):
-    """Division (a): left, right, and below the plate the wedge between the bisectors of the tip's corners."""
+    """Division (a) into the water left of the plate, right of the plate, and in a wedge below the tip.
+
+    The wedge lies between the bisectors of the two corners of the plate's tip.
+    """
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
     water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
@@ -101,7 +104,7 @@ class DiagonalDivision(AbstractDivision):
 
 
 class FivePartDivision(AbstractDivision):
-    """Division (c): left and right above the tip; below it left, right, and the strip under the plate."""
+    """Division (c) into left and right above the tip, and into left, right and a strip under the plate."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below", "below_left", "below_right")
     water: ClassVar[tuple[str, ...]] = (
@@ -126,10 +129,10 @@ class Regions(eqx.Module):
     """Regions of the water in a tank, and bit masks of the regions and ghosts that each region sees.
 
     The dividers are the plates and the platform. Every plate divides the water by `division`; a platform
-    divides it into the water above its top and the water in front of it. A region is one combination of these
-    parts. Two regions see each other if the divisions of all plates allow it. Whether a region sees the
-    ghosts of a face depends only on the divider of that face. A platform does not separate water from water:
-    it only limits the ghosts of each of its faces to the water on that side.
+    divides the water into the part above its top and the part in front. A region is one combination of these
+    parts. Two regions see each other if the divisions of all plates allow this. Whether a region sees
+    the ghosts of a face depends only on the divider of that face. A platform does not separate water from
+    water, but only the water on the side of a face sees the ghosts of that face.
 
     **Raises** ValueError if the regions and ghost sets need more bits than an integer has.
     """
@@ -139,7 +142,7 @@ class Regions(eqx.Module):
     division: AbstractDivision
     """Division of the water around each plate."""
     platforms: tuple[Platform, ...] = eqx.field(static=True, default=())
-    """Raised bed: at most one."""
+    """Raised beds, at most one."""
     leaning: tuple[LeaningPlate, ...] = eqx.field(static=True, default=())
     """Thin plates at any inclination."""
 
@@ -181,7 +184,7 @@ class Regions(eqx.Module):
 
     @property
     def sets(self) -> tuple[tuple[int, str], ...]:
-        """Ghost sets of plates and platforms, in the order of their bits: (divider, name of the face)."""
+        """Ghost sets of plates and platforms, in the order of their bits: (index of divider, face)."""
         plates = [(k, name) for k in range(len(self.thin)) for name in SETS]
         return (*plates, *((len(self.thin), name) for _ in self.platforms for name in PLATFORM_SETS))
 
@@ -196,7 +199,7 @@ class Regions(eqx.Module):
         return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
-        """Kind bit of particles in these regions: the bit of their region in every mask."""
+        """Kind bit of particles in these regions, which stands for their region in every mask."""
         return jnp.left_shift(jnp.int32(1), region)
 
     def sees(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
@@ -204,7 +207,7 @@ class Regions(eqx.Module):
         return jnp.asarray(self._packed())[region]
 
     def _part(self, divider: int) -> np.ndarray:
-        """Index `[count]` of the part of one divider in which every region lies."""
+        """Index `[count]` of the part, with respect to one divider, in which every region lies."""
         stride = int(np.prod(self._parts[:divider], initial=1))
         return np.arange(self.count) // stride % self._parts[divider]
 
@@ -219,7 +222,7 @@ class Regions(eqx.Module):
         return (bits @ (1 << np.arange(bits.shape[1])) | PLAIN).astype(np.int32)
 
     def _seen(self, divider: int, name: str) -> np.ndarray:
-        """Mask `[count]` of the regions that see a ghost set, by its divider and the name of its face."""
+        """Mask `[count]` of the regions that see the ghosts of a divider's face, given by the face's name."""
         part = self._part(divider)
         if name in PLATFORM_SETS:
             return part == PLATFORM_SETS.index(name)
@@ -241,7 +244,7 @@ class Regions(eqx.Module):
 
 
 def region_bits(regions: Regions, x: np.ndarray, dtype: Any = jnp.float32) -> tuple[np.ndarray, np.ndarray]:
-    """Kind bits of particles at x (m), and bits of the particles and ghosts they see, found on the host."""
+    """Kind bits of particles at x (m), and bits of the particles and ghosts that they see."""
     return at_points(eqx.Partial(_bits, regions), x, dtype)
 
 
@@ -265,7 +268,7 @@ class AbstractThinWall(eqx.Module):
 
     @abc.abstractmethod
     def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
-        """Extents (m) of the ghosts of each of `SETS`: across the plate, and upwards from its tip."""
+        """Extents (m) across the plate, and upwards from its tip, of the ghosts of each of `SETS`."""
 
     def tip_tangential(self, plate: WallPlate, dx: float, layers: int) -> float:
         """Factor of the water's tangential velocity that the ghosts of the plate's tip carry."""
@@ -299,15 +302,16 @@ class RegionalGhosts(AbstractThinWall):
         """See `AbstractThinWall`."""
         if not plate.is_thin(dx, layers):
             return 1.0
-        # With the water's tangential velocity, the tip's few ghosts would stream out of the plate's sides:
-        # a spurious flow that created 0.2 J/m a period in the OWC at dx = 0.02 m, four times what remains
-        # without it.
+        # With the water's tangential velocity, the tip's few ghosts would stream out of the plate's sides.
+        # In the OWC at dx = 0.02 m this spurious flow created 0.2 J/m per period, four times the energy that
+        # is created without it.
         return 0.0
 
 
 class MultiNodeGhosts(AbstractThinWall):
-    """Thin-wall ghosts inside the plate only, each with a node per face (Meringolo et al. 2015).
+    """Thin-wall ghosts inside the plate only (Meringolo et al. 2015).
 
+    The ghosts of different faces may share a position; the node of each ghost is in front of its face.
     The plate must be at least `layers` - 1 spacings thick; the kernel reaches `layers` layers of ghosts.
     """
 

@@ -38,9 +38,9 @@ class NodeFit(NamedTuple):
     b: Components
     """Coefficients of r_j along every axis."""
     offset: Components
-    """Weighted mean of x_j - x_node, m: zero where the interpolation is exact for linear fields.
+    """Weighted mean of x_j - x_node, m; zero where the interpolation is exact for linear fields.
 
-    It differs from zero where too little water is near to fit a gradient.
+    The offset differs from zero where too little water is nearby to fit a gradient.
     """
     wet: Float[Array, " G"]
     """Wetness of the node: 1 in water, 0 where dry, smooth in between."""
@@ -50,7 +50,7 @@ class AbstractFilling(eqx.Module):
     """Method by which ghosts take their pressure and velocity from the water."""
 
     least: eqx.AbstractClassVar[float]
-    """Lower bound of the sum V W that counts as full at a node (-)."""
+    """Lower bound of a node's kernel sum of V W in a full tank (-)."""
 
     @abc.abstractmethod
     def nodes(self, ghosts: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
@@ -78,9 +78,9 @@ class MirrorNodes(AbstractFilling):
     """Filling from a ghost's mirror image in the water (Zhu et al. 2020, section 2.3).
 
     First-order moving least squares replace the Shepard sum of Eq. 18. They are exact for linear fields where
-    enough water is near. Wherever the kernel is truncated (at corners, at a plate's tip, at the surface), the
-    Shepard sum has an error: the field's gradient times the offset of the weighted centre. It is used only
-    where the second moments are too small to fit a gradient.
+    enough water is nearby. Wherever the kernel is truncated (at corners, at a plate's tip, at the surface),
+    the error of the Shepard sum is the field's gradient times the offset of the weighted centre. The Shepard
+    sum is used only where there is too little water to fit a gradient.
     """
 
     least: ClassVar[float] = 0.05
@@ -139,7 +139,7 @@ class DummyParticles(AbstractFilling):
             return w, tuple(-w * c / h for c in pair.r), w * j.get("level_p", j["p"])
 
         zeroth, first, pressure = table.sum(moments, smoothing, {"x": columns(nodes)}, water)
-        # the bound is far below the sum of a single particle at the kernel's edge
+        # the bound is far below the sum of a single particle near the kernel's edge
         norm = 1.0 / jnp.maximum(zeroth, 1e-6)
         offset = tuple(c * norm * h for c in first)
         wet = jnp.clip((zeroth / brim.full - 0.05) / 0.2, 0.0, 1.0)

@@ -1,14 +1,14 @@
 """Mirror images of the water in the walls of a tank, used instead of ghosts on a lattice.
 
-A lattice of ghosts resists water that slides past it by a fraction of a spacing, and its uppermost rows
-switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image instead
-stands at the mirrored position of its particle and has the particle's volume, so that the water beside a
-plane wall moves as in a tank twice as long without the wall. In a corner, particles are also mirrored in all
-its walls together. At the end of a wall, an image counts with the share of its cell of side dx that is within
-the wall's extent.
+A lattice of ghosts resists water that slides past it by a fraction of a spacing, and the ghosts near the
+surface switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image
+instead stands at the mirrored position of its particle and has the particle's volume, so that the water
+beside a plane wall moves as in a tank twice as long without the wall. In a corner, particles are also
+mirrored in all walls of the corner together. At the end of a wall, an image counts with the share of its cell
+of side dx that is within the wall's extent.
 
-Plates and platforms have ghosts on a lattice. There, images would appear and vanish as water turns round an
-edge; in the OWC they made the noise two to four times as large.
+Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water turns
+round an edge; in the OWC such images made the noise two to four times as large.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from jaxsph.solids.divisions import PLAIN
 from jaxsph.solids.placement import GhostSet, join
 
 SPARE = 1.4
-"""Ratio of the rows for images to the particles of a lattice beside the walls, up to their tops (-).
+"""Ratio of the number of images that arrays can hold to the number of particles of a lattice (-).
 
+The lattice fills the tank beside the walls up to their tops.
 A run stops if the water near a wall is denser than this ratio allows.
 """
 
 WIDEST_SKIN = 0.8
-"""Largest margin of the neighbour search, over the spacing, for which there are enough rows of images (-)."""
+"""Largest margin of the neighbour search, in spacings, for which arrays can hold all images."""
 
 Placed = Callable[[Float[Array, "M D"]], Float[Array, "M D"]]
 """Function from rest positions of points fixed to the paddle (m) to their present positions (m)."""
@@ -45,7 +46,7 @@ class Plane(NamedTuple):
     at: float
     """Position along the axis, m."""
     side: float
-    """Side of the water: 1 where it is above the plane along the axis, -1 where it is below."""
+    """Side of the water: 1 if the water is above the plane along the axis, -1 if it is below."""
     moves: bool
     """Whether the wall is the paddle."""
     ends: tuple[tuple[int, float, float], ...]
@@ -56,7 +57,7 @@ class Plane(NamedTuple):
         return self.axis != other.axis and self._reaches(other) and other._reaches(self)
 
     def _reaches(self, other: Plane) -> bool:
-        """Whether this wall extends as far as the other one."""
+        """Whether this wall extends to the plane of the other wall."""
         return all(low <= other.at <= high for along, low, high in self.ends if along == other.axis)
 
 
@@ -65,7 +66,7 @@ class ImageSet(NamedTuple):
 
     planes: tuple[Plane, ...]
     rows: tuple[int, int]
-    """Index of the first image, and of the image after the last."""
+    """Index of the set's first image among all images, and of the image after its last."""
 
     @property
     def moves(self) -> bool:
@@ -100,7 +101,10 @@ class ImageSet(NamedTuple):
 
 
 class Images(eqx.Module):
-    """All images of the water in a tank's walls: rows of ghosts, each row for one particle near a wall."""
+    """All images of the water in a tank's walls.
+
+    Each row of an array is for the image of one particle near a wall; unused rows are empty.
+    """
 
     sets: tuple[ImageSet, ...] = eqx.field(static=True, default=())
     """Sets of images; sets with the paddle come first."""
@@ -109,7 +113,7 @@ class Images(eqx.Module):
 
     @classmethod
     def of(cls, box: Box, platforms: Sequence[Platform], dx: float, radius: float) -> Images:
-        """Builds the images of the water in the walls of a tank, without the parts behind a platform.
+        """Builds the images of the water in a tank's walls, except the parts of walls behind a platform.
 
         `radius`: radius of the kernel's support, m.
         """
@@ -125,11 +129,11 @@ class Images(eqx.Module):
 
     @property
     def count(self) -> int:
-        """Number of rows."""
+        """Number of rows, including empty ones."""
         return self.sets[-1].rows[1] if self.sets else 0
 
     def image(self, x: Float[Array, "I D"], paddle: Placed) -> Float[Array, "I D"]:
-        """Positions (m) of the images of particles at x (m), one for every row; `paddle`: see `Placed`."""
+        """Positions (m) of the images of all rows, whose particles are at x (m); `paddle`: see `Placed`."""
         return jnp.concatenate([x[:0], *(one.image(x[slice(*one.rows)], paddle) for one in self.sets)])
 
     def share(self, images: Float[Array, "I D"]) -> Float[Array, " I"]:
@@ -140,10 +144,11 @@ class Images(eqx.Module):
     def choose(
         self, x: Float[Array, "N D"], paddle: Placed, radius: float | Array, skin: float | Array
     ) -> tuple[Int[Array, " I"], Array]:
-        """Index of the particle of every row, N for an empty row, and whether a set has too few rows.
+        """Index of the particle whose image each row holds (N if empty), and whether a set has too few rows.
 
         **Arguments**: `x`: positions of the water, m; `paddle`: see `Placed`; `radius`: radius of the
-        kernel's support, m; `skin`: margin of the search, m, of which a particle may move at most half.
+        kernel's support, m; `skin`: margin of the search, m; until the next search a particle may
+        move at most half of it.
         """
         n, rows, full = len(x), [jnp.zeros(0, jnp.int32)], jnp.zeros((), bool)
         for one in self.sets:
@@ -161,7 +166,7 @@ class Images(eqx.Module):
         return jnp.concatenate(rows), full
 
     def empty_rows(self, box: Box, radius: float) -> GhostSet:
-        """Rows without particles, placed on a lattice behind their walls.
+        """Ghosts of all rows before any particle is assigned, on a lattice behind the walls.
 
         `radius`: radius of the kernel's support, m.
         """
@@ -171,7 +176,7 @@ class Images(eqx.Module):
 
 
 def _walls(box: Box, platforms: Sequence[Platform]) -> Iterator[Plane]:
-    """Walls of a tank. At a platform the bed ends, and the end wall begins at the platform's top."""
+    """Yields the walls of a tank. The bed ends at a platform's front, and the end wall begins at its top."""
     top = len(box.low) - 1
     for axis, (floor, lid) in enumerate(box.walls):
         for there, at, side in ((floor, box.low[axis], 1.0), (lid, box.high[axis], -1.0)):
@@ -212,7 +217,7 @@ def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
 
 
 def _rows(one: ImageSet, box: Box, dx: float, radius: float) -> GhostSet:
-    """Rows of a set without particles, on a lattice behind its walls."""
+    """Ghosts of a set's rows before any particle is assigned, on a lattice behind the walls."""
     axes, planes = [], {plane.axis: plane for plane in one.planes}
     for axis in range(len(box.low)):
         if axis in planes:

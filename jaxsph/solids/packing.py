@@ -1,4 +1,4 @@
-"""Packing of the water around solids before a run: relaxation of a lattice that their surfaces cut."""
+"""Packing of the water around solids before a run, by relaxing a lattice that the solids' surfaces cut."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ REACH = 3.0
 """Support radius of the packing's Gaussian, in spacings dx; its smoothing length is dx."""
 
 EDGE = np.exp(-(REACH**2))
-"""Value of the Gaussian at `REACH`: it is subtracted, so that the Gaussian falls to zero without a jump."""
+"""Value of the Gaussian at `REACH`, subtracted so that the Gaussian falls to zero without a jump."""
 
 NEAR = 6.0
-"""Distance from a solid within which particles move, in spacings: twice `REACH`."""
+"""Distance from a solid within which particles move, in spacings; twice `REACH`."""
 
 RATE = 0.5
-"""Displacement of a particle in an iteration over dx^2 grad C (-); above about 1 a lattice oscillates."""
+"""Ratio of the displacement in an iteration to dx^2 grad C (-); above about 1 a lattice oscillates."""
 
 LARGEST = 0.1
 """Largest displacement of a particle in an iteration, in spacings."""
@@ -29,7 +29,7 @@ SETTLED = 2.0e-3
 """Largest displacement in an iteration below which the packing has settled, in spacings."""
 
 USUAL = 60
-"""Least number of iterations: a disc and a tilted box settle in 20 to 60. With the same number of iterations
+"""Least number of iterations; a disc and a tilted box settle in 20 to 60. With the same number of iterations
 for every position of a solid, the packed water is a smooth function of that position."""
 
 ITERATIONS = 300
@@ -56,8 +56,8 @@ def packed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m^D) of still water, packed evenly around solids.
 
-    A lattice cut by a solid's surface has gaps and clusters along it, which the pressures of a run's first
-    steps would disperse. Here every particle near a solid moves down the gradient of the concentration
+    A lattice cut by a solid's surface has gaps and clusters, which the pressure would disperse in the first
+    steps of a run. Here every particle near a solid moves down the gradient of the concentration
     C_i = sum_j V_j W_ij of water and ghosts (Colagrossi, Bouscasse, Antuono and Marrone 2012), until the
     particles have settled. Then the volumes of all particles that moved are scaled by a common factor, so
     that the mean of C is 1. The water surface is a plane of symmetry and stays in place: all particles and
@@ -103,7 +103,7 @@ def packed(
 def _settled(
     free: np.ndarray, rest: np.ndarray, volume: np.ndarray, sight: Sight
 ) -> tuple[np.ndarray, float]:
-    """Settled positions of the free particles among those at rest, in spacings, and the mean of C there.
+    """Settled positions of the free particles, in spacings, and the mean of C over these particles.
 
     Heights are measured from the surface. `volume`: volumes of the free particles, then of the particles and
     ghosts at rest, in cells of the lattice.
@@ -133,7 +133,7 @@ def _gaussian(r2: np.ndarray) -> np.ndarray:
 
 
 def _whole(dim: int) -> np.ndarray:
-    """Points `[K, D]` of a full lattice around one of them, up to the Gaussian's radius, in spacings."""
+    """Points `[K, D]` of a full lattice around the origin, up to the Gaussian's radius, in spacings."""
     line = np.arange(-REACH, REACH + 1)
     return np.stack(np.meshgrid(*dim * [line]), axis=-1).reshape(-1, dim)
 

@@ -29,8 +29,8 @@ def lattice(
     """Positions `[N, D]` (m) and volumes `[N]` (m^D) of water that fills a box around plates and a platform.
 
     The box from `low` to `high` (m), the levels of the plates' tips and the platform's lengths must be whole
-    numbers of spacings `dx` (m). A plate's faces may lie anywhere: beside the plate, the columns on either
-    side are stretched to fill that side; below the plate they are not.
+    numbers of spacings `dx` (m). A plate's faces may lie anywhere. Beside the plate, the columns of particles
+    on either side are stretched to fill that side; below the plate's tip they are not stretched.
     """
     axes = [a + (np.arange(round((b - a) / dx)) + 0.5) * dx for a, b in zip(low, high, strict=True)]
     parts = []
@@ -62,7 +62,7 @@ HELD = 1e-4
 
 
 class GhostSet(NamedTuple):
-    """Ghosts of a wall on the host, in rows."""
+    """Ghosts of a wall, as NumPy arrays with one row for each ghost."""
 
     x: np.ndarray
     """Positions `[G, D]`, m."""
@@ -73,7 +73,7 @@ class GhostSet(NamedTuple):
     kind: np.ndarray
     """Kind bits `[G]`, which determine the regions that see a ghost."""
     node_sees: np.ndarray
-    """Bits `[G]` of the particles that the nodes use; -1 for those that the node's own region sees."""
+    """Bits `[G]` of the particles that the nodes use; -1 for all particles that the node's region sees."""
     moves: np.ndarray
     """Mask `[G]` of the ghosts that move with the paddle."""
     volume: np.ndarray
@@ -92,7 +92,7 @@ def sliding_velocity(
 
     **Arguments**: `x`: positions of the ghosts, m; `sliding`: velocities (m/s) by (axis, 0 for the low or 1
     for the high end).
-    **Raises** ValueError if there is no such wall, or if its velocity has a component normal to it.
+    **Raises** ValueError if a wall in `sliding` does not exist or has a velocity normal to itself.
     """
     u = np.zeros_like(x)
     for (axis, end), velocity in sliding.items():
@@ -111,7 +111,7 @@ def sliding_velocity(
 def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
     """Ghosts of a tank's walls, on the lattice of spacing `dx` (m) outside its box, `layers` deep.
 
-    A ghost in a corner is mirrored in all walls that it is behind.
+    A ghost in a corner is mirrored in all walls of the corner.
     """
     dim = len(box.low)
     low, high = np.array(box.low), np.array(box.high)
@@ -126,7 +126,7 @@ def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
     x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
     under, over = x < low, x > high
     outside = (under | over).any(axis=1)
-    # the paddle's ghosts, also those in its corners, move with it; the bed's ghosts extend over its stroke
+    # ghosts of the paddle and its corners move with it; the bed's ghosts extend over the paddle's stroke
     x, under, over = x[outside], under[outside], over[outside]
     node = np.where(under, 2 * low - x, np.where(over, 2 * high - x, x))
     normal = under | over
@@ -140,7 +140,7 @@ def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
         near = x[:, 0] > low[0] - layers * dx
         moves = at_paddle & near
         keep = ~at_paddle | near
-        # bed (and side walls) under the withdrawn paddle: mirrored in the bed alone
+        # ghosts of the bed (and side walls) behind the paddle are not mirrored in the paddle
         bed = at_paddle & others
         if behind:
             sub = x[bed]
@@ -163,11 +163,12 @@ def box_ghosts(box: Box, dx: float, layers: int) -> GhostSet:
 def cut_by_platform(
     ghosts: GhostSet, box: Box, platform: Platform, regions: Regions, dx: float, layers: int
 ) -> GhostSet:
-    """Ghosts of a tank's walls where a platform fills its far end.
+    """Ghosts of the walls of a tank with a platform at its far end.
 
     Ghosts beyond the end wall just below the platform's top are also mirrored in the top, and only the water
-    above it sees them. Ghosts below the bed just behind the platform's front are also mirrored in the front,
-    and only the water in front of it sees them. All other ghosts behind the platform are removed.
+    above the top sees them. Ghosts below the bed just behind the platform's front are also mirrored in the
+    front, and only the water in front of the platform sees them. All other ghosts behind the platform are
+    removed.
     """
     x, node, mirror = ghosts.x.copy(), ghosts.node.copy(), ghosts.mirror.copy()
     kind, node_sees = ghosts.kind.copy(), ghosts.node_sees.copy()
@@ -268,7 +269,8 @@ def solid_ghosts(
     """Dummy particles of a solid as ghosts, `layers` deep at the spacing dx (m).
 
     The ghosts carry the solid's velocity (mirror factors of 0) and exert no viscous force. Behind each face
-    of a plate that divides the water they fill the full depth, outside the `others` and inside the box.
+    of a plate that divides the water, the ghosts fill the full depth, except inside `others` or outside the
+    box.
     """
     parts = [_behind_plate(plate, regions, box, others, dx, layers) for plate in shape.dividers()]
     return join(parts) if parts else _dummies(*shape.dummies(dx, layers), PLAIN, -1)
@@ -298,7 +300,7 @@ def _dummies(x: np.ndarray, volume: np.ndarray, kind: int, node_sees: int) -> Gh
 
 
 def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]) -> bool:
-    """Whether a plate's end (m) is in a wall of the tank or in another solid, so that no water passes it."""
+    """Whether a plate's end (m) is in a wall of the tank or in another solid, so that no water passes."""
     at = np.asarray(end)
     walls = np.stack([at - box.low, np.asarray(box.high) - at], axis=1)
     if (box.walls & (walls < HELD)).any():
@@ -311,7 +313,7 @@ def _behind_face(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[B, 2]` (m) and volumes `[B]` (m2) of dummies behind a plate's face, `SETS[which]`.
 
-    Behind the two sides they extend past every end that is `held`.
+    Behind the plate's two sides the dummies extend past every end that is `held`.
     """
     rows = max(1, round(plate.length / dx))
     step = plate.length / rows

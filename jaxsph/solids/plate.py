@@ -1,4 +1,4 @@
-"""Thin plate at any inclination: a shape that keeps the water on its two sides apart."""
+"""Thin plate at any inclination, which keeps the water on its two sides apart."""
 
 from __future__ import annotations
 

@@ -19,14 +19,14 @@ from jaxsph.core.points import at_points
 from jaxsph.solids.box import LeaningPlate
 
 SHARP = 0.3
-"""Turning angle of an outline (rad) above which a corner gets a particle: that of a 21-sided polygon."""
+"""Turning angle of an outline (rad) above which a corner gets a particle; 0.3 for a 21-sided polygon."""
 
 PARTS = 4
-"""Subdivisions of a spacing in the search for parts of a shape without dummy particles."""
+"""Number of subdivisions of a spacing in the search for parts of a shape without dummy particles."""
 
 ALONE = 0.8
 """Distance from the nearest particle of the layers, in spacings, beyond which a part of a shape gets another
-dummy particle; the corner of a cell is 0.71 spacings from its centre."""
+dummy particle; the corner of a cell is 0.71 spacings from the cell's centre."""
 
 SLIVER = 1e-4
 """Share of a cell below which a part of a shape is a rounding error and gets no dummy particle."""
@@ -44,8 +44,8 @@ FINE = 240
 class AbstractShape(eqx.Module):
     """Shape of a solid in its position at rest.
 
-    To define a shape in the x-z plane, implement `distance` and `bounds`: everything else follows from the
-    outline, where the distance is zero. The numbers of a shape are leaves of the model.
+    To define a shape in the x-z plane, implement `distance` and `bounds`. All else follows from the
+    outline, on which the distance is zero. The numbers of a shape are leaves of the model.
     """
 
     @abc.abstractmethod
@@ -86,10 +86,10 @@ class AbstractShape(eqx.Module):
     def dummies(self, dx: float, layers: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions `[B, D]` (m) and volumes `[B]` (m^D) of the dummy particles behind the surface.
 
-        The dummy particles form layers a spacing dx (m) apart and are about dx apart within a layer; further
-        ones fill parts that the layers do not reach, for example sharp edges. Each dummy particle represents
-        the part of the shape, down to the last layer, that is nearest to it: it has the volume of this part
-        and stands at its centroid.
+        The dummy particles form layers a spacing dx (m) apart and are about dx apart within a layer. Further
+        dummy particles fill parts that the layers do not reach, for example sharp edges. Each dummy particle
+        represents the part of the shape, down to the last layer, that is nearest to the particle. The
+        particle has the volume of this part and stands at the part's centroid.
         """
         whole, found = self.region(), [np.zeros((0, 2))]
         for layer in range(layers):
@@ -110,7 +110,7 @@ class AbstractShape(eqx.Module):
         return ()
 
     def outline(self) -> np.ndarray:
-        """Corners `[K, 2]` (x, z) (m) of the shape in pictures."""
+        """Corners `[K, 2]` (x, z) (m) of the outline that pictures show."""
         largest = max(_parts(self.region()), key=lambda part: part.area, default=shapely.Polygon())
         return np.asarray(largest.exterior.coords).reshape(-1, 2)[:-1]
 
@@ -134,7 +134,7 @@ class Block(AbstractShape):
         return np.asarray(self.low), np.asarray(self.high)
 
     def region(self):
-        """See `AbstractShape`: the section in the x-z plane."""
+        """See `AbstractShape`. The area is the section in the x-z plane."""
         return shapely.Polygon(self.outline())
 
     def moments(self):
@@ -202,7 +202,7 @@ class Polygon(AbstractShape):
 
 
 class Disc(AbstractShape):
-    """Disc in the x-z plane: the cross-section of a circular cylinder."""
+    """Disc in the x-z plane, the cross-section of a circular cylinder."""
 
     centre: Float[Array, "2"] = eqx.field(converter=plain_numbers)
     """Centre (x, z), m."""
@@ -219,7 +219,7 @@ class Disc(AbstractShape):
         return np.asarray(self.centre) - float(self.radius), np.asarray(self.centre) + float(self.radius)
 
     def region(self):
-        """See `AbstractShape`: a polygon of a thousand corners, for unions and differences."""
+        """See `AbstractShape`. The area is a polygon with a thousand corners, for unions and differences."""
         angle = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
         return shapely.Polygon(np.asarray(self.centre) + float(self.radius) * _circle(angle))
 
@@ -258,7 +258,7 @@ def _parts(region: Any) -> list[shapely.Polygon]:
 
 
 def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
-    """Second moment (m4) of a ring's area about a point (m), summed over a triangle for every side."""
+    """Second moment (m4) of a ring's area about a point (m), summed over one triangle for every side."""
     a = np.asarray(ring.coords)[:-1] - about
     b = np.roll(a, -1, axis=0)
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -272,7 +272,7 @@ def _cells(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
 
 
 def _apart(x: np.ndarray, distance: float) -> np.ndarray:
-    """Points (m) at least `distance` (m) apart: of two that are closer, the later one is dropped."""
+    """Drops points (m) so that all are `distance` (m) or more apart; of two close ones the first is kept."""
     keep = np.ones(len(x), bool)
     close = KDTree(x).query_pairs(distance, output_type="ndarray")
     for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
@@ -292,7 +292,7 @@ def _boxes(low: np.ndarray, side: float) -> Any:
 
 
 def _nearest(x: np.ndarray, region: Any) -> np.ndarray:
-    """For each of the points `[K, 2]` (m), the part of a region of `shapely` that is nearest to it."""
+    """Parts of a region of `shapely`: for each of the points `[K, 2]` (m), the part nearest to it."""
     low, high = np.reshape(region.bounds, (2, 2))
     # four points far away make the cells of all others finite
     far = 0.5 * (low + high) + 10.0 * np.max(high - low) * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
@@ -318,7 +318,7 @@ def _small_parts(region: Any, dx: float) -> np.ndarray:
 
 
 def _along(line: shapely.LinearRing, dx: float) -> np.ndarray:
-    """Points (m) about dx (m) apart along a closed line, with a point at each of its sharp corners."""
+    """Points (m) about dx (m) apart along a closed line, with a point at each sharp corner of the line."""
     corners = np.asarray(line.coords)[:-1]
     side = np.roll(corners, -1, axis=0) - corners
     before = np.roll(side, 1, axis=0)

@@ -55,15 +55,15 @@ from jaxsph.solids.placement import (
 from jaxsph.solids.shapes import AbstractShape
 
 AT_WALL = 1e-5
-"""Distance from a tank's wall, m, within which a solid touches it: the resolution of single precision."""
+"""Distance (m) between a solid and a tank's wall up to which they touch, a few float32 rounding errors."""
 
 
 class Ghosts(eqx.Module):
     """Ghost particles of all walls, their interpolation nodes, and the method of filling them.
 
-    The leaves stay constant in a run: positions at rest, masks, mirror factors. Moving solids update the
-    positions of their rows at every step (`Model.walls_at`). The images of particles come first; here they
-    have the positions of rows without a particle, and no volume.
+    The leaves (positions at rest, masks, mirror factors) stay constant in a run. `Model.walls_at` finds the
+    present positions of the ghosts of moving solids. The images of particles come first; in these arrays
+    the images stand on a lattice behind the walls and have no volume.
     """
 
     x: Float[Array, "G D"]
@@ -124,7 +124,7 @@ class Ghosts(eqx.Module):
         drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional tank,
         with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the water,
         which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's ghosts
-        behind fixed shapes count as theirs, so that these shapes receive all of the water's force.
+        behind a fixed shape belong to the shape, so that it receives all of the water's force on it.
         **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
@@ -140,7 +140,7 @@ class Ghosts(eqx.Module):
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         node_sees = _seen_by_nodes(ghosts, regions)
         at = slice(images.count, None)  # images have no nodes
-        # the level is evaluated at dummies that never move
+        # the water level is evaluated at ghosts that never move
         told = isinstance(filling, DummyParticles) & ~np.isin(owner, 1 + np.arange(len(shapes)))
         full = Full(box, regions, every, dx, (2 * layers - 1) * dx)
         return cls(
@@ -170,7 +170,7 @@ class Ghosts(eqx.Module):
 
     @property
     def width(self) -> float:
-        """Width of the tank across x and z, m; 1 in two dimensions, where everything is per metre."""
+        """Width of the tank across x and z, m; 1 in two dimensions, where all quantities are per metre."""
         return float(np.prod([b - a for a, b in zip(self.low[1:-1], self.high[1:-1], strict=True)]))
 
     def solids(self) -> tuple[AbstractSolid, ...]:
@@ -242,7 +242,10 @@ class Ghosts(eqx.Module):
         images: Chosen,
         table: PointNeighbours,
     ) -> Callable[[Sources], Float[Array, " G"]]:
-        """Linear function that carries one field "f" of the water to all ghosts, as `carried`; 0 if dry."""
+        """Linear function that carries one field "f" of the water to all ghosts, as `carried` does.
+
+        A dry ghost gets 0.
+        """
         rows, wet = self.at_nodes, jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
 
         def law(pair: Pair, i, j):
@@ -265,9 +268,10 @@ class Ghosts(eqx.Module):
         nodes: Float[Array, "G D"],
         body_force: Float[Array, "G D"],
     ) -> Float[Array, " G"]:
-        """Pressure of the ghosts, Pa: node pressure plus body-force part (Zhu et al. 2020, Eq. 19-20).
+        """Pressure of the ghosts, Pa, the sum of the node pressure and a body-force part.
 
-        The pressure gradient between a node and its ghost balances the body force.
+        The pressure gradient between a node and its ghost balances the body force (Zhu et al. 2020, Eq.
+        19-20).
 
         **Arguments**: `at_node`: pressure at the nodes, Pa; `x`, `nodes`: positions of the ghosts and of
         their nodes, m; `body_force`: rho0 (f - a_wall), N/m3.
@@ -290,12 +294,13 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
     """Ghosts of the walls and of solids, sorted, and for each ghost the index of its part.
 
     The first `kept` ghosts keep their order. Then come the paddle's ghosts, the other ghosts of the walls by
-    column, and the solids' ghosts in their given order. Gathers from nearby memory are faster.
+    column, and the solids' ghosts in their given order. In this order gathers are faster, since they read
+    from nearby memory.
     """
     ghosts = join(parts)
     owner = np.repeat(np.arange(len(parts)), [len(part.x) for part in parts])
     first = np.minimum(np.arange(len(owner)), kept)
-    # a solid's ghosts run around it and are not sorted: two in one column could come in either order
+    # ghosts of a solid follow its outline and are not sorted, since rounding could swap two in one column
     column, row = (np.where(owner > 0, 0.0, ghosts.x[:, axis]) for axis in (0, -1))
     order = np.lexsort((row, column, ~ghosts.moves, owner, first))
     return GhostSet(*(a[order] for a in ghosts)), owner[order]
@@ -304,9 +309,9 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
 def _tank(
     filling: AbstractFilling, box: Box, regions: Regions, dx: float, layers: int, radius: float
 ) -> tuple[Images, GhostSet]:
-    """Images and ghosts of a tank's walls: rows for images with `MirrorImages`, otherwise a lattice.
+    """Images and ghosts of a tank's walls. The ghosts are empty rows for images, or else stand on a lattice.
 
-    **Raises** ValueError if the tank cannot have the platform.
+    **Raises** ValueError if a tank with a platform is not two-dimensional or lacks an end wall or a floor.
     """
     if regions.platforms and (len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]):
         raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
@@ -328,7 +333,11 @@ def _rows(parts: Sequence[GhostSet]) -> tuple[tuple[int, int], ...]:
 def _checked(
     filling: AbstractFilling, moving: Sequence[AbstractShape], every: Sequence[AbstractShape]
 ) -> AbstractFilling:
-    """Returns the filling. **Raises** ValueError if it allows no solids, or if a plate can move."""
+    """Returns the filling.
+
+    **Raises** ValueError if there are solids and the filling is not `DummyParticles`, or if a thin plate is
+    among the moving shapes.
+    """
     if every and not isinstance(filling, DummyParticles):
         raise ValueError("filling: solids need DummyParticles, since their dummies have no mirror images")
     if any(shape.dividers() for shape in moving):
@@ -339,7 +348,7 @@ def _checked(
 def _of_solids(
     shapes: Sequence[AbstractShape], regions: Regions, box: Box, dx: float, layers: int
 ) -> Iterator[GhostSet]:
-    """Dummy particles of every solid, as ghosts."""
+    """Yields the dummy particles of every solid, as ghosts."""
     for shape in shapes:
         others = [one for one in shapes if one is not shape]
         yield solid_ghosts(shape, regions, box, others, dx, layers)
@@ -348,8 +357,10 @@ def _of_solids(
 def _with_walls_behind(
     parts: list[GhostSet], box: Box, fixed_shapes: Sequence[AbstractShape]
 ) -> list[GhostSet]:
-    """Ghosts of a tank (first) and of solids, the `fixed_shapes` last. The tank's ghosts behind a fixed solid
-    that stands at its walls are moved to that solid."""
+    """Moves the tank's ghosts behind a fixed solid that stands at a wall to the ghosts of that solid.
+
+    `parts`: ghosts of the tank first, then of the solids, of the `fixed_shapes` last.
+    """
     parts = list(parts)
     for k, shape in enumerate(fixed_shapes, len(parts) - len(fixed_shapes)):
         tank = parts[0]
@@ -364,7 +375,7 @@ def _with_walls_behind(
 def _in_the_tank(
     box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int, imaged: bool
 ) -> Iterator[GhostSet]:
-    """Ghosts of the platform and plates in a tank; if `imaged`, also of the platform's corners with walls.
+    """Yields the ghosts of the platform and plates; if `imaged`, also of the platform's corners with walls.
 
     **Raises** ValueError if a plate is too thin.
     """
@@ -379,7 +390,7 @@ def _in_the_tank(
 
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
-    """Bits of the particles that every node uses: as its ghost set states, or all that its region sees."""
+    """Bits of the particles that every node uses; the node's region sets them where `node_sees` is -1."""
     _, sees = region_bits(regions, ghosts.node)
     plain = sees & ((1 << regions.count) - 1)
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)
@@ -388,7 +399,7 @@ def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
 def _shear(ghosts: GhostSet, owner: np.ndarray, slip: FreeSlip | NoSlip) -> np.ndarray:
     """Factors `[G, D]` of the velocity in the viscous force.
 
-    The paddle is free-slip whatever the slip at the walls (Zhu et al. 2020, section 2.4), and so are dummies.
+    The paddle and solids are free-slip whatever the slip at the walls (Zhu et al. 2020, section 2.4).
     """
     tangential = np.where(owner[:, None] > 0, 1.0, np.minimum(ghosts.mirror, slip.tangential))
     normal = (ghosts.mirror == -1.0) | ghosts.moves[:, None]

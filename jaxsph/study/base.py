@@ -25,7 +25,7 @@ class Derivative:
     of: str
     value: float
     slope: float
-    """Slope d(of)/d(parameter), in the result's unit over the parameter's."""
+    """Slope d(of)/d(parameter), in the result's unit divided by the parameter's unit."""
     error: float | None
     """Standard error of the slope, or the expected bias of a filter; None if the method gives neither."""
     reach: float
@@ -54,7 +54,7 @@ class AbstractMethod(eqx.Module):
         return {"method": type(self).__name__} | _told(self, "method.")
 
     def kept(self, path: Path) -> AbstractMethod:
-        """This method with its runs stored in a file at `path`, if it makes many runs and has no path yet."""
+        """This method, set to store its runs at `path` if it makes many runs and does not store them yet."""
         del path
         return self
 

@@ -29,7 +29,7 @@ class Ensemble(AbstractMethod):
     """
 
     spread: float = eqx.field(static=True, default=0.3)
-    """Largest change of the value, to either side, as a share of it; members are spaced evenly."""
+    """Largest relative change of the value to either side (-); the members are spaced evenly."""
     members: int = eqx.field(static=True, default=9)
     """Number of runs, four or more."""
     out: str | Path | None = eqx.field(static=True, default=None)
@@ -62,8 +62,8 @@ class Ensemble(AbstractMethod):
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
             done = sweep(source, {parameter: values}, out, workers=self.workers, progress=progress)
-        # energy_pto: of the whole run, if there is also a budget over settled periods only; P_owc: for a body
-        # the mean power is called P_pto
+        # a result "energy_pto" may cover settled periods only: prefer the budget of the whole run; the mean
+        # power of a body is called P_pto
         names = {"energy_pto": ("whole_energy_pto", "energy_pto"), "P_owc": ("P_owc", "P_pto")}.get(of, (of,))
         nothing = np.full(len(values), np.nan)
         found = next((done[name] for name in names if name in done.results), nothing)
@@ -87,9 +87,9 @@ class Ensemble(AbstractMethod):
 
 
 def _as_built(source: Source, parameter: str, values: list[float]) -> list[float]:
-    """Values with which the members are built, without those that the lattice rounds to one already there.
+    """Distinct values with which the members are built, after lengths are rounded to whole spacings.
 
-    **Raises** CaseError if fewer than four remain, which give no slope with an error.
+    **Raises** CaseError if fewer than four remain, because the error of the slope needs four.
     """
     built = [float(source.replace({parameter: value}).built(parameter)) for value in values]
     different = list(dict.fromkeys(built))
@@ -113,7 +113,7 @@ class Parabola:
 
 
 def parabola(x: np.ndarray, y: np.ndarray) -> Parabola:
-    """Least-squares parabola through at least four points, which the error of its slope needs."""
+    """Least-squares parabola through the points; at least four are needed for the error of its slope."""
     A = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
     found, *_ = np.linalg.lstsq(A, y, rcond=None)
     variance = np.sum((y - A @ found) ** 2) / (len(x) - 3)

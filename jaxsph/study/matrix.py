@@ -146,12 +146,12 @@ def power_matrix(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> PowerMatrix:
-    """Mean power of a case's device in every sea state of a grid, each with a number of `seeds`.
+    """Mean power of a case's device in every sea state of a grid, averaged over `seeds` runs per sea state.
 
     **Arguments**: significant heights `Hs` (m) and peak periods `Tp` (s), ascending; `out`: the sweep file of
     the runs, from which an interrupted matrix continues; `workers`, `executor`: see `sweep`. The error of a
-    cell is the larger of two standard errors: from the scatter between seeds, and from the errors of the
-    runs' means. **Raises** CaseError if the case has no irregular waves or no power take-off, or if a sea
+    cell is the larger of two standard errors: one is from the scatter between seeds, one from the errors of
+    the runs' means. **Raises** CaseError if the case has no irregular waves or no power take-off, or if a sea
     state is not possible in the tank.
     """
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":

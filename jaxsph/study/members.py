@@ -1,9 +1,9 @@
 """Members of a sweep: runs in batches, or in separate processes, here or on the workers of an executor.
 
 All files of a member are in the sweep's folder, so the next worker can continue from its last checkpoint. Two
-rules prevent a member from running twice at a time after a worker, or the sweep itself, was lost: the
-member's process ends together with the worker that started it, and a worker gives up a member that another
-worker has claimed.
+rules prevent a member from running in two processes at once after a worker, or the sweep itself, was lost.
+The member's process ends together with the worker that started it, and a worker gives up a member that
+another worker has claimed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from jaxsph.run.together import run_together, shape
 from jaxsph.study.ownership import refuse_other
 
 FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-"""Flags of the compiler (XLA) for members: they reduce the time of a step to 0.83. They are not the package's
+"""Flags of the compiler (XLA) for members, which shorten a step by 17 %. They are not the package's
 default, because a checkpointed reverse pass cannot be compiled with them; members only run forward."""
 
 
@@ -74,7 +74,7 @@ def run_each(sources: Mapping[int, Source], folder: Path, executor: Executor) ->
         for job in as_completed(jobs):
             try:
                 ended = job.result()
-            except Exception as error:  # of the executor, such as a worker that was lost repeatedly
+            except Exception as error:  # errors of the executor, for example if a worker was lost repeatedly
                 text = f"{type(error).__name__}: {error}"
                 ended = {"results": {}, "series": {}, "failure": text}, Meanings()
             yield jobs[job], ended
@@ -139,7 +139,7 @@ def run_member(source: Source, stem: Path) -> Ended:
     run, log = (stem.with_suffix(suffix) for suffix in (".h5", ".log"))
     status = 0
     with _claim(stem.with_suffix(".owner")) as claim:
-        # after the claim, because the previous worker may have continued or ended the member
+        # read the stage after the claim, because the previous worker may have continued or ended the member
         begun, ended = _stage(run, source)
         if not ended:
             what = _on(source, run) if begun else _anew(source, run)
@@ -168,14 +168,14 @@ def _anew(source: Source, run: Path) -> list[Any]:
 
 
 def _on(source: Source, run: Path) -> list[Any]:
-    """Arguments of the command that continues a member; `t1` is that of the member, not of its file."""
+    """Arguments of the command that continues a member to the `t1` of its source, not of its file."""
     if isinstance(source, Program):
         return ["resume", run, "--program", source.place]
     return ["resume", run, "--t1", repr(source.value("t1"))]
 
 
 class _Claim:
-    """Claim on a member: a file with the mark of the worker that runs it; the next worker overwrites it."""
+    """Claim on a member: a file with the mark of the member's worker, which the next worker overwrites."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._mark = path, uuid.uuid4().hex
@@ -245,8 +245,8 @@ def _read(run: Path) -> Ended:
 def _stage(run: Path, source: Source) -> tuple[bool, bool]:
     """Whether a member has a checkpoint to continue from, and whether it has ended.
 
-    A member has ended without being recorded if the sweep was stopped in between. **Raises** FileError if the
-    member's file belongs to another problem.
+    An ended member is still here if the sweep stopped before recording the member. **Raises** FileError if
+    the member's file belongs to another problem.
     """
     try:
         file = RunFile.open(run)

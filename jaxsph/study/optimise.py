@@ -27,7 +27,7 @@ from jaxsph.study.ownership import only_study, refuse_other
 
 @dataclass(frozen=True)
 class Maximum:
-    """Best evaluation of a search, and all its evaluations."""
+    """Best evaluation of a search, and all evaluations of the search."""
 
     case: Any
     """Case or program with the best values."""

@@ -24,7 +24,7 @@ _FEW = 5
 
 _held: set[Path] = set()
 _guard = threading.Lock()
-"""Guards `_held`, the outputs of this process's studies: file locks do not exclude the same process."""
+"""Guards `_held`, the outputs of this process's studies; a file lock does not exclude its own process."""
 
 
 def refuse_other(

@@ -78,8 +78,8 @@ def sweep(
 
     **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`, or by
     argument of a function; geometry and `t1` can vary too; `grid`: every combination, or one member for each
-    position in lists of equal length; `out`: the file. A repeated call continues an interrupted sweep: the
-    checkpoints of a member are in `<out>.members` until it has ended. `workers`: members at a time (by
+    position in lists of equal length; `out`: the file. A repeated call continues an interrupted sweep from
+    the checkpoints of its unfinished members in `<out>.members`. `workers`: number of members at a time (by
     default one per core). `batch`: instead of `workers`, number of members in one vmapped call in this
     process; only members with equal array shapes share a call. On a CPU a member of a batch takes 1.3 times
     as long as alone (`python -m experiments run bench_batch`), so batches are the default on an accelerator
@@ -237,7 +237,7 @@ def _members(
 
 
 def _check_different(sources: Sequence[Source], axes: Mapping[str, np.ndarray]) -> None:
-    """**Raises** CaseError if the lattice rounds different lengths to one: the runs would be equal."""
+    """**Raises** CaseError if the lattice rounds two lengths to the same value, which makes runs equal."""
     found: dict[tuple[Any, ...], Source] = {}
     for member in sources:
         other = found.setdefault(tuple(member.built(name) for name in axes), member)

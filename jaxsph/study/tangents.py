@@ -115,7 +115,7 @@ class Exact(_ThroughLoop):
         return model
 
     def _check(self, parameter, value, t, reach):
-        if not reach > self.least * abs(value):  # NaN too
+        if not reach > self.least * abs(value):  # also true for NaN
             raise DerivativeError(
                 f"the exact derivative with respect to {parameter} no longer describes the flow, because "
                 f"particle paths are chaotic: at t = {t:.2f} s it is valid only for changes below "
@@ -142,7 +142,7 @@ class Filtered(_ThroughLoop):
     One run gives slopes over thirty wave periods or more, but a part of the water's response is lost.
     A result depends on K_dm directly, with the relative slope 2/K_dm, and through the water's response; near
     the best damping the two parts nearly cancel. The filter does not affect the direct part, and removes a
-    share `lost` of the response. This share of the response is given as the error of a slope over K_dm.
+    share `lost` of the response. This share is given as the error of a slope with respect to K_dm.
     """
 
     filter: TangentFilter = eqx.field(default_factory=TangentFilter)
@@ -185,18 +185,18 @@ def _simulate_tangents(model, state, d_model, d_state, probes, n_steps, sample_e
 
 
 def _beside(source: S, parameter: str, model: Model) -> tuple[S, S, float]:
-    """Sources with the parameter increased and decreased by a small step, and this step."""
+    """Sources with the parameter increased and decreased by a small step, and the size of the step."""
     value = parameter_value(source, parameter)
-    # the error of a central difference is the square of the share plus round-off divided by the share
+    # the relative error of a central difference is about share**2 + (round-off) / share
     share = 1e-4 if model.dt.dtype == np.float64 else 1e-2
     step = share * value if value else share
     return source.replace({parameter: value + step}), source.replace({parameter: value - step}), step
 
 
 def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
-    """Slopes of all floats in model and initial state over the parameter, by differences of two builds.
+    """Slopes of all floats in model and initial state: differences of builds with two parameter values.
 
-    The time step is held constant: it changes only in jumps, because it must divide the sampling interval.
+    The time step is held constant. It must divide the sampling interval, and so it changes only in jumps.
     """
     ahead, behind, step = _beside(source, parameter, problem.model)
     settings = search_settings(problem.model)

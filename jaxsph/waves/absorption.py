@@ -1,7 +1,7 @@
 """Active absorption of reflected waves by a piston wavemaker, Eq. 23 of Zhu et al. (2020).
 
-SI units; x from the paddle's rest position, positive into the tank. The paddle's displacement X is positive
-into the tank. Its velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
+SI units. x is measured from the paddle's rest position, positive into the tank, and so is the displacement X
+of the paddle. A paddle velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
 `theory.biesel`.
 """
 
@@ -28,18 +28,18 @@ class ActiveAbsorption(eqx.Module):
 
     The defaults give Eq. 23 as printed. A gauge a few smoothing lengths h away lags the
     paddle by k * distance and measures the piston's evanescent modes. Eq. 23 as printed
-    mistakes both for a reflection; `at_gauge` allows for them. The near field is computed
-    from the TARGET displacement X_1: with the actual X a slow drift would amplify itself at
-    the rate near_field * omega / Phi, although a slow paddle raises no elevation.
+    mistakes both for a reflection; `at_gauge` allows for both. The near field is computed
+    from the TARGET displacement X_1. With the actual displacement X, a slow drift would amplify
+    itself at the rate near_field * omega / Phi, although a slow paddle raises no elevation.
 
     A constant error of the gauge moves the paddle until the displaced water compensates for the
     error (closed tank), or until drift_rate stops it at an offset of (omega / Phi) error / drift_rate.
     """
 
     gain: Scalar = eqx.field(converter=real, default=1.0)
-    """Gain of the feedback (-): 1 is Eq. 23, 0 is no absorption."""
+    """Gain of the feedback (-): 1 gives Eq. 23, 0 gives no absorption."""
     drift_rate: Scalar = eqx.field(converter=real, default=0.0)
-    """Rate at which the paddle returns to its target position, 1/s; keep << omega."""
+    """Rate at which the paddle returns to its target position, 1/s; should be much smaller than omega."""
     distance: Scalar = eqx.field(converter=real, default=0.0)
     """Distance of the gauge from the paddle, m."""
     near_field: Float[Array, "..."] = eqx.field(converter=real, default=0.0)
@@ -55,9 +55,9 @@ class ActiveAbsorption(eqx.Module):
     ) -> "ActiveAbsorption":
         """Absorption with a gauge `distance` (m) in front of the paddle.
 
-        The near field is computed on the host from the present periods and depth of `waves`. It is a leaf,
-        constant under differentiation with respect to periods and depth. **Arguments**: `gain` (-);
-        `drift_rate` (1/s).
+        The near field is computed on the host from the present periods and depth of `waves`. The near field
+        is a leaf, constant under differentiation with respect to periods and depth. **Arguments**: `gain`
+        (-); `drift_rate` (1/s).
         """
         return cls(gain, drift_rate, distance, waves.near_field(distance))
 
@@ -72,7 +72,7 @@ class ActiveAbsorption(eqx.Module):
         """Velocity U of the paddle at t (s), m/s, Eq. 23.
 
         **Arguments**: `X`: displacement of the paddle (m); `eta_measured`: elevation at the
-        gauge over the still water level (m).
+        gauge above the still water level (m).
         """
         feedback = self.gauge_elevation(waves, t) - eta_measured
         drift = X - waves.paddle_displacement(t)

@@ -1,7 +1,7 @@
 """Common interface of the waves that a wavemaker generates: regular waves and seas of many waves.
 
-SI units; x from the paddle's rest position, positive into the tank. The paddle's displacement X is positive
-into the tank. Its velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
+SI units. x is measured from the paddle's rest position, positive into the tank, and so is the displacement X
+of the paddle. A paddle velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
 `biesel`.
 """
 
@@ -23,7 +23,7 @@ class AbstractWaves(eqx.Module):
     g: eqx.AbstractVar[Scalar]
     """Acceleration of gravity, m/s2."""
     ramp: eqx.AbstractVar[Scalar]
-    """Duration of the start-up, s; 0 starts at once."""
+    """Duration of the start-up, s; with 0 the waves start at once."""
 
     @property
     @abc.abstractmethod
@@ -38,7 +38,7 @@ class AbstractWaves(eqx.Module):
     @property
     @abc.abstractmethod
     def Phi(self) -> Scalar:
-        """Transfer function of the piston at the frequency `omega` (-): wave height over stroke."""
+        """Transfer function of the piston at the frequency `omega` (-): ratio of wave height to stroke."""
 
     @abc.abstractmethod
     def paddle_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
@@ -68,13 +68,13 @@ class AbstractWaves(eqx.Module):
     def mean_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
         """Depth-averaged displacement of the water at x = 0 at t (s), m, with the ramp.
 
-        A wall with this motion supplies the flow rate of the waves. A relaxation zone in front of it imposes
-        the velocity profile.
+        A wall with this motion supplies the flow rate of the waves. A relaxation zone in front of the wall
+        imposes the velocity profile.
         """
 
     @abc.abstractmethod
     def velocity(self, x: Float[Array, " X"], z: Float[Array, " Z"], t: ArrayLike) -> Float[Array, "2 X Z"]:
-        """Target velocities (u, w) at all x and heights z over the bed (m), m/s, with the ramp.
+        """Target velocities (u, w) at all x and heights z above the bed (m), m/s, with the ramp.
 
         As in a closed tank, a return current balances the waves' mass transport.
         """

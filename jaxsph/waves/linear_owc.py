@@ -1,4 +1,4 @@
-"""Linear theory of the onshore oscillating water column in regular waves, the limit of small waves.
+"""Linear theory of the onshore oscillating water column in small regular waves.
 
 `waves.radiation` solves the water's motion and defines symbols and signs: q = q_S - Z p, with the flow q of
 air out of the chamber per unit width and the gauge pressure p of the chamber. This module couples the water
@@ -23,7 +23,7 @@ from jaxsph.waves.radiation import RadiationAndScattering
 
 @dataclass(frozen=True)
 class LinearAir:
-    """Linear resistance of a turbine, and compliance of the air in front of it; both are 0 by default."""
+    """Linear resistance of a turbine, and compliance of the air in the chamber; both are 0 by default."""
 
     resistance: float = 0.0
     """Resistance of a linear turbine, Pa s/m2: P_a = resistance q + K_dm^2 |q| q."""
@@ -37,7 +37,7 @@ class LinearAir:
 
 
 IDEAL_AIR = LinearAir()
-"""Incompressible air in front of a turbine without a linear part."""
+"""Incompressible air, and a turbine without linear resistance."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class LinearOWC:
     """Linear response of a chamber to regular waves, with a turbine of the quadratic law P_a = K_dm^2 |q| q.
 
     Incident power is absorbed by the turbine, lost at the lip or reflected: 1 = xi + P_lip / P_inc + |R|^2.
-    Amplitudes a are complex, standing for Re(a exp(-i omega t)); see `RadiationAndScattering` for the
+    A complex amplitude a stands for Re(a exp(-i omega t)); see `RadiationAndScattering` for the
     phase. If `linear_response` was given arrays of H and K_dm, the results have their broadcast shape.
     """
 
@@ -56,7 +56,7 @@ class LinearOWC:
     K_dm: NDArray
     """Damping coefficient K_dm of the quadratic law, kg^0.5 m^-2.5."""
     Lambda: NDArray
-    """Admittance of the linear turbine q = Lambda p of equal mean power, m2/(s Pa); inf if open."""
+    """Admittance of the linear turbine q = Lambda p with the same mean power, m2/(s Pa); inf if open."""
     q: NDArray
     """Flow of air out of the chamber per unit width, complex, m2/s."""
     P_a: NDArray
@@ -119,7 +119,7 @@ class LinearOWC:
 
     @property
     def P_a_peak(self) -> NDArray:
-        """Peak air pressure of the turbine's law in sinusoidal flow, Pa; 3 pi/8 |P_a| if purely quadratic."""
+        """Peak air pressure by the turbine's law in sinusoidal flow, Pa; 3 pi/8 |P_a| for a quadratic law."""
         size = np.abs(self.q_pto)
         return (self.K_dm**2 * size + self.air.resistance) * size
 
@@ -140,8 +140,8 @@ def linear_response(
     K_dm may range from 0 (an open chamber) to values so large that the chamber is practically closed.
 
     `lip_loss` is the coefficient zeta of a head loss Delta p = zeta rho0 |v| v / 2 at the lip of the front
-    wall, with the column's mean velocity v = q / b (see the head of this file). Both laws are quadratic in q:
-    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2, and turbine and lip share the pressure drop accordingly.
+    wall, with the column's mean velocity v = q / b (see the module docstring). Both laws are quadratic in q:
+    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2. Turbine and lip share the pressure drop as these two terms.
 
     With a linear turbine's resistance r and the air's compliance c in `air`, the turbine's flow is
     q_t = q + i omega c p, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t. Z - i omega c then replaces Z.
@@ -187,7 +187,7 @@ def linear_response(
 
 
 def _check_response(H: NDArray, K_dm: NDArray, rho0: float, lip_loss: NDArray, air: LinearAir) -> None:
-    """Raises ValueError for arguments of `linear_response` that are out of range."""
+    """Checks arguments of `linear_response`. **Raises** ValueError if an argument is out of range."""
     if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
         raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
     if air != IDEAL_AIR and np.any(lip_loss > 0.0):
@@ -215,8 +215,8 @@ def _resistance(drive: NDArray, Z: complex) -> NDArray:
     """Solution r = 1 / Lambda >= 0 (Pa s/m2) of r |1 + Z r| = `drive`; unique because Re Z >= 0.
 
     With x = r |Z| the left side times |Z| lies between x max(1, x) and x (1 + x), which brackets the root
-    within a factor of 1.3. Its logarithm has a slope between 1 and 2 in log x, so that Newton's method
-    converges.
+    within a factor of 1.3. The logarithm of the left side has a slope between 1 and 2 in log x, so that
+    Newton's method converges.
     """
     size = abs(Z)
     cosine = Z.real / size

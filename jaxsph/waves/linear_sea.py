@@ -1,12 +1,14 @@
 """Linear theory of an oscillating water column in an irregular sea, with a quadratic turbine.
 
-The water is linear and is solved wave by wave (`waves.radiation`). Compressible air and a linear turbine are
-linear too; a quadratic turbine, P_a = K_dm^2 |q| q, is not. It is treated in one of two ways:
+The equations of the water are linear and are solved wave by wave (`waves.radiation`). Compressible air and a
+linear turbine are linear too; a quadratic turbine, P_a = K_dm^2 |q| q, is not. A quadratic turbine is treated
+in one of two ways:
 
-- stochastic linearisation: for a Gaussian flow the linear resistance of the same mean power is
-  K_dm^2 sqrt(8 / pi) sigma_q; the flow's standard deviation sigma_q depends on this resistance in turn;
-- integration: for a sea that repeats, the flow that satisfies the equations of the linear water and of the
-  quadratic turbine at every time.
+- Stochastic linearisation replaces the turbine by a linear resistance that absorbs the same mean power. In a
+  Gaussian flow this resistance is K_dm^2 sqrt(8 / pi) sigma_q. The standard deviation sigma_q of the flow in
+  turn depends on the resistance.
+- Integration, for a sea that repeats, finds the flow that satisfies the equations of the water and the law of
+  the turbine at every time.
 
 Host numpy in double precision; the time factor is exp(-i omega t), as in `waves.radiation`.
 """
@@ -30,10 +32,10 @@ Real = NDArray[np.floating]
 _GAUSSIAN = np.sqrt(8.0 / np.pi)
 """Ratio of E|q|^3 to sigma_q^3 for a Gaussian flow (-)."""
 _NODES = 80
-"""Number of frequencies at which the water's equations are solved, which gives an interpolation error of 1e-5
-over 0.5 to 2.8 peak frequencies."""
+"""Number of frequencies at which the water's equations are solved. The interpolation between them has an
+error of 1e-5 for frequencies from 0.5 to 2.8 times the peak frequency."""
 _HARMONICS = 4
-"""Highest frequency kept of the turbine's pressure, in multiples of the sea's highest frequency."""
+"""Ratio of the highest frequency kept in the turbine's pressure to the sea's highest frequency (-)."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class LinearSea:
 
 @dataclass(frozen=True)
 class _Water:
-    """Response of the linear water at the frequencies of a sea: flow of the open chamber, and admittance."""
+    """Flow of the open chamber, and the water's admittance, by linear theory at the frequencies of a sea."""
 
     omega: Real
     q_open: Complex
@@ -92,8 +94,8 @@ def linear_sea_response(
     def sigma(quadratic: float) -> float:
         return _deviation(passed(quadratic))
 
-    # a larger resistance lowers the flow, which lowers the equivalent resistance: there is one root, at most
-    # the equivalent resistance at the flow of the open chamber
+    # A larger resistance lowers the flow, which lowers the equivalent resistance. Hence there is one root,
+    # which is at most the equivalent resistance at the flow without a quadratic turbine.
     most = K_dm**2 * _GAUSSIAN * sigma(0.0)
     quadratic = 0.0
     if most > 0.0:
@@ -116,7 +118,7 @@ def linear_sea_response(
 
 
 def _deviation(a: Complex) -> float:
-    """Standard deviation of a sum of waves of the complex amplitudes a."""
+    """Standard deviation of a sum of waves with the complex amplitudes a."""
     return float(np.sqrt(0.5 * np.sum(np.abs(a) ** 2)))
 
 
@@ -132,9 +134,9 @@ def integrated_sea_response(
     """Response of a chamber to a sea that repeats after `duration` (s), with the exact quadratic turbine.
 
     The flow q(t) of one repetition satisfies q = q_open - Z P_a at every frequency up to four times the sea's
-    highest, and P_a = K_dm^2 |q| q at every time. It is found by iteration about the linearised turbine.
-    Linear turbines and compressible air are not supported. **Raises** ValueError if a frequency is not a
-    multiple of 1/duration, and if the iteration does not converge.
+    highest, and P_a = K_dm^2 |q| q at every time. The flow is found by iteration about the linearised
+    turbine. Linear turbines and compressible air are not supported. **Raises** ValueError if a frequency is
+    not a multiple of 1/duration, and if the iteration does not converge.
     """
     turns = omega * duration / (2.0 * np.pi)
     index = np.round(turns).astype(int)
@@ -149,10 +151,10 @@ def integrated_sea_response(
     Z = np.zeros(last + 1, complex)
     Z[1:] = _of_frequency(geometry, every[1:], g)[1] / rho0
     resistance = linear.P_owc / max(linear.sigma_q**2, 1e-300)
-    n = 4 * last  # samples per repetition: the spectrum of |q| q is not bounded
+    n = 4 * last  # samples per repetition; so many because the spectrum of |q| q is unbounded
 
     def in_time(a: NDArray[Any]) -> Real:
-        return np.fft.irfft(np.conj(a), n) * n / 2.0  # for exp(-i omega t); a line of rfft is n/2 amplitudes
+        return np.fft.irfft(np.conj(a), n) * n / 2.0  # for exp(-i omega t); rfft gives n/2 times amplitudes
 
     def in_frequency(y: Real) -> Complex:
         return np.asarray(2.0 / n * np.conj(np.fft.rfft(y))[: last + 1], complex)
@@ -199,7 +201,7 @@ def _water(
 def _of_frequency(geometry: ChamberGeometry, omega: Real, g: float) -> tuple[Complex, Complex]:
     """Flow of the open chamber per metre of amplitude (m/s), and rho0 times the admittance (s).
 
-    Both are smooth, and a sea has hundreds of frequencies: splines through `_NODES` frequencies give them.
+    Both vary smoothly. For more than `_NODES` frequencies, splines through `_NODES` frequencies give both.
     """
     if len(omega) <= _NODES:
         exact = [radiation_and_scattering(geometry, float(w), g) for w in omega]

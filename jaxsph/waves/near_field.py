@@ -1,4 +1,4 @@
-"""Near field of a piston: the evanescent waves that its motion generates beside the progressive wave."""
+"""Near field of a piston: the evanescent waves that the piston generates besides the progressive wave."""
 
 from __future__ import annotations
 

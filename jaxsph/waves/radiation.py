@@ -128,7 +128,7 @@ class RadiationAndScattering:
     @property
     def eta_max(self) -> float:
         """Largest efficiency of any linear turbine (-): 2 / (1 + sqrt(1 + (mu/nu)^2))."""
-        nu = max(self.nu, 0.0)  # rounding makes it negative where no wave reaches the chamber
+        nu = max(self.nu, 0.0)  # rounding can make nu negative if no wave reaches the chamber
         return float(2.0 * nu / (nu + np.hypot(self.mu, nu)))
 
     def Z(self, rho0: float = 1000.0) -> complex:
@@ -144,9 +144,9 @@ def radiation_and_scattering(
 
     A call takes some milliseconds, or some tens of milliseconds for the first frequency of a geometry;
     results are cached. Up to Kh = 3 the error is below 1e-6 of |q_R| for a thin wall and for a thickness of
-    at least 1/50 of the gap under the wall. It grows to 3e-5 at 1/300, and to 4e-4 for walls so thin that
-    the thickness has no effect.
-    **Raises** ValueError for omega or g (m/s2) that is not positive.
+    at least 1/50 of the gap under the wall. The error grows to 3e-5 at 1/300, and to 4e-4 for walls so
+    thin that the thickness has no effect.
+    **Raises** ValueError if omega or g (m/s2) is not positive.
     """
     if not (omega > 0.0 and g > 0.0):
         raise ValueError(f"omega = {omega} and g = {g} must be positive")
@@ -158,20 +158,20 @@ def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) ->
 
     Without the propagating mode the equations are real: A a = rhs. `_thin` and `_thick` give S = V^T A^-1 V
     for V = (e, f1, f2): e integrates the velocity at the chamber's edge; f1 and f2 project the velocities at
-    the chamber's and at the outer edge on the propagating mode (h U_0). That mode is then added as a
-    correction of rank two, A + alpha1 f1 f1^T + alpha2 f2 f2^T with alpha1 = -cot(kb) / (kh) and
+    the chamber's and at the outer edge on the propagating mode (h U_0). The propagating mode is then
+    added as a correction of rank two, A + alpha1 f1 f1^T + alpha2 f2 f2^T with alpha1 = -cot(kb) / (kh) and
     alpha2 = i / (kh).
     """
     h, b, t = geometry.depth, geometry.length, geometry.thickness
     K = omega**2 / g
     kh = _propagating(K * h)
     k, kb = kh / h, kh * b / h
-    # norm: N_0 without its factor exp(2kh), which overflows in deep water; surface: the mode's value there
+    # norm: N_0 without its factor exp(2kh), which overflows in deep water; surface: the mode's value at z = 0
     norm = 0.5 * (np.exp(-2.0 * kh) - np.expm1(-4.0 * kh) / (4.0 * kh))
     surface = 0.5 * (1.0 + np.exp(-2.0 * kh)) / np.sqrt(norm)
     S = (_thick if t > 0.0 else _thin)(geometry, K * h, kh, norm, functions)
 
-    # h U_0 = (sin(kb) y1, y2): without the sine the system stays regular if a standing wave fits the chamber
+    # h U_0 = (sin(kb) y1, y2); without the sine in y1, a standing wave in the chamber causes no singularity
     matrix = np.array(
         [
             [np.sin(kb) - S[1, 1] * np.cos(kb) / kh, 1j * S[1, 2] / kh],
@@ -237,8 +237,8 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
     kappa = j pi; `slender` is t / (h - a). The sums do not depend on the frequency.
     """
     whole, W = _static(1.0, order, functions)
-    # coth - 1 and 1 / sinh are below rounding from x = 37 on. For a wall so thin that x stays below 37, the
-    # edge functions do not resolve the modes that are left out.
+    # coth - 1 and 1 / sinh are below rounding from x = 37 on. For a wall so thin that 5000 modes do not reach
+    # x = 37, the edge functions do not resolve the modes that are left out.
     count = min(int(37.0 / (np.pi * slender)) + 1, 5000)
     j = np.arange(1, count + 1)
     W = W[:count] if count <= len(W) else _transform(j * np.pi, order, functions)
@@ -259,7 +259,7 @@ def _evanescent(Kh: float, count: int) -> NDArray[np.floating]:
     """Roots k_n h, n = 1 .. count, of k_n h tan k_n h = -Kh, for the evanescent modes (-)."""
     n = np.arange(1, count + 1)
     x = n * np.pi - np.arctan(Kh / (n * np.pi))
-    for _ in range(8):  # Newton; the slope of the bracket lies between 1 - 1/pi and 1
+    for _ in range(8):  # Newton; the derivative of the bracket lies between 1 - 1/pi and 1
         x = x - (x - n * np.pi + np.arctan(Kh / x)) / (1.0 - Kh / (Kh**2 + x**2))
     return x
 
@@ -277,7 +277,7 @@ def _mean(order: float, functions: int) -> NDArray[np.floating]:
 
 
 def _wave(ratio: float, kh: float, norm: float, order: float, functions: int) -> NDArray[np.floating]:
-    """Integrals int v_m psi_0 dz: transforms at kappa = ikc, where J becomes I; c = ratio h is the gap."""
+    """Integrals int v_m psi_0 dz, by transforms at kappa = ikc, where J becomes I; the gap is c = ratio h."""
     m, kc = np.arange(functions), ratio * kh
     return (-1.0) ** m * ive(2.0 * m + order, kc) * np.exp(kc - kh) / (kc**order * np.sqrt(norm))
 
@@ -286,8 +286,8 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
     """Sums over the evanescent modes of the chamber and of the sea.
 
     The terms are [coth k_n b or 1] / (k_n h) times int v_m psi_n dz int v_m' psi_n dz; `length` is b / h. The
-    terms differ from those for K = 0 by a part that decays two orders faster. A few terms of this difference
-    are therefore added to the full sum for K = 0, which does not depend on the frequency.
+    terms differ from the terms for K = 0 by a part that decays two orders faster. A few terms of this
+    difference are therefore added to the full sum for K = 0, which does not depend on the frequency.
     """
     whole, F0 = _static(ratio, order, functions)
     F0 = F0[: int(150 + 20.0 * Kh + 6.0 / length)]

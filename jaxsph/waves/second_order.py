@@ -10,8 +10,8 @@ opposite sign and so cancels it.
 Waves are exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an imaginary
 wavenumber k = -i kappa. For a difference frequency the second mode is replaced by its conjugate: frequency,
 wavenumber and amplitude become -omega, -conj(k), conj(B). The free wave's k0 satisfies
-Omega^2 = g k0 tanh(k0 h), so that the projection of a bound wave cancels the denominator of its amplitude:
-no term is near-resonant.
+Omega^2 = g k0 tanh(k0 h), so that the projection of a bound wave cancels the denominator of the
+wave's amplitude, and no term is near-resonant.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ Real = NDArray[np.floating]
 MODES = 16
 """Number of evanescent modes of every wave.
 
-Because of the corner between the free surface and the piston, the sum over J modes converges only as 1/J:
-the error of 16 modes is 8 % for T = 1.2 s on a depth of 0.5 m, and 0.1 % after extrapolation of the sums of 8
-and 16 modes.
+Because of the corner between the free surface and the piston, the sum over J modes converges only as 1/J.
+For T = 1.2 s and a depth of 0.5 m the error of 16 modes is 8 %. Extrapolation from the sums of 8 and 16 modes
+reduces the error to 0.1 %.
 """
 MANY = 100
-"""Number of waves above which half of the modes suffice: in a sea of 160 waves the error is 0.3 % and the
-sum is four times as fast."""
+"""Number of waves above which half of the modes are used. In a sea of 160 waves the error is then 0.3 %, and
+the sum is four times as fast."""
 
 
 class Harmonics(NamedTuple):
@@ -91,13 +91,13 @@ def evanescent_wavenumbers(omega: Real, d: float, g: float, modes: int) -> Real:
 
 
 def piston_transfer(omega: Real, d: float, g: float) -> Real:
-    """Transfer function Phi of a piston (-): amplitude of the wave over that of the displacement."""
+    """Transfer function Phi of a piston (-): ratio of the wave's amplitude to the piston's amplitude."""
     kd = wavenumbers(omega, d, g) * d
     return np.asarray(2.0 * np.tanh(kd) / (1.0 + 4.0 * kd * np.exp(-2.0 * kd) / -np.expm1(-4.0 * kd)))
 
 
 def displacement(a: Complex, omega: Real, d: float, g: float = theory.GRAVITY) -> Harmonics:
-    """First-order displacement of a piston for waves of the complex amplitudes a (m), m."""
+    """First-order displacement of a piston for waves with complex amplitudes a (m), m."""
     return Harmonics(-1j * a / piston_transfer(omega, d, g), omega, wavenumbers(omega, d, g))
 
 
@@ -107,8 +107,8 @@ def second_order_displacement(
     """Second-order displacement of a piston that generates no free second-order waves, m.
 
     **Arguments**: complex amplitudes a (m) of the progressive waves at the piston, their angular frequencies
-    (rad/s), depth d (m). The result has the sums and differences of the
-    frequencies, without frequency zero.
+    (rad/s), depth d (m). The frequencies of the result are the sums and differences of the waves'
+    frequencies, without zero.
     """
     if len(omega) > MANY:
         modes = min(modes, MODES // 2)
@@ -147,8 +147,8 @@ def second_order_elevation(
 ) -> Harmonics:
     """Second-order elevation bound to waves at x (m) from the piston, m (Sharma and Dean 1981).
 
-    Complex amplitudes a (m) at x = 0 and angular frequencies (rad/s) of the waves. The mean level is the
-    still water level. Bound waves of evanescent modes are not included.
+    **Arguments**: complex amplitudes a (m) at x = 0 and angular frequencies (rad/s) of the waves.
+    The mean level is the still water level. Bound waves of evanescent modes are not included.
     """
     k = wavenumbers(omega, d, g)
     B = 1j * g / omega * a * np.exp(-1j * k * x)
@@ -159,7 +159,8 @@ def second_order_elevation(
         Omega = np.real(one.omega + other.omega)
         K = one.k + other.k
         stiffness = g * K * np.tanh(K * d) - Omega**2
-        stiffness = np.where(stiffness == 0.0, 1.0, stiffness)  # a wave with itself: a mean level, left out
+        # zero for the difference of a wave with itself, a mean level that is left out
+        stiffness = np.where(stiffness == 0.0, 1.0, stiffness)
         total = 0.0
         for f, s in ((one, other), (other, one)):
             C = _forcing(f, s, g) / stiffness

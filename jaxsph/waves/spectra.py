@@ -1,6 +1,7 @@
 """Variance spectra of sea states, and seas drawn from them; host numpy in double precision.
 
-S(f) in m2/Hz over the frequency f in Hz; Hs is four times the standard deviation of the elevation.
+The density S(f) is in m2/Hz and the frequency f in Hz. Hs is four times the standard deviation of the
+elevation.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ Real = NDArray[np.floating]
 LOWEST, HIGHEST = 0.5, 2.8
 """Lowest and highest frequency of a drawn sea, in multiples of the peak frequency.
 
-Outside lie 1.3 % of the variance of a JONSWAP spectrum and 2 % of Bretschneider's; the amplitudes inside are
-scaled up by it.
+Frequencies outside this range carry 1.3 % of the variance of a JONSWAP spectrum and 2 % of Bretschneider's.
+The amplitudes inside the range are scaled up so that the sea has the full variance.
 """
 
 

@@ -1,9 +1,10 @@
 """Theory of water waves on constant depth: linear and second-order Stokes waves, and the transfer function of
 a piston wavemaker.
 
-Equation numbers are those of Zhu et al. (2020) unless another source is named. SI units; x from the paddle's
-rest position, positive into the tank; z from the BED, so that z = d is the still water level; a crest passes
-x = 0 at t = 0. Functions broadcast over arrays and can be differentiated, except host functions.
+Equation numbers refer to Zhu et al. (2020) unless another source is named. SI units. x is measured from the
+paddle's rest position, positive into the tank. z is the height above the BED, so that z = d is the still
+water level. A crest passes x = 0 at t = 0. Functions broadcast over arrays and can be differentiated, except
+host functions.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ GRAVITY = 9.81
 
 
 _URSELL_LIMIT = 8.0 * np.pi**2 / 3.0
-"""Largest Ursell number H lambda^2 / d^3 of second-order Stokes waves (-)."""
+"""Ursell number H lambda^2 / d^3 up to which second-order Stokes theory holds (-)."""
 
 
 def _sech2(x: Array) -> Array:
@@ -33,8 +34,8 @@ def _sech2(x: Array) -> Array:
 def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
     """Wavenumber k (rad/m) of the dispersion relation omega^2 = g k tanh kd.
 
-    The explicit start of Guo (2002) is within 0.8 %. Each Newton step squares the error,
-    so that three steps reach the rounding of float32 and nearly that of float64.
+    The explicit first value (Guo 2002) has an error below 0.8 %. Each Newton step squares the
+    error, so that three steps reach the rounding of float32 and nearly that of float64.
     """
     y = omega**2 * d / g
     kd = y / (-jnp.expm1(-(y**1.25))) ** 0.4
@@ -96,7 +97,7 @@ def stokes3_wavenumber(
 
 
 def _x_over_sinh(x: Array) -> Array:
-    """Ratio x / sinh x for x > 0 (-), in a form in which neither it nor its derivative overflows."""
+    """Ratio x / sinh x for x > 0 (-); neither the ratio nor its derivative overflows."""
     return 2.0 * x * jnp.exp(-x) / -jnp.expm1(-2.0 * x)
 
 
@@ -131,7 +132,7 @@ def biesel(k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
 def _stokes2_amplitude(H: Array, k: Array, d: Array) -> Array:
     """Amplitude of the bound second harmonic of the elevation, m.
 
-    (H^2 k / 16) cosh kd (2 + cosh 2kd) / sinh^3 kd, in terms of tanh kd.
+    The amplitude is (H^2 k / 16) cosh kd (2 + cosh 2kd) / sinh^3 kd, computed in terms of tanh kd.
     """
     sigma = jnp.tanh(k * d)
     return H**2 * k / 16.0 * (3.0 - sigma**2) / sigma**3
@@ -176,8 +177,9 @@ def stokes2_velocity(
 ) -> Float[Array, "..."]:
     """Velocity (u, w) `[..., 2]` of a second-order Stokes wave travelling along +x, m/s.
 
-    The wave is that of `stokes2_elevation`, with zero Eulerian mean below the troughs (no return
-    current); z (m) is counted from the bed. Source: Dean and Dalrymple (1991), section 11.2.
+    The wave has the elevation `stokes2_elevation`, and a zero Eulerian mean velocity below the
+    troughs (no return current). z (m) is the height above the bed.
+    Source: Dean and Dalrymple (1991), section 11.2.
     The ratios of hyperbolic functions are written with decaying exponentials, which do not
     overflow.
     """
@@ -199,13 +201,13 @@ def largest_stroke(d: float) -> float:
     """Largest stroke, crest to trough, of a piston for waves within `theory_limits` on depth `d` (m), m.
 
     With the limits H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
-    where the first two limits are equal, at kd = 1.007, and is 0.684 d there.
+    where the first two limits are equal, at kd = 1.007. The largest stroke is 0.684 d.
     """
     return 0.685 * d
 
 
 def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]:
-    """Warnings if the theory of this module does not hold for a wave; an empty list if it holds.
+    """Warnings if the theory of this module does not hold for a wave; an empty list if the theory holds.
 
     Host function; height `H` (m), period `T` (s), depth `d` (m). Each warning gives the value and the limit:
     breaking by steepness (Miche 1944) and by depth (McCowan 1894), the Ursell number for

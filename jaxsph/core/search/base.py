@@ -2,8 +2,8 @@
 
 A search finds all sources within its radius around every target. Near a thin wall, bit masks select the
 sources that a target sees: a target sees a source if their masks share a bit. Tables are allocated on the
-host, with the same number of slots for every target. They keep that shape inside the loop, where an overflow
-is reported if a table is too small.
+host, with the same number of slots for every target. The tables keep that shape inside the time loop, which
+reports an overflow if a table is too small.
 """
 
 from __future__ import annotations
@@ -18,27 +18,28 @@ from jaxsph.core.arrays import Array, Bool, Float, Int
 from jaxsph.core.pairs import SPARE, Period
 
 WIDTH = 2
-"""Cells per search radius (-): five lines of cells of half the radius hold 30 % fewer candidates than three
-lines of cells of the whole radius."""
+"""Number of cells per search radius (-). Five lines of cells of half the radius hold 30 % fewer candidates
+than three lines of cells of the whole radius."""
 
 SPREADING = 1.3
-"""Ratio of the places for points near the water to the number of such points when they are counted (-).
+"""Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
 
-Spreading water comes near more points, and every change of the number of places recompiles the step.
+Spreading water comes near more points, and every change of `Slabs.points` recompiles the step.
 """
 
 
 class Grid(eqx.Module):
     """A box of cells by which particles are sorted.
 
-    A particle outside the box counts in the nearest cell, so that no pair is lost. Along a periodic axis
+    A particle outside the box is assigned to the nearest cell, so that no pair is lost. Along a periodic axis
     particles must first be moved into the box (`cells.wrap`).
     """
 
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
     cell: float = eqx.field(static=True)
-    """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of them fits."""
+    """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of cells fits the
+    period."""
     shape: tuple[int, ...] = eqx.field(static=True)
     """Number of cells along every axis."""
     period: Period = eqx.field(static=True, default=())
@@ -62,25 +63,25 @@ class Table(NamedTuple):
     indices: Int[Array, "K N"]
     """Index of the source in each slot; the number of sources (the empty source) where the slot is empty."""
     most: Int[Array, ""]
-    """Largest number of neighbours of any target; if it is above K, the table has overflowed."""
+    """Largest number of neighbours of any target; if this number exceeds K, the table has overflowed."""
 
     @property
     def overflow(self) -> Bool[Array, ""]:
-        """True where neighbours were lost because a target had more than K."""
+        """True where neighbours were lost because a target had more than K neighbours."""
         return self.most > self.indices.shape[0]
 
 
 class AbstractSearch(eqx.Module):
-    """A neighbour search, with the sizes that it has allocated on the host."""
+    """A neighbour search, with the array sizes that were allocated for the search on the host."""
 
     @classmethod
     @abc.abstractmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> AbstractSearch:
         """Search allocated for the initial state.
 
-        **Arguments**: `grid`: covers the walls at rest, and sets the search radius; `water`, `nodes`:
-        positions `[N, D]` (m) of targets and sources together, for the search around the water's particles
-        and for the search around other points.
+        **Arguments**: `grid`: covers the walls at rest, and sets the search radius; `water`: positions
+        `[N, D]` (m) of targets and sources together, for the search around the water's particles; `nodes`:
+        the same for the search around other points.
         **Raises** ValueError if the search does not support the grid, ImportError if its package is missing.
         """
 
@@ -94,21 +95,22 @@ class AbstractSearch(eqx.Module):
         kind: Int[Array, " M"],
         same: bool,
     ) -> Table:
-        """Table of all sources within the radius of each target, `capacity` of them at most; positions in m.
+        """Table of the sources within the radius of each target, at most `capacity` per target; positions in
+        m.
 
-        **Arguments**: `sees` and `kind` are bit masks: a pair counts where `sees[i] & kind[j]` is not zero;
-        `same`: whether the first N sources are the targets; a particle is then not its own neighbour.
-        The table is not differentiated: it is a piecewise constant function of the positions.
+        **Arguments**: `sees` and `kind` are bit masks, and a pair is listed if `sees[i] & kind[j]` is not
+        zero; `same`: whether the first N sources are the targets; a particle is then not its own neighbour.
+        The table is not differentiated, because the table is a piecewise constant function of the positions.
         """
 
     @abc.abstractmethod
     def grown(self) -> AbstractSearch:
-        """The same search with a quarter more space in its allocations other than the tables."""
+        """The same search with a quarter more space in all its allocations except the tables."""
 
 
 def needed_capacity(most: int, spare: float = SPARE) -> int:
-    """Number of slots of a table whose largest number of neighbours is now `most`.
+    """Size to allocate for a table that now needs the size `most`.
 
-    It is `spare` times `most`, rounded up to a multiple of four.
+    The size is `spare` times `most`, rounded up to a multiple of four.
     """
     return max(4, int(np.ceil(most * spare / 4)) * 4)

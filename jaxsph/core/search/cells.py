@@ -1,8 +1,9 @@
 """Neighbour search by cells of half the search radius, into slot-major tables `[K, N]` of source indices.
 
 Sources are sorted by cell. In every line of cells the candidates of a target are one contiguous range of the
-sorted sources; a loop over this range keeps those within the radius. Along a periodic axis a whole number of
-cells fits the period, lines continue at the other end, and distances are taken to the nearest image.
+sorted sources; a loop over this range keeps the candidates within the radius. Along a periodic axis a whole
+number of cells fits the period, lines continue at the other end, and distances are taken to the nearest
+image.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Cells(AbstractSearch):
 
     @classmethod
     def of(cls, grid, water, nodes):
-        """See `AbstractSearch.of`: only the tables are allocated."""
+        """See `AbstractSearch.of`; this search allocates nothing but the tables."""
         del water, nodes
         return cls(grid)
 
@@ -40,7 +41,7 @@ class Cells(AbstractSearch):
         return search(targets, sources, self.grid, capacity, sees, kind, same)
 
     def grown(self):
-        """See `AbstractSearch.grown`: only the tables are allocated."""
+        """See `AbstractSearch.grown`; this search allocates nothing but the tables."""
         return self
 
 
@@ -68,7 +69,7 @@ def wrap(
 ) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
     """Positions (m) shifted by a period into [low, low + period), and their rounding errors (m).
 
-    The shift is exact: its rounding error is added to `carry` (Knuth's two-sum).
+    The shift is exact, because its rounding error is added to `carry` (Knuth's two-sum).
     """
     if not period:
         return x, carry
@@ -100,7 +101,8 @@ def cell_key(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
 
 
 def cell_order(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
-    """Permutation that sorts particles at x (m) by cell; stable, so that a sorted set stays as it is."""
+    """Permutation that sorts particles at x (m) by cell; stable, so that sorted particles keep their
+    order."""
     return jnp.argsort(cell_key(jax.lax.stop_gradient(x), grid), stable=True)
 
 
@@ -113,11 +115,12 @@ def search(
     kind: Int[Array, " M"],
     same: bool,
 ) -> Table:
-    """Table of all sources within the grid's radius of each target, `capacity` of them at most.
+    """Table of the sources within the grid's radius of each target, at most `capacity` per target.
 
-    **Arguments**: positions in m; `sees` and `kind` are bit masks: a pair counts where
+    **Arguments**: positions in m; `sees` and `kind` are bit masks, and a pair is listed if
     `sees[i] & kind[j]` is not zero; `same`: whether the first N sources are the targets; a particle is then
-    not its own neighbour. The table is not differentiated: it is a piecewise constant function of positions.
+    not its own neighbour. The table is not differentiated, because the table is a piecewise constant function
+    of positions.
     """
     targets, sources = jax.lax.stop_gradient((targets, sources))
     find = functools.partial(_search, grid=grid, capacity=capacity, same=same)
@@ -128,7 +131,7 @@ def search(
 
     @one.def_vmap
     def _(lanes, batched, *arrays):
-        # one search over all lanes: with a search per lane, every line of cells would wait for the fullest
+        # one search over all lanes: with a search per lane, every line would wait for the fullest lane
         every = (
             a if b else jnp.broadcast_to(a, (lanes, *a.shape)) for a, b in zip(arrays, batched, strict=True)
         )
@@ -166,7 +169,7 @@ def _search(
     home = cell_index(targets, grid)
 
     def line(offset, low, high, found):
-        """Adds the neighbours in one line of cells to those found so far."""
+        """Adds the neighbours in one line of cells to the neighbours found so far."""
         row, inside = _line(home, offset, grid)
         inside &= low <= high
         row = jnp.where(inside, row, 0) + of_target * (per_lane // last)
@@ -181,7 +184,7 @@ def _search(
             near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
             if same:
                 near &= j != me
-            # Every candidate, near or not, is written to the next free slot. One that is not near is
+            # Every candidate, near or not, is written to the next free slot. If it is not near, it is
             # overwritten by the next candidate, or cleared below. A spare last slot takes the excess.
             slot = jnp.minimum(count, capacity)
             return put(rows, slot, j), count + near.astype(jnp.int32)
@@ -209,8 +212,8 @@ def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Arra
 def _line(
     home: Int[Array, "N D"], offset: tuple[int, ...], grid: Grid
 ) -> tuple[Int[Array, " N"], Bool[Array, " N"]]:
-    """Number of the line of cells, along the last axis, at `offset` lines from the line of every cell `home`;
-    and whether the grid has such a line."""
+    """Number of the line of cells (along the last axis) at the distance `offset` from the line of every cell
+    `home`, and whether this line is in the grid."""
     row, inside = jnp.zeros(home.shape[0], jnp.int32), jnp.ones(home.shape[0], bool)
     for axis, step in enumerate(offset):
         index = home[:, axis] + step

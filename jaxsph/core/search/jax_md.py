@@ -1,9 +1,10 @@
-"""Neighbour search by jax-md (Schoenholz & Cubuk 2020): `search = "jax_md"`, the extra `jaxsph[jax-md]`.
+"""Neighbour search by jax-md (Schoenholz & Cubuk 2020), with `search = "jax_md"` and the extra
+`jaxsph[jax-md]`.
 
-jax-md lists the neighbours of every particle within one set of particles. It has no masks, and coordinates
-wrap around at the sides of a box. Here targets and sources are therefore searched as one set, in a box wider
-than the region of the particles, and sources that a target may not see are removed from its list afterwards.
-The slots are in the order of the sources' indices.
+jax-md lists the neighbours of every particle within one set of particles. jax-md has no masks, and wraps
+coordinates around at the sides of a box. Here targets and sources are therefore searched as one set, in a box
+wider than the region of the particles, and sources that a target may not see are removed from the target's
+list afterwards. The slots are in the order of the sources' indices.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ CROWDING = 1.25
 
 
 LISTED = 3
-"""Ratio of the capacity of jax-md's lists to the table's slots (-): the lists include masked sources."""
+"""Ratio of the capacity of jax-md's lists to the table's number of slots (-). The lists are longer because
+they include masked sources."""
 
 
 class JaxMD(AbstractSearch):
@@ -32,11 +34,13 @@ class JaxMD(AbstractSearch):
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
     box: tuple[float, ...] = eqx.field(static=True)
-    """Sides of the box, m: at least four cells, since jax-md tries all pairs in a smaller box."""
+    """Sides of the box, m. Each is at least four cells long, since jax-md tests all pairs in a smaller
+    box."""
     radius: float = eqx.field(static=True)
     """Search radius (support plus skin), m."""
     cell_capacity: tuple[int, int] = eqx.field(static=True)
-    """Capacity of a cell, in particles: in a search around the water, and in one around other points."""
+    """Capacity of a cell, in particles, for searches around the water and for searches around other
+    points."""
 
     @classmethod
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> JaxMD:
@@ -47,7 +51,7 @@ class JaxMD(AbstractSearch):
                 "use the default search"
             )
         md = partition()
-        # Two cells at both ends keep all coordinates positive, and every particle away from its own image.
+        # Two cells at both ends keep all coordinates positive, and particles away from their periodic images.
         margin = 2.0 * grid.radius
         low = np.asarray(grid.origin) - margin
         box = np.asarray(grid.shape) * grid.cell + 2.0 * margin
@@ -80,7 +84,7 @@ class JaxMD(AbstractSearch):
         return Table(jnp.sort(rows, axis=1).T, jnp.where(lost, jnp.maximum(most, capacity + 1), most))
 
     def grown(self):
-        """See `AbstractSearch.grown`: larger capacities of the cells."""
+        """See `AbstractSearch.grown`; the cells have larger capacities."""
         water, nodes = (int(1.25 * count) + 1 for count in self.cell_capacity)
         return JaxMD(self.origin, self.box, self.radius, (water, nodes))
 

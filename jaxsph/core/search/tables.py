@@ -25,15 +25,15 @@ class Seen(NamedTuple):
 
 
 NARROW = 1 << 30
-"""Size of a halo that is reported as needed if a slab is so narrow that no halo suffices."""
+"""Value reported for the needed size of a halo if a slab is too narrow. Then no size suffices."""
 
 
 def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"]) -> tuple[Any, Array]:
     """Particles (a pytree of arrays `[N]` or `[N, D]`) at x (m) in the order of their cells.
 
     On several devices, particles that have left a slab move to the adjacent slab and others take their place,
-    so that all slabs keep their count. **Returns** also whether any particle moved farther than a halo and
-    was lost.
+    so that every slab keeps its number of particles. **Returns** also whether any particle moved farther than
+    a halo and was lost.
     """
     if slabs.count == 1:
         order = cell_order(x, grid)
@@ -45,7 +45,7 @@ def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"
         fields: dict[int, Any] = {k: columns(a) if a.ndim == 2 else a for k, a in enumerate(leaves)}
         fields = slabs.with_halo(fields | {len(leaves): key})
         keys = fields.pop(len(leaves))
-        # in the order along the tank: the halo before, the slab, the halo after
+        # order along the tank: the halo before the slab, the slab, the halo after the slab
         place = jnp.concatenate([n + jnp.arange(halo), jnp.arange(n), n + halo + jnp.arange(halo)])
         least, largest = jnp.iinfo(jnp.int32).min, jnp.iinfo(jnp.int32).max
         keys = keys.at[n : n + halo].set(jnp.where(here > 0, keys[n : n + halo], least))
@@ -56,7 +56,7 @@ def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"
         found = [stack(fields[k]) if a.ndim == 2 else fields[k] for k, a in enumerate(leaves)]
         keys = keys[order]
         first, last = (jax.lax.all_gather(k, AXIS) for k in (keys[0], keys[-1]))
-        # equal sums of the keys and of their squares (integers that wrap): no particle was lost or repeated
+        # no particle was lost or repeated if the sums of keys and of squared keys (which may wrap) are kept
         before, after = (jax.lax.psum(jnp.stack([jnp.sum(k), jnp.sum(k * k)]), AXIS) for k in (key, keys))
         return jax.tree.unflatten(structure, found), jnp.any(last[:-1] > first[1:]) | jnp.any(before != after)
 
@@ -75,7 +75,8 @@ def water_neighbours(
 ) -> tuple[Neighbours, Int[Array, ""], Int[Array, ""]]:
     """Neighbours of the water's particles, which are sorted by cell, among the water and the ghosts.
 
-    **Returns** also the largest number of neighbours, and the largest number of particles a halo needs.
+    **Returns** also the largest number of neighbours, and the number of particles that the largest halo must
+    hold.
     """
 
     def local(x, kind, sees, ghosts):
@@ -95,7 +96,7 @@ def water_neighbours(
 
 
 def _grid_of(method: AbstractSearch) -> Grid:
-    """Cells by which slabs are sorted: those of the search by cells, the only search that supports slabs."""
+    """Cells of the search, by which slabs are sorted; only the search by cells supports slabs."""
     return method.grid  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -110,7 +111,8 @@ def point_neighbours(
     """Neighbours of points (m) in the water, which is sorted by cell.
 
     If the slabs limit the number of points (`Slabs.points`), only points near the water are in the table.
-    **Returns** also the largest number of neighbours, and the largest number of points in a slab.
+    **Returns** also the largest number of neighbours, and the largest number of points near the water of one
+    slab.
     """
     count = points.shape[0]
     if not count:
@@ -127,7 +129,7 @@ def point_neighbours(
         mine = beside(every.x, points, grid) & _in_slab(slabs, grid, stack(x), points)
         rows = jnp.nonzero(mine, size=places, fill_value=count)[0].astype(jnp.int32)
         at = jnp.minimum(rows, count - 1)
-        # an unused place sees no source
+        # an unused entry sees no source
         sees = jnp.where(rows < count, sees[at], 0)
         found = method.table(points[at], every.x, capacity, sees, every.kind, same=False)
         needs = found.most, jnp.sum(mine).astype(jnp.int32)
@@ -144,11 +146,11 @@ def point_neighbours(
 
 
 def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
-    """Particles of a slab at x (m), followed by those of its halos; call it within `over_slabs`.
+    """Particles of a slab at x (m), followed by the particles of its halos; for use within `over_slabs`.
 
     A slab at an end of the tank has an empty halo, filled with zeros. These entries are moved to the tank's
-    other end. In a cell of this slab they would prolong the search, in which all lines of cells take as long
-    as the most crowded one.
+    other end. If the entries stayed in a cell of this slab, they would prolong the search, because all lines
+    of cells take as long as the most crowded line.
     """
     every = slabs.with_halo({"x": x, "kind": kind})
     if slabs.count == 1:
@@ -159,8 +161,8 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
 
 
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
-    """Number of a slab's particles, at x (m), that an adjacent slab may see; `NARROW` if it may see all of
-    them, and thus possibly the slab beyond."""
+    """Number of a slab's particles, at x (m), that an adjacent slab may see. If the adjacent slab may see all
+    particles of this slab, it may also see the slab beyond, and the result is `NARROW`."""
     cell = cell_index(x, grid)[:, 0]
     first = jax.lax.all_gather(cell[0], AXIS)
     here = jax.lax.axis_index(AXIS)
@@ -175,7 +177,7 @@ def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array
 def _in_slab(
     slabs: Slabs, grid: Grid, x: Float[Array, "n D"], points: Float[Array, "P D"]
 ) -> Bool[Array, " P"]:
-    """Whether this slab, with particles at x (m), takes the sums at the points (m)."""
+    """Whether this slab, with particles at x (m), computes the sum at each of the points (m)."""
     cell, at = cell_index(x, grid)[:, 0], cell_index(points, grid)[:, 0]
     if slabs.count == 1:
         return jnp.ones(at.shape, bool)
@@ -186,8 +188,8 @@ def _in_slab(
 
 
 def beside(x: Float[Array, "M D"], points: Float[Array, "P D"], grid: Grid) -> Bool[Array, " P"]:
-    """Whether points (m) are near enough to particles at x (m) to see one; points at the walls of an empty
-    part of a tank are not."""
+    """Whether each of the points (m) is near enough to the particles at x (m) to see any of them. Points at
+    the walls of an empty part of a tank, for example, are not near enough."""
     full = jnp.zeros(int(np.prod(grid.shape)), bool).at[cell_key(x, grid)].set(True).reshape(grid.shape)
     for axis in range(len(grid.shape)):
         around = full

@@ -46,8 +46,8 @@ SPEED = Field("speed (m/s)", "plasma", lambda s: np.linalg.norm(s["u"], axis=1))
 def particles(run: RunFile, field: Field = PRESSURE, index: int = -1) -> Figure | None:
     """Figure of the particles of one snapshot, coloured by a field; None without snapshots.
 
-    A long tank is drawn in several strips, and a small device is also drawn enlarged. Of a three-dimensional
-    run, a slice at mid-width is drawn.
+    A long tank is drawn in several strips, and a small device is also drawn enlarged. A three-dimensional
+    run is drawn as a slice at mid-width.
     """
     if run.snapshot_count == 0:
         return None

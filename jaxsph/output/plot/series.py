@@ -51,7 +51,7 @@ def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
         if overlay is not None and at is not None:
             ax.plot(t, overlay(t, float(at)), "--", color=RED, lw=1.2, label="theory")
     if overlay is not None:
-        # above the axes, where no line crosses it
+        # the legend is above the axes, where no line crosses it
         axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
     share_limits(list(axes))
     figure.supylabel("elevation above still water (m)", fontsize=11)
@@ -167,7 +167,7 @@ def pressures(run: RunFile) -> Figure | None:
 
 @in_style
 def energy(run: RunFile) -> Figure | None:
-    """Figure of the energy budget (J; J/m in 2-D) over time: the paddle's work and where it went."""
+    """Figure of the energy budget (J; J/m in 2-D) over time: the paddle's work and how it is spent."""
     series = run.series()
     if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None

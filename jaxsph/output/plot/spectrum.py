@@ -13,7 +13,7 @@ from jaxsph.output.plot.style import BLUE, RED, WIDTH, has_samples, in_style
 from jaxsph.output.run_file import RunFile
 
 WITHIN = 0.9
-"""Probability that the band of the incident density contains the true density (-)."""
+"""Probability (-) that the confidence band of the incident spectrum contains the true spectrum."""
 
 
 @in_style
@@ -40,7 +40,7 @@ def draw_sea(sea: analysis.TwoWaySea, case: Case) -> Figure:
     ax.fill_between(f, low, high, color=BLUE, alpha=0.25, label=f"{100 * WITHIN:g} % band")
     ax.plot(f, sea.incident.S, color=BLUE, label="incident")
     ax.plot(f, sea.reflected.S, color=RED, label="reflected")
-    # mean over the frequency band of each value, which can be as wide as the peak
+    # the target is averaged over the band of each frequency, because a band can be as wide as the peak
     within = (np.arange(4) - 1.5) / case.waves.repeats
     asked = case.waves.shape(case.waves.height).density(np.maximum(f[:, None] + within, 1e-9)).mean(axis=1)
     ax.plot(f, asked, "k--", label="target spectrum")

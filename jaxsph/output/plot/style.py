@@ -61,7 +61,7 @@ def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
 
 
 def axis_name(ax: Axes, kind: str) -> str:
-    """Title of an axis in a column: `kind`, and the axis's number from the top."""
+    """Title of an axis in a column: `kind`, and the number of the axis, counted from the top."""
     return f"{kind} {cast(Any, ax.get_subplotspec()).rowspan.start + 1}"
 
 
@@ -77,7 +77,7 @@ def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
 
 
 def share_limits(axes: Sequence[Axes]) -> None:
-    """Gives all axes the same vertical limits, from the lowest to the highest of any."""
+    """Gives all axes the same vertical limits, from the lowest to the highest limit of all axes."""
     low, high = zip(*(ax.get_ylim() for ax in axes), strict=True)
     for ax in axes:
         ax.set_ylim(min(low), max(high))

@@ -24,9 +24,10 @@ def plot_sweep(
 
     By default the result is xi, or else the first result that the problem itself defines.
 
-    One parameter: the members with error bars; for a search, its path and short lines for the slopes. Two
-    parameters: contours over a grid; for a search, its path. **Returns** the files written; none for more
-    parameters, or if no member has the result. **Raises** FileError if the file cannot be read.
+    With one parameter the picture shows the members with error bars; for a search it shows the path, with
+    short lines for the slopes. With two parameters it shows contours over a grid, or the path of a search.
+    **Returns** the files written; none for more parameters, or if no member has the result.
+    **Raises** FileError if the file cannot be read.
     """
     sweep = sweep if isinstance(sweep, SweepFile) else SweepFile(sweep)
     folder = Path(folder) if folder is not None else sweep.path.with_name(sweep.path.stem + "_plots")

@@ -16,11 +16,11 @@ class Outline:
     """Outline of a solid in a picture, in its rest position."""
 
     name: str
-    """Name of its pose in the snapshots; empty for a fixed solid."""
+    """Name of the solid's pose in the snapshots; empty for a fixed solid."""
     corners: np.ndarray
     """Corners `[K, 2]`, m."""
     pivot: np.ndarray
-    """Pivot about which it rotates `[2]`, m."""
+    """Pivot `[2]` about which the solid rotates, m."""
 
     def at(self, snapshot: dict[str, Any]) -> np.ndarray:
         """Corners `[K, 2]` (m) in the pose of a snapshot."""
@@ -69,14 +69,14 @@ class Tank:
         )
 
     def strips(self) -> list[tuple[float, float]]:
-        """x ranges that cover the tank, each at most eight times as long as high."""
+        """x ranges of the strips in which the tank is drawn, each at most about ten times as long as high."""
         margin = 0.01 * (self.x1 - self.x0) + self.dx
         count = max(1, int(np.ceil((self.x1 - self.x0) / (8.0 * self.top) - 0.3)))
         edges = np.linspace(self.x0 - margin, self.x1 + margin, count + 1)
         return list(itertools.pairwise(edges))
 
     def zoom(self) -> tuple[float, float] | None:
-        """x range around the solids in the tank if they are small in the whole picture, or else None."""
+        """x range around the solids if they are small in a picture of the whole tank, or else None."""
         within = [one.corners[:, 0] for one in self.solids if one.corners[:, 0].min() > self.x0 + self.dx]
         if not within or self.x1 - self.x0 < 4.0 * self.top:
             return None
@@ -89,14 +89,14 @@ class Tank:
 
 
 def move(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Outline `[K, 2]` (m) of a body in a pose of surge, heave (m) and pitch (rad, from z towards x)."""
+    """Outline `[K, 2]` (m) of a body moved by `pose`: surge, heave (m) and pitch (rad, from z towards x)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return (corners - pivot) @ np.array([[c, -s], [s, c]]) + pivot + pose[:2]
 
 
 @dataclass(frozen=True)
 class Cut:
-    """Particles in the plane of the picture."""
+    """Positions `at` of particles in the plane of the picture, and the mask `seen` of the particles drawn."""
 
     at: np.ndarray
     seen: np.ndarray
