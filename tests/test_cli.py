@@ -26,6 +26,11 @@ class _Case:
     def replace(self, changes):
         return _Case(self.changes | changes)
 
+    def value(self, name):
+        return self.changes[name]
+
+    built = value
+
     def notices(self):
         return ["chamber snapped"]
 
@@ -327,7 +332,8 @@ def test_slope_is_printed_with_its_error(calls, monkeypatch):
 def test_optimise_prints_the_way_and_the_best(calls, monkeypatch, tmp_path):
     def maximise(case, over, out, of, method, evaluations, progress):
         calls.append((over, out, method, evaluations))
-        history = [{"pto.K_dm": 300.0, "xi": 0.4}, {"pto.K_dm": 500.0, "xi": 0.5}]
+        slope = {"slope pto.K_dm": 2e-4, "error pto.K_dm": 1e-5}
+        history = [{"pto.K_dm": 300.0, "xi": 0.4} | slope, {"pto.K_dm": 500.0, "xi": 0.5} | slope]
         best = types.SimpleNamespace(pto=types.SimpleNamespace(K_dm=500.0))
         return js.Maximum(best, of, 0.5, "2 evaluations", history)
 
@@ -335,6 +341,7 @@ def test_optimise_prints_the_way_and_the_best(calls, monkeypatch, tmp_path):
     result = _jaxsph("optimise", "owc", "--over", "pto.K_dm=100:2500", "--members", "5")
     assert result.exit_code == 0
     assert "xi at pto.K_dm = 300" in result.stdout
+    assert "0.4, slope 0.0002 +- 1e-05" in result.stdout
     assert "best: xi = 0.5 at pto.K_dm = 500 (2 evaluations)" in result.stdout
     over, out, method, evaluations = calls[0]
     assert over == {"pto.K_dm": (100.0, 2500.0)} and out.as_posix() == "runs/fake_optimum.h5"

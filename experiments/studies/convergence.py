@@ -53,7 +53,7 @@ class Found(NamedTuple):
 
 
 class Limit(NamedTuple):
-    """Limit of a quantity at zero spacing, or the reason why there is none."""
+    """Limit of a quantity at zero spacing; if the sequence has no limit, the reason."""
 
     value: float | None
     """Value at zero spacing; None if the sequence has no limit."""
@@ -62,7 +62,7 @@ class Limit(NamedTuple):
     order: float | None
     """Observed order of the sequence; None if the sequence is not monotone or only scatters."""
     why: str
-    """How the value was computed, or why there is none."""
+    """How the value was computed, or why the sequence has no limit."""
 
 
 def main(

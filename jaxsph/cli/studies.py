@@ -84,6 +84,7 @@ def sweep(
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
+            _refuse_equal(loaded, over)
             _note(loaded, over)
             _announce(loaded, out, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
@@ -263,10 +264,9 @@ def optimise(  # its arguments are the options of the command
 
 def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tuple[str, str]:
     """Texts for one evaluation of a search: parameter values, and the result with its slopes."""
-    slopes = [f"slope {here[f'slope {key}']:.3g}" for key in keys if f"slope {key}" in here]
-    errors = [f" +- {here[f'error {key}']:.2g}" if f"error {key}" in here else "" for key in keys]
-    found = [f"{here[of]:.4g}", *(a + b for a, b in zip(slopes, errors, strict=False))]
-    return f"{of} at " + ", ".join(f"{key} = {here[key]:.4g}" for key in keys), ", ".join(found)
+    place = ", ".join(f"{key} = {here[key]:.4g}" for key in keys)
+    slopes = "".join(f", slope {here[f'slope {key}']:.3g} +- {here[f'error {key}']:.2g}" for key in keys)
+    return f"{of} at {place}", f"{here[of]:.4g}{slopes}"
 
 
 def _compile_as_members() -> None:
@@ -274,6 +274,14 @@ def _compile_as_members() -> None:
     from jaxsph.study.members import FORWARD_FLAGS
 
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
+
+
+def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
+    """**Raises** CaseError if the lattice rounds values of a parameter to one, before anything is timed."""
+    from jaxsph.study.sweep import check_different
+
+    for name, values in over.items():
+        check_different([loaded.replace({name: value}) for value in values], [name])
 
 
 def _note(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:

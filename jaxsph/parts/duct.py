@@ -76,7 +76,8 @@ class Duct(AbstractDuct):
         drop, q = pressed.P_a, pressed.passed
         amounts = {name: dt * drop * part for name, part in pressed.pto.flows(drop, q).items()}
         # the chambers' mean flows differ slightly from the duct's flow at the end; correct the sum to `work`
-        for first in (*amounts,)[:1]:  # a closed duct has no amounts
+        if amounts:  # a closed duct has none
+            first = next(iter(amounts))
             amounts[first] = amounts[first] - (sum(amounts.values()) - work)
         air = Air(drop, q, air.driven.add(dt * q))
         return air, {self.called(name): amount for name, amount in amounts.items()}

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-NOISY, UNBOOKED, FEW = 0.15, 0.03, 5
-"""Limits beyond which a result is doubtful: largest noise of the particles (-), largest share of the energy
-that is not accounted for (-), and smallest number of averaged periods."""
+from jaxsph.case.results import FEW
+
+NOISY, UNBOOKED = 0.15, 0.03
+"""Limits beyond which a result is doubtful: largest noise of the particles (-), and largest share of the
+energy that is not accounted for (-)."""
 
 
 class Doubt(NamedTuple):
@@ -38,7 +40,7 @@ def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
             f"have an energy budget that does not close within {100 * UNBOOKED:g} %.",
         ),
         (
-            0 < periods < FEW and not results.get("periods_left_out"),  # otherwise a notice says so
+            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice of the run advises it
             f"Results are averaged over {periods:.0f} periods only: raise t1, so that more settled periods "
             "can be averaged.",
             f"are averaged over fewer than {FEW} settled periods: raise t1.",

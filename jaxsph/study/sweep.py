@@ -232,16 +232,16 @@ def _members(
         source.replace({name: value.item() for name, value in zip(axes, values, strict=True)})
         for values in combined
     ]
-    _check_different(sources, axes)
+    check_different(sources, [*axes])
     return sources, tuple(lengths) if grid else (lengths[0],)
 
 
-def _check_different(sources: Sequence[Source], axes: Mapping[str, np.ndarray]) -> None:
+def check_different(sources: Sequence[Source], names: Sequence[str]) -> None:
     """**Raises** CaseError if the lattice rounds two lengths to the same value, which makes runs equal."""
     found: dict[tuple[Any, ...], Source] = {}
     for member in sources:
-        other = found.setdefault(tuple(member.built(name) for name in axes), member)
-        for name in axes:
+        other = found.setdefault(tuple(member.built(name) for name in names), member)
+        for name in names:
             if (one := other.value(name)) != (value := member.value(name)):
                 raise CaseError(
                     f"{name} = {one:g} and {value:g}: the lattice rounds both to {member.built(name):g} m, "
