@@ -151,7 +151,7 @@ def results_page() -> str:
         "name, and the results below, which its page and its table show. Energies and powers of "
         "two-dimensional cases are per metre of width.\n",
         "## Results\n",
-        "| name | result | unit (2-D) | what it says |",
+        "| name | result | unit (2-D) | meaning |",
         "|---|---|---|---|",
     ]
     parts += [f"| `{n}` | {one.text.strip()} | {one.unit} | {one.meaning} |" for n, one in LABELS.items()]

@@ -2,7 +2,7 @@
 
     python -m experiments run NAME [OPTIONS]   runs one experiment; rows and pictures go to runs/results
     python -m experiments run NAME --help      shows its options; without a NAME lists the names
-    python -m experiments table [NAME ...]     prints the committed rows, of names with these beginnings
+    python -m experiments table [NAME ...]     prints the committed rows; NAME may be the beginning of a name
     python -m experiments again [NAME ...]     repeats the experiments with committed rows, or these only
     python -m experiments gallery              writes experiments/README.md, a picture and a line for each,
                                                and the numbers in the README and docs/

@@ -63,7 +63,7 @@ class Report:
     folder: ClassVar[Path] = OWN
     """Folder of the reports: `runs/results`, or with `--commit` the folder of committed results."""
     command: ClassVar[str] = ""
-    """The command that repeats the experiment, as `python -m experiments run` was called."""
+    """The command line with which `python -m experiments run` was called; it repeats the experiment."""
 
     def __init__(self, name: str, title: str, dx: float | None = None) -> None:
         """Starts the report of the experiment `name` (also the file name), with title and spacing dx (m)."""

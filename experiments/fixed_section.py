@@ -26,7 +26,7 @@ Values = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 """Array of complex numbers."""
 PER_WAVE = 80
-"""Elements per wavelength on the surface and per depth on a vertical; with half, R^2 + T^2 is 1 % off."""
+"""Elements per wavelength on the surface and per depth on a vertical; with 40, R^2 + T^2 is 1 % off."""
 FAR = 4.0
 """Distance of the verticals from the section, in depths: local waves have decayed to exp(-1.6 FAR)."""
 
@@ -48,8 +48,8 @@ def diffraction(
 ) -> Diffraction:
     """Response of a section to waves of period T (s) in water of this depth (m).
 
-    `section`: corners (m) from right to left, those below the still level and the two in the level, which are
-    at -x and x. `size`: length of the largest element on the section, m.
+    `section`: corners (m) from right to left, those below the still level, and the two at this level, at
+    x and -x. `size`: length of the largest element on the section, m.
     """
     omega = 2.0 * np.pi / T
     k = float(wavenumber(omega, depth))

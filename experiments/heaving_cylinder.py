@@ -13,11 +13,12 @@ The potential is Ursell's sum for deep water with every term extended to the dep
       PV int exp(k zeta) / (k - K) dk = exp(K zeta) (E1(K zeta) + i pi)    (Im zeta > 0).
 
   At depth h the kernel is cosh k(h + zeta) / (k sinh kh - K cosh kh). Its difference from the deep-water
-  kernel, D(k), decays as exp(-2kh). The poles of D at k0 and at K are subtracted and integrated analytically.
-  Adding i pi times the residue at k0 makes the waves outgoing.
+  kernel, D(k), decays as exp(-2kh). D has poles at the wavenumber k0 at this depth (k0 tanh k0 h = K) and at
+  K; these are subtracted and integrated analytically. Adding i pi times the residue at k0 makes the waves
+  outgoing.
 - Multipoles, whose kernels are the source's times k^(2m - 2) (k^2 - K^2) / (2m - 1)!. In deep water they are
   cos(2m theta)/r^2m + K/(2m - 1) cos((2m - 1) theta)/r^(2m - 1) and make no waves. The finite depth adds an
-  integral over D(k) again, and the small wave at k0 instead of K.
+  integral over D(k) again, and a small wave, because the pole is at k0 instead of K.
 
 The strengths are fitted by least squares so that the stream function on the cylinder is x. At infinite
 frequency the surface has phi = 0, and only the multipole terms proportional to K remain.
@@ -180,8 +181,8 @@ def strip_of_a_long_cylinder(
     the total force of such a distribution equals the force of the plane problem times the integral of the
     heave, because all other wavenumbers along the axis have zero total force. The ends therefore need no
     correction; only the small force beyond them is missing. A quarter of each strip has `panels` panels.
-    With 3 m the result is within 0.5 % of `Cylinder.coefficients` at 8.7 rad/s, and within 2 to 3 % at 6 and
-    12 rad/s.
+    With a length of 3 m the result is within 0.5 % of `Cylinder.coefficients` at 8.7 rad/s, and within 2 to
+    3 % at 6 and 12 rad/s.
 
     **Raises** ModuleNotFoundError if capytaine is not installed.
     """

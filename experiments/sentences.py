@@ -69,7 +69,7 @@ PROSE = (
         (README,),
     ),
     Sentence(
-        "over the column's width | 0.043 | {:.3f}",
+        "divided by the column's width | 0.043 | {:.3f}",
         lambda r: (r("dam_break_front", "H/dx = 60: front outside the shifted envelope, largest"),),
         (README,),
     ),

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    # One cache for all workers, commands and notebooks of this run: what one has compiled the next need not.
+    # One cache for all workers, commands and notebooks of this run, so that every program is compiled once.
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxsph_tests_")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
@@ -26,16 +26,16 @@ import jaxsph as js
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.simulate import simulate as simulate_
 
-# a machine that others load is no fault of what is tested
+# no deadline: a test must not fail because the machine is loaded
 hypothesis.settings.register_profile("jaxsph", deadline=None)
 hypothesis.settings.load_profile("jaxsph")
 
 FIRST = ("test_notebooks.py", "test_processes.py", "test_compilations.py")
-"""Files of few tests that take minutes: one that began last would leave a worker without work."""
+"""Files with few tests that take minutes. If one of them started last, the other worker would be idle."""
 
 
 def pytest_collection_modifyitems(items):
-    """Puts long files first, then those of many tests; each stays whole."""
+    """Sorts files: first `FIRST`, then by number of tests. The tests of a file stay together."""
     count = collections.Counter(item.path for item in items)
     items.sort(key=lambda item: (item.path.name not in FIRST, -count[item.path], item.path))
 
@@ -43,7 +43,7 @@ def pytest_collection_modifyitems(items):
 COARSE = {
     "hydrostatic": {"dx": 0.1, "probes.gauges": [0.2, 0.8]},
     "hydrostatic_3d": {"dx": 0.125, "tank.width": 0.5, "probes.pressure": None},
-    # The artificial viscosity keeps eight particles across a vessel orderly.
+    # With eight particles across a vessel, artificial viscosity keeps the lattice ordered.
     "vessel": {
         "dx": 0.04,
         "device.wall_thickness": 0.04,
@@ -59,11 +59,11 @@ COARSE = {
     },
     "wave_tank": {"dx": 0.05, "device": None},
 }
-"""Changes that make a built-in case a matter of milliseconds a step."""
+"""Changes with which a step of a built-in case takes milliseconds."""
 
 
 def enable_x64():
-    """Context in which arrays are float64; its name moved between the versions of jax we support."""
+    """Context in which arrays are float64; its place in jax differs between the supported versions."""
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(True)
     from jax.experimental import enable_x64 as older
@@ -80,7 +80,7 @@ _advance = jax.jit(simulate_, static_argnames=("n_steps", "sample_every"))
 
 
 def advance(case, model, state, samples):
-    """(state, readings) after so many samples, with the case's own probes."""
+    """Returns (state, readings) after `samples` samples, with the case's own probes."""
     every = round(case.output.sample_dt / float(model.dt))
     return _advance(
         model,
@@ -92,7 +92,7 @@ def advance(case, model, state, samples):
 
 
 def kill_with_two_checkpoints(process, path):
-    """Kills a run (SIGKILL) once its file has two checkpoints: the second write replaces the first."""
+    """Kills a run (SIGKILL) after its second checkpoint, so that a checkpoint has been replaced once."""
     try:
         deadline = time.monotonic() + 240.0
         while time.monotonic() < deadline and process.poll() is None:
@@ -106,24 +106,24 @@ def kill_with_two_checkpoints(process, path):
 
 
 def shaken(state, dx, rng, share):
-    """The state with every particle moved by up to a share of the spacing, along each axis."""
+    """The state with every particle moved along each axis by up to `share` of the spacing."""
     move = share * dx * rng.uniform(-1.0, 1.0, state.particles.x.shape)
     return eqx.tree_at(lambda s: s.particles.x, state, state.particles.x + jnp.float32(move))
 
 
 def with_velocity(state, u):
-    """The state with other velocities, broadcast to its own."""
+    """The state with the velocities `u`, broadcast to all particles."""
     old = state.particles.u
     return eqx.tree_at(lambda s: s.particles.u, state, jnp.broadcast_to(jnp.asarray(u, old.dtype), old.shape))
 
 
 MAPS, MOST_MAPS = Path("/proc/self/maps"), 30_000
-"""What a process has mapped into memory, and half of what Linux allows by default (vm.max_map_count)."""
+"""List of a process's memory maps, and half the number that Linux allows by default (vm.max_map_count)."""
 
 
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
-    """Each compiled program maps some pages, and a process that may map no more is aborted as it compiles."""
+    """Clears compiled programs in time: each adds memory maps, and a compilation aborts at their limit."""
     yield
     if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()

@@ -1,4 +1,4 @@
-"""Random mutations of case files, seeded: of their bytes, and of the values in them."""
+"""Seeded random mutations of case files: of their bytes, and of the values in them."""
 
 import copy
 import datetime
@@ -108,7 +108,7 @@ VALUES = (
 
 
 def nested(depth):
-    """A list in a list, so many times."""
+    """A list nested `depth` deep."""
     value = []
     for _ in range(depth):
         value = [value]
@@ -147,7 +147,7 @@ def mutated_text(rng):
 
 
 def _polygon(rng):
-    """Corners near the middle of a tank: often crossing, sometimes on a line or twice at a place."""
+    """Corners near the middle of a tank; sides often cross, and corners may lie on a line or coincide."""
     corners = [[rng.uniform(0.2, 1.8), rng.uniform(-0.1, 1.0)] for _ in range(rng.randint(2, 7))]
     match rng.randrange(4):
         case 0:
@@ -200,7 +200,7 @@ def mutated_values(rng):
     for key, value in SMALL[name].items():
         _set(data, key, value)
     if "probes" in data and rng.random() < 0.7:
-        del data["probes"]  # it would be refused first, wherever a length changes
+        del data["probes"]  # otherwise changed lengths would be refused because of the probes
     for _ in range(rng.randint(1, 3)):
         match rng.randrange(8):
             case 0 | 1:
@@ -228,7 +228,7 @@ def mutated_values(rng):
 
 
 def mutations(seed, count):
-    """(number, bytes or mapping) of `count` mutations, the same for the same seed."""
+    """Yields (number, bytes or mapping) of `count` mutations; equal seeds give equal mutations."""
     for number in range(count):
         rng = random.Random(f"{seed}-{number}")
         yield number, mutated_text(rng) if number % 3 == 0 else mutated_values(rng)

@@ -1,9 +1,9 @@
-"""A run on several devices against the same on one: prints the largest differences, by name, as JSON.
+"""Compares a run on several devices with the same run on one; prints the largest differences as JSON.
 
-It is a program of its own, since cores become devices before JAX is first used.
+This is a separate program, because the number of devices must be set before JAX is first used.
 
 python tests/sharing.py CASE DEVICES STEPS KEY=VALUE...      readings, energies and particles
-python tests/sharing.py CASE DEVICES STEPS --slopes KEY=...  slopes of the energy of the PTO over K_dm
+python tests/sharing.py CASE DEVICES STEPS --slopes KEY=...  slopes of the PTO's energy, by K_dm
 """
 
 import json
@@ -39,7 +39,7 @@ def found(case, devices, steps):
 
 
 def slopes(case, devices, steps):
-    """Slope of the energy that the PTO takes over K_dm, forward and in reverse."""
+    """Slope of the energy that the PTO absorbs with respect to K_dm, by forward and reverse mode."""
     model, state = share(*js.build(case), devices)
 
     def absorbed(K_dm):

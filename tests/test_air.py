@@ -39,7 +39,7 @@ _press = jax.jit(lambda pto, q, compliance: pto.pressure(q, compliance, 0.0))
 def test_a_linear_turbine_solves_its_law_with_the_water_s_response(q, compliance, resistance):
     with enable_x64():
         P_a = float(_press(js.LinearTurbine(jnp.asarray(resistance)), q, compliance))
-    # round-off of the difference q - compliance P_a; numbers below the least normal one count as zero
+    # round-off of the difference q - compliance P_a; subnormal numbers count as zero
     size = resistance * abs(q)
     assert P_a == pytest.approx(resistance * (q - compliance * P_a), rel=1e-12, abs=1e-14 * size + 1e-290)
     assert P_a * q >= 0.0
@@ -71,7 +71,7 @@ def test_a_straight_curve_is_a_linear_turbine_and_flow_is_the_law_s_inverse():
                 q = turbine.flow(jnp.asarray(P_a))
                 assert float(_press(turbine, q, 0.0)) == pytest.approx(
                     P_a, rel=1e-8
-                )  # 1e-12 m2/s in the root
+                )  # the root has a guard of 1e-12 m2/s
 
 
 def test_an_orifice_is_bernoulli_s():
@@ -92,7 +92,7 @@ def test_a_relief_valve_holds_exactly_and_passes_the_rest(q, compliance):
     if -under < float(P_a) < over:
         assert relieved == 0.0
     else:
-        # float32 of the root of the pressure
+        # float32 rounding of the root of the pressure
         assert turbine == pytest.approx(np.sign(q) * np.sqrt(abs(float(P_a))) / 500.0, rel=1e-5)
     assert relieved * q >= 0.0 and turbine * q >= 0.0
 
@@ -116,7 +116,7 @@ def test_control_is_a_differentiable_function_of_the_chamber():
 
 AIR = {"volume": 0.5, "p0": 101_325.0, "gamma": 1.4}
 INERTIA = 500.0
-"""Pressure per rate of the flow, kg/m4: of a column 0.5 m high and 1 m long."""
+"""Pressure per rate of change of the flow, kg/m4, for a water column 0.5 m high and 1 m long."""
 
 
 def _isentropic(dtype, **changes):
@@ -124,7 +124,7 @@ def _isentropic(dtype, **changes):
 
 
 def _piston(air, pto, drive, q0, dt, steps, dtype):
-    """Pressures (Pa), flows (m2/s) and the last state of air under a piston; `drive(t)`: pressure, Pa."""
+    """Pressures (Pa), flows (m2/s), last state and energy of air over a piston under `drive(t)` (Pa)."""
 
     def step(carry, i):
         own, q, taken = carry
@@ -146,7 +146,7 @@ def _piston(air, pto, drive, q0, dt, steps, dtype):
 
 
 def test_a_closed_chamber_swings_at_the_exact_frequency():
-    """In float32, as a run has it; a closed turbine of 1e9 lets nothing through."""
+    """In float32, as in a run; a linear turbine with a resistance of 1e12 is practically closed."""
     air, dt = _isentropic(jnp.float32), 2e-3
     exact = np.sqrt(AIR["gamma"] * AIR["p0"] / (INERTIA * AIR["volume"]))
     closed = js.LinearTurbine(jnp.float32(1e12))
@@ -154,9 +154,9 @@ def test_a_closed_chamber_swings_at_the_exact_frequency():
     up = np.flatnonzero((q[:-1] < 0.0) & (q[1:] >= 0.0))
     crossing = dt * (up - q[up] / (q[up + 1] - q[up]))
     omega = 2.0 * np.pi * (len(crossing) - 1) / (crossing[-1] - crossing[0])
-    # the trapezoidal rule is slow by (omega dt)^2 / 12 = 2e-4
+    # the trapezoidal rule lowers the frequency by (omega dt)^2 / 12 = 2e-4
     assert omega == pytest.approx(exact, rel=5e-4)
-    # neither grows nor decays in 30 periods: the middle of a step is where the air's force is taken
+    # no growth or decay in 30 periods, because the air's force is taken at the middle of a step
     assert np.abs(q[-300:]).max() == pytest.approx(np.abs(q[:300]).max(), rel=5e-3)
     assert abs(taken) < 1e-6
 
@@ -173,27 +173,27 @@ def test_little_air_is_incompressible_air(turbine):
         ideal = _piston(IncompressibleAir(), turbine, drive, 0.0, dt, 8000, float)
         errors = []
         for volume in (0.2, 0.02):
-            # a volume is a compliance: it is the ambient pressure that can be large without end
+            # less volume means less compliance; here the ambient pressure is raised instead, without limit
             air = _isentropic(float, volume=0.5, p0=AIR["p0"] * 0.5 / volume)
             P_a = _piston(air, turbine, drive, 0.0, dt, 8000, float)[0]
             errors.append(np.linalg.norm(P_a - ideal[0]) / np.linalg.norm(ideal[0]))
         tiny = _isentropic(float, p0=1e10)
         P_a, _, _, taken = _piston(tiny, turbine, drive, 0.0, dt, 8000, float)
-    # the limit, but for half a step by which the flow in the law is earlier: omega dt / 2 = 1.2e-3
+    # equal in the limit, but the flow in the law is half a step earlier: omega dt / 2 = 1.2e-3
     assert np.linalg.norm(P_a[5:] - ideal[0][5:]) / np.linalg.norm(ideal[0]) < 2e-3
     assert taken == pytest.approx(ideal[3], rel=1e-3)
     assert errors[1] < 0.2 * errors[0]
 
 
 def test_what_the_water_gives_is_the_turbine_s_or_stored():
-    """Over a swing with pressures of a twentieth of the ambient one, where air is not linear."""
+    """Over a swing with pressures of about a twentieth of the ambient pressure, where air is not linear."""
     with enable_x64():
         air, turbine, dt = _isentropic(float), js.PneumaticPTO(jnp.asarray(2000.0)), 1e-4
         P_a, q, own, taken = _piston(air, turbine, lambda t: 0.0 * t, 0.4, dt, 900, float)
         given = 0.5 * INERTIA * (0.4**2 - q[-1] ** 2)
         stored = float(air.stored(own))
     assert np.abs(P_a).max() > 4e3 and stored > 1.0
-    # the head is taken at the step's own pressure: second order in dt omega = 2e-3
+    # the head is taken at the pressure of the step: an error of second order in dt omega = 2e-3
     assert given == pytest.approx(taken + stored, rel=1e-4)
     assert float(air.head(1e-3)) == pytest.approx(1e-3, rel=1e-5)
 
@@ -265,7 +265,7 @@ def test_a_curve_comes_from_a_file_beside_the_case(tmp_path):
 
 @pytest.mark.parametrize("kind", ["weakly_compressible", "incompressible"])
 def test_a_chamber_with_air_and_a_valve_keeps_its_books(kind):
-    """Vessels whose air has been compressed swing; the valve opens, and every joule has its place."""
+    """Compressed air makes the vessels swing and opens the valve; the ledger accounts for all energy."""
     case = coarse("vessel").replace(
         {"scheme": {"kind": kind}, "pto.K_dm": 4000.0, "pto.suction": 60.0, "air.volume": 0.5}
     )
@@ -281,7 +281,7 @@ def test_a_chamber_with_air_and_a_valve_keeps_its_books(kind):
     after = float(chamber.air.stored(end.parts["chamber"]))
     ledger = {name: float(tally.total) for name, tally in end.ledger.items()}
     assert ledger["relief"] > 0.0 and ledger["pto"] > 0.0
-    # first order in the step where the valve opens; the swing is a tenth of a period a sample
+    # the error is of first order in the step in which the valve opens; a sample is a tenth of a period
     assert ledger["air"] == pytest.approx(after - before, abs=0.01 * before)
     assert "flow_pto" in series
 
@@ -294,7 +294,7 @@ def test_linear_theory_of_compressible_air_keeps_energy_and_its_limits():
     water = js.radiation_and_scattering(geometry, 5.0)
     some = LinearAir(resistance=800.0, give=3e-6)
     found = js.linear_response(water, 0.04, 300.0, air=some)
-    # what is not taken goes back: air and linear turbine lose nothing else
+    # energy that is not absorbed is reflected: air and linear turbine have no other losses
     assert found.xi + abs(found.R) ** 2 == pytest.approx(1.0, abs=1e-6)
     law = (some.resistance + 8.0 / (3.0 * np.pi) * 300.0**2 * abs(found.q_pto)) * found.q_pto
     assert found.P_a == pytest.approx(law, rel=1e-9)

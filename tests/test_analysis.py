@@ -1,4 +1,4 @@
-"""Post-processing against series whose answer is known."""
+"""Post-processing of series with known results."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ GAUGES = np.array([4.0, 4.25, 4.65])
 
 
 def _two_waves(x, a, r, phase):
-    """Incident amplitude a, reflected share r, with a mean level and a bound harmonic."""
+    """Waves of incident amplitude a and reflected share r, with a mean level and a bound harmonic."""
     x = np.asarray(x)[:, None]
     incident = np.cos(K * x - OMEGA * TIMES)
     bound = 0.1 * np.cos(2.0 * (K * x - OMEGA * TIMES))
@@ -31,7 +31,7 @@ def _two_waves(x, a, r, phase):
 @given(a=st.floats(1e-3, 1.0), r=st.floats(0.0, 1.0), phase=st.floats(-np.pi, np.pi))
 def test_reflection_recovers_what_was_put_in(a, r, phase):
     result = analysis.reflection(_two_waves(GAUGES, a, r, phase), GAUGES, TIMES, T, D)
-    # k is a float32 (relative 1e-6), times kx differences of 2 rad and a condition of 2.
+    # error of the float32 k (relative 1e-6), times differences in kx of 2 rad and a condition of 2
     assert result.incident == pytest.approx(a, rel=1e-5)
     assert result.coefficient == pytest.approx(r, abs=1e-5)
     assert result.reflected == pytest.approx(a * r, abs=1e-5 * a)
@@ -43,7 +43,7 @@ def test_two_gauges_do_or_raise(gap, r):
     x = np.array([3.0, 3.0 + gap * LENGTH])
     eta = _two_waves(x, 0.05, r, 0.3)
     from_half = abs(gap - 0.5 * round(2.0 * gap))
-    assume(abs(from_half - 0.032) > 0.002)  # the condition limit of 10 is at 0.0317
+    assume(abs(from_half - 0.032) > 0.002)  # the condition reaches its limit of 10 at 0.0317
     if from_half < 0.032:
         with pytest.raises(ValueError, match="cannot tell incident"):
             analysis.reflection(eta, x, TIMES, T, D)
@@ -62,7 +62,7 @@ def test_reflection_ignores_noise():
 
 
 def test_fundamental_of_several_series():
-    t = np.linspace(0.0, 3 * T, 361)  # whole periods: mean and harmonics are orthogonal to it
+    t = np.linspace(0.0, 3 * T, 361)  # whole periods: mean and harmonics are orthogonal to the wave
     B = np.array([[2.0 + 1.0j, -0.3j], [0.0, -1.0]])
     wave = np.exp(1j * OMEGA * t)
     y = 0.7 + np.real(B[..., None] * wave) + 0.2 * np.cos(2 * OMEGA * t + 1.0)
@@ -117,8 +117,8 @@ def test_efficiency_of_periodic_power(xi, end, phase):
     t = np.linspace(0.0, end, 900)
     power = xi * 13.0 * (1.0 - np.cos(2.0 * OMEGA * t + phase))
     result = analysis.efficiency(t, power, T, 13.0, 3)
-    # What is read at samples counts as a mean before them; periods end between samples: a period's mean is
-    # off by a part of 2 omega dt^2 / T, a hundredth at most.
+    # Values at samples are taken as means over the intervals before them, and periods end between samples:
+    # the mean of a period is off by a part of 2 omega dt^2 / T, at most a hundredth.
     assert result.xi == pytest.approx(xi, abs=1e-2 * max(xi, 0.1))
     np.testing.assert_allclose(result.per_period, xi, atol=1e-2)
 
@@ -127,13 +127,13 @@ def test_efficiency_of_periodic_power(xi, end, phase):
 def test_settled_records_keep_almost_all_of_their_periods(scatter):
     rng = np.random.default_rng(0)
     left = [analysis.settled_from(0.25 * (1 + scatter * rng.normal(size=10))) for _ in range(400)]
-    # by its level one record in 20 loses its first period or more
+    # at its level of significance, one record in 20 loses its first period or more
     assert np.mean(np.array(left) > 0) < 0.08 and np.mean(left) < 0.2
 
 
 @pytest.mark.parametrize(("rise", "decay"), [(0.3, 0.4), (-0.3, 0.4), (1.0, 0.2), (0.1, 0.5)])
 def test_transients_leave_means_without_bias(rise, decay):
-    """Means of 20 periods with a transient and a scatter of 1 % are right to 0.3 of the scatter."""
+    """Means of 20 periods with a transient and a scatter of 1 % have a bias below 0.3 of the scatter."""
     rng, periods = np.random.default_rng(1), np.arange(20)
     means, whole = [], []
     for _ in range(300):
@@ -147,12 +147,12 @@ def test_settling_is_found_whatever_the_unit_and_of_exact_records():
     measured = np.array([0.3207, 0.2714, 0.2414, 0.2461, 0.2455, 0.2465, 0.2422, 0.2445, 0.2421, 0.2489])
     assert [analysis.settled_from(unit * measured) for unit in (1.0, 1e-9, 1e9)] == [2, 2, 2]
     assert analysis.settled_from([2.0, 1.0, 1.0, 1.0, 1.0, 1.0]) == 1
-    assert analysis.settled_from(np.linspace(1.0, 2.0, 8)) == 5  # a trend to the end: three are left
+    assert analysis.settled_from(np.linspace(1.0, 2.0, 8)) == 5  # trend to the end: three periods left
     assert [analysis.settled_from(np.full(n, v)) for n in range(1, 7) for v in (0.0, 3.0)] == [0] * 12
 
 
 def test_efficiency_is_exact_for_means_between_samples():
-    """Also where periods end between samples; the first sample, with no interval before it, has no part."""
+    """Periods may end between samples; the first sample has no interval before it and is not used."""
     t = np.array([0.0, 0.3, 0.9, 1.4, 2.1, 2.5])
     power = np.array([np.pi, 1.0, 2.0, 3.0, 4.0, 5.0])
     result = analysis.efficiency(t, power, 1.0, 2.0, 2)
@@ -196,8 +196,8 @@ def test_smoothing_tames_noise():
     t = np.linspace(0.0, 8.0, 801)
     eta = 0.05 * np.cos(OMEGA * t)
     noisy = eta + 0.002 * np.random.default_rng(1).standard_normal(t.size)
-    # Noise of 4 %, averaged by 21 points (weight 9/4/21 at the centre): 1.3 %, and a bias
-    # towards the largest of it of the same size.
+    # Noise of 4 %, averaged over 21 points (weight 9/4/21 at the centre), leaves 1.3 %, and a bias of the
+    # same size, because extrema select the largest noise.
     assert analysis.mae_amplitude(t, noisy, t, eta, 0.05, T, window=21) < 0.03
     assert analysis.mae_phase(t, noisy, t, eta, T, window=21) < 0.02
 
@@ -229,7 +229,7 @@ def test_fit_recovers_a_damped_oscillation(offset, decay_rate, omega, phase):
     s = t - 3.0
     y = offset + 0.05 * np.exp(-decay_rate * s) * np.cos(omega * s + phase)
     found = analysis.fit_damped_oscillation(t, y)
-    # The series is exact: what is left is the optimiser's tolerance, 1e-8 in the cost.
+    # The series is exact; the error is the optimiser's tolerance, 1e-8 in the cost.
     assert found.omega == pytest.approx(omega, abs=1e-4)
     assert found.decay_rate == pytest.approx(decay_rate, abs=1e-4)
     assert found.offset == pytest.approx(offset, abs=1e-5)
@@ -247,7 +247,7 @@ def test_fit_errors():
 
 def test_oscillation_period():
     t = np.linspace(0.0, 10.0, 1001)
-    # Linear interpolation of crossings, and a mean that is off by the part period at the end.
+    # Errors: linear interpolation of the crossings, and a mean over a part of a period at the end.
     assert analysis.oscillation_period(t, 3.0 + np.sin(OMEGA * t)) == pytest.approx(T, rel=1e-3)
     with pytest.raises(ValueError, match="crossings"):
         analysis.oscillation_period(t, t)
@@ -267,7 +267,7 @@ def test_decay_per_wavelength_beside_a_reflected_wave(decay, reflection, phase, 
         np.exp(1j * phase) * (1 - decay) ** (along / wavelength) * np.exp(-1j * k * (1 + shift) * along)
     )
     amplitude = 0.05 * (incident + reflection * np.exp(1j * k * along))
-    # what the search leaves is its own tolerance, 1e-8 of the cost
+    # the error is the tolerance of the search, 1e-8 of the cost
     assert analysis.decay_per_wavelength(x, amplitude, wavelength) == pytest.approx(decay, abs=1e-5)
 
 

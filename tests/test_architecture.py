@@ -1,4 +1,4 @@
-"""The layers of the package, read from its source: who imports whom, who owns loops, names."""
+"""Architecture of the package, read from its source: imports between layers, owners of loops, names."""
 
 import ast
 import importlib
@@ -26,15 +26,16 @@ LAYERS = (
     ("report",),
     ("cli",),
 )
-"""Rooms from the bottom up: a room imports those below it, and its own files."""
+"""Subpackages from the bottom up; each imports from lower layers, and its own files."""
 LEAVES = {"errors", "start", "analysis"}
-"""What anyone above `model` may import: `errors`, and `analysis`, which imports the theory of waves; and
-`start`, which only the facade does. The two files import nothing of the package."""
+"""Modules outside the layers. Every file may import `errors`; files above `model` may import `analysis`,
+which imports the theory of waves; only the facade imports `start`. `errors` and `start` import nothing from
+jaxsph."""
 DATA_FILES = {
     f"output.{name}"
     for name in ("hdf5", "run_file", "run_groups", "run_reader", "run_view", "sweep_file", "vtk")
 }
-"""Files of `output` that import no room below it: those of a run or a sweep, and what exports them."""
+"""Files of `output` that import no lower subpackage: those that write, read or export runs and sweeps."""
 FACADE = "__init__"
 HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
 
@@ -49,7 +50,7 @@ FILES = sorted(set(SOURCES) - {FACADE, "__main__"})
 
 
 def _imports(tree):
-    """(module, names) of every import, those inside functions included."""
+    """(module, names) of every import, including imports inside functions."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((alias.name, ()) for alias in node.names)
@@ -112,7 +113,7 @@ def test_files_of_a_room_do_not_import_each_other_in_circles():
 
 
 def test_leaf_and_facade_import_no_room():
-    # The facade imports its rooms by name when they are first used.
+    # The facade imports its subpackages by name when they are first used.
     assert not list(_imported(TREES["errors"])) and not list(_imported(TREES["start"]))
     assert set(_imported(TREES[FACADE])) == {"start"}
 
@@ -131,7 +132,7 @@ def test_leaf_and_facade_import_no_room():
 def test_loops_have_owners(name, owners):
     def uses(tree):
         attributes = (n for n in ast.walk(tree) if isinstance(n, ast.Attribute) and n.attr == name)
-        # jax.checkpoint, jax.lax.scan, lax.scan: not a method such as RunFile.checkpoint
+        # jax.checkpoint, jax.lax.scan and lax.scan count, but not methods such as RunFile.checkpoint
         return any(ast.unparse(n.value) in ("jax", "lax", "jax.lax") for n in attributes)
 
     assert {file for file, tree in TREES.items() if uses(tree)} == owners
@@ -170,7 +171,7 @@ def test_names_say_what_a_thing_is():
 
 
 def test_rooms_do_not_hide_public_names_called_the_same():
-    """js.run was the function at its first use, and from then on the room jaxsph.run."""
+    """js.run must not become the subpackage jaxsph.run as soon as that subpackage is imported."""
     for room in {room for rooms in LAYERS for room in rooms}:
         importlib.import_module(f"jaxsph.{room}")
     modules = [name for name in jaxsph.__all__ if isinstance(getattr(jaxsph, name), types.ModuleType)]
@@ -196,7 +197,7 @@ TRACED = ("core", "model", "waves", "solids", "parts", "schemes", "probes")
 
 
 def test_files_are_short():
-    """A file has one subject, and can be read at a sitting."""
+    """A file has one subject, and can be read in one sitting."""
     lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in PACKAGE.rglob("*.py")}
     assert not {path.relative_to(PACKAGE).as_posix() for path, count in lines.items() if count > 450}
 
@@ -222,8 +223,8 @@ def test_functions_take_few_arguments():
 
 
 def test_parts_that_are_off_are_no_branches():
-    """No `is None` in what is traced: an empty tuple is "off". What makes a part from plain arguments, on the
-    host, may have them (`of`, `build` and those that a model is made with)."""
+    """Traced code has no `is None`: an empty tuple switches a part off. Functions that build parts on the
+    host from plain arguments (`of`, `build` and the others in `host`) may compare with None."""
     host = {"of", "build", "lattice", "of_dict", "__check_init__"}
     branches = []
     for name, node in _functions():
@@ -239,7 +240,7 @@ def test_parts_that_are_off_are_no_branches():
 
 
 def test_keys_of_a_case_are_named_by_cases_alone():
-    """What a part or a problem says to a user names no TOML key: whoever put it together may have none."""
+    """Messages of parts and problems name no TOML keys, because a user may have built them without a case."""
     sections = "air|device|fluid|kernel|output|pto|scheme|search|tank|waves"
     key = re.compile(rf"(?<![\w.`])({sections})\.[a-z]\w*(?!\w*\()")
     found = []
@@ -269,9 +270,10 @@ def _words(texts):
 
 
 def test_nothing_is_defined_that_nobody_uses():
-    """Every function, method and class is named once more, by the package or by what a user reads.
+    """Every function, method and class is named at least once more, in the package or in texts for users.
 
-    A test alone is no use. A decorator of a framework is one, and so is a handler that `http.server` calls.
+    Use in a test alone does not count. Functions with a framework's decorator, and the handlers that
+    `http.server` calls, count as used.
     """
     plain = {"property", "classmethod", "staticmethod", "abc.abstractmethod"}
     defined = Counter()

@@ -33,17 +33,17 @@ def vortex():
 
 
 def test_periodic_lattice_has_full_kernels(vortex):
-    """Every particle, at the seam too: the same count of neighbours, and the divergence of position is 2."""
+    """All particles, also at the seam, have equally many neighbours and a divergence of position of 2."""
     model, state, _ = vortex
     state, tables = model.scheme.prepare(model, state)
     count = np.sum(np.asarray(tables.fluid.indices) != len(state.particles.x), axis=0)
     assert count.min() == count.max()
-    # the Gaussian is cut at 3h: (1 + 9) e^-9 = 1.2e-3 of its second moment, on a lattice twice that
+    # cutting the Gaussian at 3h removes (1 + 9) e^-9 = 1.2e-3 of its second moment, on a lattice twice that
     np.testing.assert_allclose(model.scheme.surface(model, state, tables), 2.0, rtol=3e-3)
 
 
 def test_periodic_flow_keeps_its_momentum(vortex):
-    """Pairs cancel across the seam: what is left is rounding, 1e-7 of the sum of |m u| per step."""
+    """Pairs cancel across the seam; rounding changes the momentum by 1e-7 of the sum of |m u| per step."""
     solution = vortex[2]
     p = solution.state.particles
     momentum = np.asarray(p.m, float) @ np.asarray(p.u, float)
@@ -54,7 +54,7 @@ def test_periodic_flow_keeps_its_momentum(vortex):
 def test_vortex_decays_as_viscosity_says(vortex):
     """16 particles across: the kernel smooths the Laplacian by (2 pi h)^2/4 = 6 %; twice that is allowed.
 
-    The error of second order is 5 % from the 2.2 % of 25 particles: again twice that is allowed.
+    The velocity's error is of second order, 2.2 % with 25 particles and 5 % here; twice that is allowed.
     """
     assert taylor_green.decay_rate(vortex[2]) == pytest.approx(1.0, abs=0.12)
     assert taylor_green.velocity_error(vortex[2]) < 0.1
@@ -90,14 +90,14 @@ def test_walls_stand_where_the_sides_say(side):
     assert (x[:, 1] < 0).any() and (x[:, 1] > 1.2).any()
     assert model.walls.period == (((0, pytest.approx(1.2)),) if side == "periodic" else ())
     if not (low or high):
-        # where no wall ends it the water goes on: nodes of one height all have the same of it before them
+        # the water goes on where no wall ends it: all nodes of one height have the same kernel sum
         box = js.Box((0.0, 0.0), (1.2, 1.2), sides=(side, "walls"))
         walls = js.Ghosts.build(box, DX, model.scheme.smoothing, js.FreeSlip(), filling=js.MirrorNodes())
         x = np.asarray(walls.x)
         for z in np.unique(x[:, 1]):
             full = np.asarray(walls.brim.full)[x[:, 1] == z]
-            np.testing.assert_allclose(full, full[0], rtol=1e-5)  # float32
-            assert 0.3 < full[0] < 1.1  # half of a kernel or more is in the water
+            np.testing.assert_allclose(full, full[0], rtol=1e-5)  # float32 rounding
+            assert 0.3 < full[0] < 1.1  # at least about half of the kernel is in the water
 
 
 def test_unknown_side_and_impossible_slide_are_refused():
@@ -110,21 +110,21 @@ def test_unknown_side_and_impossible_slide_are_refused():
 
 
 def test_wall_that_slides_along_drags_the_fluid_and_nothing_else():
-    """Fluid and both walls at the same speed are at rest to each other; a free-slip wall drags nothing."""
+    """Fluid that moves with both walls stays at that speed; a free-slip wall does not drag the fluid."""
     both = {(1, 0): (0.5, 0.0), (1, 1): (0.5, 0.0)}
     for slip, sliding, u in ((js.NoSlip(), both, 0.5), (js.FreeSlip(), both, 0.0)):
         model, state = _assembled(("periodic", "walls"), slip=slip, sliding=sliding, u=(u, 0.0), speed=1.0)
         state = js.march(model, state, 0.04, 0.02).state
-        # rounding of float32 sums, times some tens of steps
+        # rounding of float32 sums, over some tens of steps
         np.testing.assert_allclose(state.particles.u, np.broadcast_to((u, 0.0), (144, 2)), atol=1e-5)
 
 
 def test_box_without_walls_lets_fluid_fly():
-    """A block in free fall with no pressure: its centre falls by g t^2/2, and nothing else acts."""
+    """A block in free fall has no pressure: its centre falls by g t^2/2, and no other force acts."""
     model, state = _assembled(("open", "open"), high=(1.2, 2.4), top=1.2, g=(0.0, 1.0), u=(0.1, 0.0))
     assert model.walls.count == 0
     new = js.march(model, state, 0.2, 0.02).state
-    # the leapfrog's velocities are half a step behind: dt t g/2 of the distance
+    # the leapfrog's velocities are half a step behind, which changes the distance by dt t g/2
     half = 0.5 * float(model.dt) * 0.2
     moved = np.asarray(new.particles.x, float).mean(axis=0) - np.asarray(state.particles.x, float).mean(
         axis=0
@@ -138,11 +138,11 @@ def test_central_force_is_minus_the_gradient_of_its_potential():
     slope = jax.grad(lambda x: jnp.sum(force.potential(x)))(x)
     np.testing.assert_allclose(
         force.acceleration(x, jnp.float32(0.0)), -slope, atol=1e-5
-    )  # float32, values of some units
+    )  # float32 rounding of values of order one
 
 
 def test_periodic_step_is_the_shifted_one(vortex):
-    """Moving everything by a share of the period, with its seam, changes no velocity beyond rounding."""
+    """Shifting particles and seam by a share of the period changes velocities by no more than rounding."""
     model, state, _ = vortex
     by = jnp.asarray([4 / 16, 7 / 16], jnp.float32)
     moved = eqx.tree_at(lambda s: s.particles.x, state, (state.particles.x + by) % 1.0)
@@ -153,5 +153,5 @@ def test_periodic_step_is_the_shifted_one(vortex):
         new = model.scheme.step(model, state, tables)
         return new.particles.u[jnp.argsort(new.particles.id)]
 
-    # forces of order c0^2/dx sum terms that cancel: 1e-7 of dt c0^2/dx, 0.5 m/s here, times ten
+    # forces of order c0^2/dx are sums of terms that cancel: 1e-7 of dt c0^2/dx (0.5 m/s here), times ten
     np.testing.assert_allclose(step(moved), step(state), atol=5e-6)

@@ -1,4 +1,4 @@
-"""The still pressure that is taken out of the sums at a thin wall and put back as a force."""
+"""The hydrostatic pressure that is taken out of the pair sums at a thin wall and put back as a force."""
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ def _background():
 
 
 def test_force_is_the_gradient_of_the_smoothed_background():
-    """Against autodiff of the product; 1e-12 is the round-off of third derivatives."""
+    """Compared with automatic differentiation of the product; 1e-12 is the round-off of third derivatives."""
     with enable_x64():
         background = _background()
         x = jnp.asarray(np.random.default_rng(0).uniform([0.6, 0.0], [1.4, 0.42], (200, 2)))
@@ -43,8 +43,11 @@ def test_force_is_the_gradient_of_the_smoothed_background():
 
 
 def test_sum_and_force_cancel_where_the_kernel_is_full():
-    """p = R everywhere in the sum against the force put back. Where R begins and ends its third derivative
-    jumps, by 60 p/L^3 = 2e7 Pa/m3 over L = 0.14 m: the kernel sees half, which leaves h^2/8 of it, 3 %."""
+    """Pair sum with p = R everywhere, compared with the force put back.
+
+    Where R begins and ends, its third derivative jumps by 60 p/L^3 = 2e7 Pa/m3 over L = 0.14 m. Half of the
+    kernel sees the jump, which leaves h^2/8 of it, 3 %.
+    """
     with enable_x64():
         background = _background()
         axes = np.arange(0.55, 1.45, DX), np.arange(0.02, 0.46, DX)
@@ -63,15 +66,16 @@ def test_sum_and_force_cancel_where_the_kernel_is_full():
         smoothing = Smoothing(Gaussian(), jnp.asarray(H))
         summed = pair_sum(laws.pressure_force, smoothing, targets, with_empty(fields), jnp.asarray(table))
         along, up = background.force(jnp.asarray(x[index]), jnp.asarray(H))
-        # the sum is the force of the pressure, -grad R; the body force is the same again
+        # the sum gives the force of the pressure, -grad R, and the body force must be the same
         left = np.asarray(summed) - np.stack([along, up])
         assert np.abs(left).max() < 0.03 * np.abs(np.asarray(up)).max()
 
 
 def test_what_the_sums_lose_is_in_the_budget(vessel):
-    """Without walls, the power of the pair sums and the force put back is that of compression and sum V R.
+    """Without walls, the power of the pair sums and of the force put back changes compression energy and sum
+    V R.
 
-    What is left is of the gradient's smoothing, h^2/4 lap R.
+    The remainder is due to the smoothing of the gradient, h^2/4 lap R.
     """
     _, model, state = vessel
     none = jnp.zeros_like(model.scheme.delta)
@@ -110,6 +114,6 @@ def test_only_thin_walls_have_one():
 
 @pytest.mark.slow
 def test_a_wall_of_one_spacing_stays_quiet():
-    """Four seconds without viscosity: 1 cm/s is 0.4 % of sqrt(g d); without it the tip reaches 7 cm/s."""
+    """Four seconds, no viscosity: 1 cm/s is 0.4 % of sqrt(g d); with no background the tip reaches 7 cm/s."""
     solution = js.run(thin_wall.at_rest(0.02), t1=4.0, progress=False)
     assert np.max(solution["max_speed"][solution.t > 1.0]) < 0.01

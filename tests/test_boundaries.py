@@ -1,4 +1,4 @@
-"""Walls: ghosts on linear fields, mirrored velocities, normals, and who sees whom around a thin plate."""
+"""Walls: ghosts of linear fields, mirrored velocities, normals, and which sides of a thin plate interact."""
 
 import equinox as eqx
 import jax
@@ -41,7 +41,7 @@ search_ = jax.jit(search, static_argnames=("grid", "capacity", "same"))
 
 
 def _water(plate=None, jitter=0.2, platform=None):
-    """A lattice of water, shaken by a share of the spacing."""
+    """A lattice of water, disturbed by a share of the spacing."""
     axes = [np.arange(DX / 2, end, DX) for end in (LENGTH, DEPTH)]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
     if plate is not None:
@@ -56,13 +56,13 @@ def _plates(plate):
 
 
 def _paddle(walls, X=0.0):
-    """(paddle in front of these walls, its motion) displaced by X (m)."""
+    """The paddle in front of these walls, and its motion with a displacement of X (m)."""
     paddle = Paddle(motion=None, rows=walls.paddle)
     return paddle, eqx.tree_at(lambda a: a.X, paddle.start(walls.x.dtype), jnp.asarray(X, walls.x.dtype))
 
 
 def _pushes(walls, x, X=None):
-    """Acceleration off all walls, with the paddle displaced by X (m) where there is one."""
+    """Acceleration away from all walls, with the paddle, if there is one, displaced by X (m)."""
     total = sum(solid.push(None, x, jnp.asarray(DX), jnp.asarray(C0)) for solid in walls.solids())
     if not walls.paddle:
         return np.asarray(total)
@@ -71,7 +71,7 @@ def _pushes(walls, x, X=None):
 
 
 class _Tank:
-    """Ghosts of a tank, filled from fields given as functions of place; float64."""
+    """Ghosts of a tank, filled from fields that are given as functions of position; float64."""
 
     def __init__(self, slip, plate=None, thin_wall=None, paddle=False, jitter=0.2, platform=None):
         self.smoothing = Smoothing(Gaussian(), jnp.asarray(1.2 * DX))
@@ -102,14 +102,14 @@ class _Tank:
         water = Sources(columns | {"f": jnp.asarray(field)}, {})
         table = PointNeighbours.of(self.table.indices)
         images = Chosen.of(jnp.zeros(0, jnp.int32), len(self.x), ONE)
-        weight = jnp.zeros(self.walls.node.shape[1], jnp.float32)  # nothing here asks for a level
+        weight = jnp.zeros(self.walls.node.shape[1], jnp.float32)  # no test here needs a level
         fit = self.walls.fit(self.walls.node, water, self.smoothing, images, table, weight)
         law = lambda j: j["f"]  # noqa: E731
         seen = fit, self.walls.node, water, self.smoothing, images, table
         return fit, self.walls.carried(law, *seen)
 
     def pressure(self, field, slope):
-        """(wet ghosts, their pressure) where the body force balances the field's slope."""
+        """(wet ghosts, their pressure) if the body force balances the slope of the field."""
         fit, at_node = self.interpolate(field)
         force = jnp.broadcast_to(jnp.asarray(slope), self.walls.x.shape)
         p = self.walls.pressure(fit, at_node, self.walls.x, self.walls.node, force)
@@ -150,11 +150,11 @@ def test_hydrostatic_pressure_goes_on_below_the_bed():
 
 @pytest.mark.parametrize("division", list(DIVISIONS))
 def test_each_set_of_a_thin_wall_continues_its_own_water(division):
-    """Three unrelated linear fields in the three regions: no set may mix two of them."""
+    """Three unrelated linear fields in the three regions: no set of ghosts may mix two of them."""
     with enable_x64():
         tank = _Tank(FreeSlip(), PLATE, RegionalGhosts(DIVISIONS[division]()))
         names = np.array(tank.walls.regions.division.regions)[np.asarray(tank.region)]
-        names = np.char.partition(names, "_")[:, 0]  # the strips beside the tip belong to no set's nodes
+        names = np.char.partition(names, "_")[:, 0]  # no set's nodes use the strips beside the tip
         x = np.asarray(tank.x)
         field = np.zeros(len(x))
         for name, slope in SLOPES.items():
@@ -165,13 +165,13 @@ def test_each_set_of_a_thin_wall_continues_its_own_water(division):
             own = wet & (np.asarray(tank.walls.kind) == tank.walls.regions.set_kind(which))
             exact = ORIGINS[region] + tank.ghost @ np.array(SLOPES[region])
             assert np.count_nonzero(own) >= 3, name
-            # As for the tank; where the strip of water is thin the fit's condition is about 100.
+            # As for the tank; where the strip of water is thin, the condition of the fit is about 100.
             np.testing.assert_allclose(p[own], exact[own], atol=1e-10 * 1e4, err_msg=name)
 
 
 @pytest.mark.parametrize("height", [2 * DX, 6 * DX])
 def test_a_platform_s_faces_continue_a_linear_pressure(height):
-    """Also lower than the kernel reaches, where the water above could see through to the bed."""
+    """Also for a platform lower than the kernel's reach, where water above it could interact with the bed."""
     platform = Platform(LENGTH - 7 * DX, height)
     with enable_x64():
         tank = _Tank(FreeSlip(), platform=platform)
@@ -188,7 +188,7 @@ def test_a_platform_s_faces_continue_a_linear_pressure(height):
 
 
 def test_a_particle_is_surrounded_beside_a_platform():
-    """On the lattice the kernel sums over water and ghosts as in open water, but for the outer edge."""
+    """On the lattice the kernel's sum over water and ghosts is that of open water, but for the outer edge."""
     platform = Platform(LENGTH - 7 * DX, 6 * DX)
     with enable_x64():
         tank = _Tank(FreeSlip(), jitter=0.0, platform=platform)
@@ -205,7 +205,7 @@ def test_a_particle_is_surrounded_beside_a_platform():
     edge = np.hypot(x[:, 0] - platform.start, x[:, 1] - platform.height) < 4 * DX
     # round-off
     np.testing.assert_allclose(total[deep & ~edge], open_water, rtol=1e-9)
-    # At the edge a quarter of the plane is seen twice or not at all; the kernel there holds a few per cent.
+    # At the edge a quarter of the plane is counted twice or not at all; the kernel has a few per cent there.
     np.testing.assert_allclose(total[deep & edge], open_water, rtol=0.1)
 
 
@@ -265,7 +265,7 @@ def test_velocities_are_mirrored(slip):
         close = dict(rtol=0, atol=1e-11)
         np.testing.assert_allclose(found[bed], at_node[bed] * [s, -1.0], **close)
         np.testing.assert_allclose(found[wall], at_node[wall] * [-1.0, s], **close)
-        # A moving wall mirrors relative to itself; it is free-slip whatever the tank's walls are.
+        # A moving wall mirrors relative to itself; it is free-slip, whatever the tank's walls are.
         mirrored = np.stack([2 * U - at_node[:, 0], at_node[:, 1]], -1)
         np.testing.assert_allclose(found[paddle], mirrored[paddle], **close)
 
@@ -275,7 +275,7 @@ def test_a_paddle_carries_its_own_ghosts_and_nodes():
     paddle, own = _paddle(walls, 0.02)
     rows = slice(*paddle.rows)
     x, node = paddle.place(own, walls.x[rows], walls.node[rows])
-    # One addition of float32 at coordinates of order one.
+    # One addition in float32 at coordinates of order one.
     np.testing.assert_allclose(x - walls.x[rows], np.broadcast_to([0.02, 0.0], x.shape), atol=2e-7)
     np.testing.assert_allclose(node - walls.node[rows], np.broadcast_to([0.02, 0.0], x.shape), atol=2e-7)
     assert 0 < len(x) < walls.count
@@ -322,7 +322,7 @@ def tables(request):
     """(model, particle positions, table) of the communicating vessels, coarse."""
     case = coarse("vessel", PLATES[request.param])
     model, state = js.build(case)
-    # Off the lattice, so that nobody stands exactly between two regions.
+    # Off the lattice, so that no particle is exactly between two regions.
     shaken = state.particles.x + 0.1 * case.dx * np.random.default_rng(0).normal(size=state.particles.x.shape)
     state = eqx.tree_at(lambda s: s.particles.x, state, jnp.asarray(shaken, jnp.float32))
     state, found = prepare(model, state)
@@ -337,7 +337,7 @@ def tables(request):
 
 def _sides(x, plate):
     middle = 0.5 * (plate.x0 + plate.x1)
-    # Above the tip by more than the strip in which a division may count a particle as under the plate.
+    # Above the tip by more than the strip in which a division may assign a particle to the water below.
     above = x[:, 1] > plate.tip + plate.thickness
     return above & (x[:, 0] < middle), above & (x[:, 0] > middle)
 
@@ -349,7 +349,7 @@ def test_no_pair_across_the_wall(tables):
     slots, targets = np.nonzero(fluid < n)
     sources = fluid[slots, targets]
     assert not np.any(left[targets] & right[sources]) and not np.any(right[targets] & left[sources])
-    # ... though some of them would be near enough.
+    # ... although some of them are near enough.
     r = np.linalg.norm(x[left][:, None] - x[right][None], axis=-1)
     near = np.count_nonzero(r < float(model.scheme.smoothing.radius))
     thick = model.walls.regions.plates[0].thickness > 0.1
@@ -370,7 +370,7 @@ def test_each_ghost_set_is_seen_by_its_region_only(tables):
     for which, (own, other) in enumerate(((left, right), (right, left))):
         mine = kind == regions.set_kind(which)
         assert np.any(own[targets[mine]]) and not np.any(other[targets[mine]])
-        # and its nodes use its water only
+        # and its nodes use only the water of its own side
         rows = np.asarray(model.walls.kind)[model.walls.at_nodes] == regions.set_kind(which)
         used = nodes[:, rows]
         used = used[used < n]
@@ -398,7 +398,7 @@ C0 = 20.0
 
 
 def _depth(x, plate, paddle):
-    """How deep in a wall, m: outside the box, or inside the plate by the way out that is nearest."""
+    """Depth in a wall, m: outside the box, or inside the plate by the nearest way out."""
     out = np.maximum.reduce([paddle - x[:, 0], x[:, 0] - LENGTH, -x[:, 1], np.zeros(len(x))])
     through = np.minimum.reduce([x[:, 0] - plate.x0, plate.x1 - x[:, 0], x[:, 1] - plate.tip])
     return np.maximum(out, through)
@@ -411,9 +411,9 @@ def test_push_points_out_of_the_walls():
     inside = _depth(x, PLATE, 0.0) > 0
     unit = push / np.maximum(np.linalg.norm(push, axis=1, keepdims=True), 1e-30)
     after = _depth(x + 1e-5 * unit, PLATE, 0.0)
-    # Float32 coordinates of order one are rounded to 1e-7; a corner's push is oblique.
+    # Float32 coordinates of order one are rounded to 1e-7; the push at a corner is oblique.
     assert np.all(after[inside] < _depth(x, PLATE, 0.0)[inside] - 0.5e-5)
-    # Whoever is half a spacing from every wall feels none of it.
+    # Points at least half a spacing from every wall are not pushed.
     far = np.all((x > 0.5 * DX) & (x < [LENGTH - 0.5 * DX, 9.0]), axis=1)
     far &= (np.abs(x[:, 0] - 0.5 * (PLATE.x0 + PLATE.x1)) > 0.5 * PLATE.thickness + 0.5 * DX) | (
         x[:, 1] < PLATE.tip - 0.5 * DX
@@ -422,7 +422,7 @@ def test_push_points_out_of_the_walls():
 
 
 def test_push_is_conservative():
-    """Its curl vanishes: central differences over 1e-6 m in float64, to their own rounding."""
+    """The curl of the push vanishes: central differences over 1e-6 m in float64, to their own rounding."""
     with enable_x64():
         walls = _Tank32(PLATE).walls
         rng = np.random.default_rng(2)
@@ -457,15 +457,15 @@ def test_push_moves_with_the_paddle():
     dim=st.sampled_from([2, 3]),
 )
 def test_lattice_fills_the_box_around_a_plate(thickness, gap, rows, dim):
-    """Volumes add up to the water's own, and no particle is nearer to a face than a third of a spacing."""
+    """Volumes sum to the volume of the water; no particle is nearer to a face than a third of a spacing."""
     dx = 0.1
     high = (2.0, *((0.3,) * (dim - 2)), 1.0)
     plate = WallPlate(2.0 - gap - thickness, 2.0 - gap, rows * dx)
     x, volume = lattice((0.0,) * dim, high, dx, [plate])
     width = 0.3 ** (dim - 2)
     water = (2.0 - thickness * (1.0 - plate.tip)) * width
-    assert volume.sum() == pytest.approx(water, rel=1e-9)  # sums of doubles
+    assert volume.sum() == pytest.approx(water, rel=1e-9)  # sums in float64
     beside = x[x[:, -1] > plate.tip]
     gaps = np.concatenate([plate.x0 - beside[:, 0], beside[:, 0] - plate.x1])
-    # a column of 1.5 spacings is the widest: its middle is 0.75 away; the narrowest is 0.67 wide
+    # the widest column, of 1.5 spacings, has its middle 0.75 spacings away; the narrowest is 0.67 wide
     assert np.min(gaps[gaps > -0.5 * thickness]) > 0.33 * dx

@@ -28,7 +28,7 @@ def _command(*arguments):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_built_in_case_is_run_killed_resumed_and_swept(name, tmp_path):
-    """Coarse, from a case file: the resumed run is the whole one to the bit, the sweep has its page."""
+    """Coarse, from a case file: the resumed run equals the whole run bit for bit; the sweep has its page."""
     case = js.load_case(name).replace({**SMALL[name], "output.snapshot_dt": 0.1, "t1": 30.0})
     toml, whole, killed, sweep = (tmp_path / file for file in ("case.toml", "whole.h5", "killed.h5", "s.h5"))
     toml.write_text(case.to_toml(), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Cases: what is refused and in which words, what is snapped, and that a case survives its own text."""
+"""Cases: what is refused and with which message, what is rounded, and that a case survives as text."""
 
 import math
 import re
@@ -96,7 +96,7 @@ def test_missing_section_is_named():
 
 
 def test_float64_has_to_be_switched_on():
-    case = coarse("hydrostatic", {"precision": "float64"})  # valid: only the program is not ready
+    case = coarse("hydrostatic", {"precision": "float64"})  # valid, but float64 is not enabled
     with pytest.raises(CaseError, match=r'precision = "float64" needs .*jax_enable_x64'):
         js.build(case)
 
@@ -211,7 +211,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             {"body": {"disc": {"centre": [0.5, 0.5], "radius": 0.04}}},
             r"body.disc.radius = 0.04 m: .*half",
         ),
-        ({"body": {"polygon": SQUARE, "angle": 1.6, "pivot": [1.0, 0.0]}}, r"body: reaches out of the tank"),
+        ({"body": {"polygon": SQUARE, "angle": 1.6, "pivot": [1.0, 0.0]}}, r"body: extends outside the tank"),
         ({"tank.column": 0.5, "tank.layer": 1.0}, r"tank.layer = 1 m: must be below the column's depth"),
     ],
     ids=lambda value: None if isinstance(value, str) else "+".join(value),
@@ -237,14 +237,14 @@ def test_air_that_would_leave_its_chamber_is_refused(P_a, message):
 
 
 def test_standing_waves_start_in_deep_water_too():
-    """Two spacings to half a wave, on a depth of 250 of them: cosh(kd) is beyond float64 at kd = 785."""
+    """Two spacings per half wavelength, 250 spacings deep: at kd = 785 cosh(kd) overflows float64."""
     case = TINY.replace({"dx": 0.01, "tank.depth": 2.5, "start": {"amplitude": 1e-3, "mode": 50}})
     geometry = Geometry.of(case)
     x = np.array([[0.5, 0.0], [0.49, 2.5], [0.495, 2.49]])
     u = initial_velocity(case, geometry, x)
     k = 50 * np.pi
     scale = 1e-3 * np.sqrt(9.81 * k) * np.exp(k * (x[:, 1] - 2.5))
-    # rounding of kx and k(z - d), which are some hundreds
+    # rounding of kx and k(z - d), which are of order some hundreds
     expected = np.stack([-np.sin(k * x[:, 0]) * scale, np.cos(k * x[:, 0]) * scale], axis=1)
     np.testing.assert_allclose(u, expected, rtol=1e-12, atol=1e-15)
 
@@ -265,12 +265,12 @@ def test_memory_is_counted_before_anything_is_made(monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"dx = 0.1 # \xff", r"mine.toml: not a text in UTF-8 from byte 11 on; save the file as UTF-8"),
+        (b"dx = 0.1 # \xff", r"mine.toml: is not UTF-8 text from byte 11 on; save the file as UTF-8"),
         (b"dx = " + b"[" * 5000, r"mine.toml: lists or tables are nested too deep"),
         (b"dx = " + b"9" * 5000, r"mine.toml: a value cannot be read: .*4300"),
         (b"dx = 0x" + b"f" * 5000, r"dx = an integer of 20000 bits: must be a number"),
         (b"#" * 2_000_000, r"mine.toml: is too large for a case file, .* 1e\+06 bytes"),
-        (b"dx = \x00", r"mine.toml: not a text: it has NUL bytes, from byte 5 on"),
+        (b"dx = \x00", r"mine.toml: is not a text file: it has NUL bytes, from byte 5 on"),
     ],
 )
 def test_files_that_are_no_case(tmp_path, text, message):
@@ -286,13 +286,13 @@ def test_files_that_are_no_case(tmp_path, text, message):
 def test_snapping_says_what_became_of_each_length():
     notes = OWC.replace({"device.draught": 0.15}).notices()
     assert any("device.draught = 0.15 m" in note and "becomes 0.16 m" in note for note in notes)
-    # Every length of the default geometry fits: beside the plate nothing is snapped.
+    # Every length of the default geometry fits: the faces of the plate are not rounded to the lattice.
     assert not [note for note in OWC.notices() if "becomes" in note]
     assert Geometry.of(OWC).stretches["chamber"].length == 0.13
 
 
 def test_probes_on_a_wall_go_where_the_lattice_moved_it():
-    """The dam break's far wall at 3.22 m stands at 3.2 m with dx = 0.05 m: its sensor was refused."""
+    """The dam break's far wall is moved from 3.22 m to 3.2 m with dx = 0.05 m; its sensor must move too."""
     case = js.load_case("dam_break").replace({"dx": 0.05})
     assert Geometry.of(case).pressure == ((3.2, 0.12),)
     assert any("probes.pressure[0]: 3.22 m is on the end wall" in note for note in case.notices())
@@ -303,7 +303,7 @@ def test_probes_on_a_wall_go_where_the_lattice_moved_it():
     model, state = js.build(case)
     (sensors,) = (p for p in js.make_probes(case, model, state) if isinstance(p, js.PressureProbe))
     assert float(sensors.x[0, 0]) == pytest.approx(3.2)
-    # and with the plate and the side wall
+    # also at the plate and at the side wall
     owc = OWC.replace({"tank.length": 7.85, "probes.pressure": [[7.70, 0.3], [7.72, 0.3], [7.85, 0.3]]})
     assert [x for x, _ in Geometry.of(owc).pressure] == pytest.approx([7.71, 7.73, 7.86])
     deep = js.load_case("flap_3d").replace({"tank.width": 0.79, "probes.surface": [[3.04, 0.79]]})
@@ -321,11 +321,11 @@ def test_faces_of_a_block_that_miss_the_lattice_are_told():
     (note,) = notes([0.3, 0.3], [0.72, 0.5])
     assert "face at 0.72 m misses the lattice of 0.05 m by 0.02 m" in note and "dx = 0.02 m fits all" in note
     (note,) = notes([0.3, 0.3], [0.7001, 0.5])
-    assert "no dx near this one" in note
+    assert "no dx close to 0.05 m" in note
     assert not [n for n in js.load_case("wedge_entry").notices() if "lattice" in n]  # a polygon
 
 
-# seconds a step by processor time on one core, with N particles of water and G of walls
+# processor time of a step (s) on one core, with N particles of water and G wall particles
 MEASURED = [
     ("hydrostatic", {"dx": 0.005}, 40_000 + 2_752, 5.64e-2),
     ("owc", {"scheme.kind": "weakly_compressible"}, 8_232 + 2_284, 1.52e-2),
@@ -347,7 +347,7 @@ MEASURED = [
 
 @pytest.mark.parametrize(("name", "changes", "count", "measured"), MEASURED)
 def test_expected_time_of_a_step_is_that_of_a_run(name, changes, count, measured):
-    """Within a factor of 1.5: walls count as water does, and 3-D runs took four times what was told."""
+    """Within a factor of 1.5. Wall particles cost as much as water, above all in three dimensions."""
     quiet = {"tank.layer": None} if name == "dam_break_column" else {"probes.pressure": None}
     case = js.load_case(name).replace(changes | quiet)
     expected = count * make_scheme(case).cost(case.dx, case.dim)
@@ -357,7 +357,7 @@ def test_expected_time_of_a_step_is_that_of_a_run(name, changes, count, measured
 @settings(max_examples=100, deadline=None)
 @given(dx=st.floats(0.01, 0.03), length=st.floats(2.0, 9.0), depth=st.floats(0.4, 0.8))
 def test_walls_stand_between_particles(dx, length, depth):
-    """Every length but those beside the plate is a whole number of spacings."""
+    """Every length, except those of the plate, is a whole number of spacings."""
     try:
         case = OWC.replace({"dx": dx, "tank.length": length, "tank.depth": depth, "probes": {}})
     except CaseError as error:
@@ -405,12 +405,12 @@ def test_keys_of_the_other_kind_are_refused_with_what_to_write(case, changes, me
 
 
 def test_lattice_checks_use_the_kernel_s_own_reach():
-    """The Gaussian reaches 4.2 spacings: four layers, and three where the polynomial reaches 3.05."""
+    """The Gaussian reaches 4.2 spacings and needs four layers; the polynomial reaches 3.05 and needs 3."""
     wide = OWC.replace({"scheme.kernel": "gaussian"})
     assert wide.layers == OWC.replace({"scheme.kind": "weakly_compressible"}).layers == 4
     assert OWC.layers == 3 and OWC.pto.K_dm == 534.66
     two = {"device.thin_wall": "multi_node", "device.wall_thickness": 0.04}
-    assert OWC.replace(two).device.thin_wall == "multi_node"  # which needs a layer less than the kernel
+    assert OWC.replace(two).device.thin_wall == "multi_node"  # which needs one layer less than the kernel
     with pytest.raises(CaseError, match="multi-node ghosts need 3"):
         wide.replace(two)
 
@@ -422,12 +422,12 @@ def test_replace_gives_a_changed_copy():
     changed = OWC.replace({"pto.K_dm": 300.0, "dx": 0.01})
     assert (changed.pto.K_dm, changed.dx) == (300.0, 0.01) and (OWC.pto.K_dm, OWC.dx) == (534.66, 0.02)
     assert OWC.replace({}) == OWC != changed
-    pressed = OWC.replace({"pto.P_a": 10.0})  # the other law, without having to remove the first
+    pressed = OWC.replace({"pto.P_a": 10.0})  # replaces K_dm, which need not be removed first
     assert pressed.pto.K_dm is None and pressed.replace({"pto.K_dm": 534.66}) == OWC
     assert OWC.replace({"waves": None}).waves is None
 
 
-# What TOML and its reader hold of text: no surrogates, which are no characters.
+# Text that TOML can hold: all characters except surrogates.
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 
 
@@ -437,7 +437,7 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
     K_dm=st.floats(0.0, 1e6),
     H=st.floats(1e-6, 0.1),
     c0=st.none() | st.floats(1e-3, 1e4),
-    # the plate is between 7.69 and 7.71 m, and no gauge is inside it
+    # the plate is between 7.69 and 7.71 m, and no gauge may be inside it
     gauges=st.lists(st.floats(0.0, 7.84).filter(lambda x: not 7.68 < x < 7.72), max_size=4),
     absorption=st.booleans(),
 )
@@ -469,7 +469,7 @@ def test_built_in_cases_load_and_check(name):
     case = coarse(name) if name in COARSE else js.load_case(name)
     rows = dict(js.check(case))
     made = [int(word) for word in re.findall(r"\d+", rows["particles"].replace(",", ""))[:2]]
-    # counted from the geometry alone, but for what bodies, plates and platforms take
+    # counted from the geometry alone, without the volume of bodies, plates and platforms
     assert limits.particle_counts(case, Geometry.of(case)) == pytest.approx(made, rel=0.1)
     assert {"particles", "time step", "neighbours", "wall time"} <= set(rows)
     assert ("incident power" in rows) == (js.load_case(name).waves is not None)
@@ -521,7 +521,7 @@ def test_long_samples_and_gauges_beside_solids_have_a_notice(changes, notice):
 
 @pytest.mark.parametrize("key", sorted(EXPECTED))
 def test_a_key_that_users_expect_is_answered_with_what_there_is(key):
-    """And what is named in the answer exists."""
+    """And every key that the answer names exists."""
     words = EXPECTED[key]
     assert key not in key_names(Case)
     named = [one for one in re.findall(r"`([A-Za-z_.0-9]+)`", words)]

@@ -1,4 +1,4 @@
-"""Chambers between any walls, and ducts between chambers: what a case may say, their laws, their energies."""
+"""Chambers between any walls, and ducts between chambers: keys of a case, laws, and energies."""
 
 import itertools
 import tomllib
@@ -70,7 +70,7 @@ SHARED = js.Case.from_dict(
 
 @st.composite
 def faces(draw):
-    """Corners of the faces of a front and a back wall between 0 and 1 m, which do not meet."""
+    """Corners of the faces of a front and a back wall between 0 and 1 m, which do not intersect."""
     found = []
     for low, high in ((0.0, 0.4), (0.6, 1.0)):
         z = np.linspace(0.0, 1.0, draw(st.integers(2, 5)))
@@ -81,7 +81,7 @@ def faces(draw):
 @settings(deadline=None, max_examples=30)
 @given(faces(), st.floats(0.36, 0.95))
 def test_the_level_over_a_volume_is_exact_for_every_pair_of_walls(walls, level):
-    """Area between the polylines, by an outside library, and back."""
+    """Area between the polylines, from an outside library, and back to the level."""
     front, back = walls
     with enable_x64():
         sides = Sides.of(front, back, 0.2, 0.35, 1.0, jnp.float64)
@@ -101,7 +101,7 @@ def test_upright_walls_are_those_of_plain_numbers():
 
 
 def test_the_faces_are_those_of_the_case_s_solids():
-    """The lip is the front wall's lower end; at still water the chamber is as long as the faces are apart."""
+    """The lip is the front wall's lower end; the chamber is as long as the still water between the faces."""
     stretch = Geometry.of(LEANING).stretches["column"]
     assert stretch.tip == pytest.approx(0.24) and stretch.top == pytest.approx(0.56)
     inner, outer = 1.12 + 0.12 * 0.16 / 0.32, 1.48 + 0.32 * 0.4 / 0.56
@@ -111,8 +111,11 @@ def test_the_faces_are_those_of_the_case_s_solids():
 
 
 def test_flow_is_what_crosses_a_level_between_leaning_walls():
-    """Water that rises as one: its speed times the length between the walls where the air takes hold, which
-    four rows of particles hold to 3 %."""
+    """Water that rises uniformly: its speed times the length between the walls, at the height where the air
+    acts.
+
+    Four rows of particles give the flow to 3 %.
+    """
     model, state = js.build(LEANING.replace({"dx": 0.02}))
     (chamber,) = model.chambers
     x, V = columns(state.particles.x), state.particles.m / model.scheme.rho0
@@ -122,7 +125,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
     assert not np.any(along) and flow == pytest.approx(0.1 * float(x1 - x0), rel=0.05)
 
 
-# --- cases that cannot be
+# --- cases that are refused
 
 
 @pytest.mark.parametrize(
@@ -148,7 +151,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ),
         (
             {"solid.post.block": {"low": [1.36, 0.2], "high": [1.5, 0.6]}},
-            "solid.post pierces the surface between them",
+            "solid.post pierces the surface between these walls",
         ),
         ({"chamber.column.pto": None}, "chamber.column: nothing lets its air out"),
         (
@@ -159,7 +162,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ({"chamber.column.air": {"volume": 0.2}}, r"chamber.column.air: compressible air needs a turbine"),
         (
             {"chamber.other": {"between": ["front", "far"], "pto": {"K_dm": 3.0}}},
-            "solid.back pierces the surface between them",
+            "solid.back pierces the surface between these walls",
         ),
         (
             {"chamber.other": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},
@@ -196,7 +199,7 @@ def test_a_chamber_named_as_the_device_s_is_refused():
 
 @pytest.mark.parametrize("name", ["owc", "vessel", "owc_irregular"])
 def test_a_short_form_is_the_same_problem(name):
-    """Every array of the model and of the state, bit for bit, and the words of its readings and results."""
+    """Equal bit for bit in every array of model and state; equal words for readings and results."""
     case = js.load_case(name).replace({"dx": 0.04, "device.wall_thickness": 0.04})
     case = case.replace({"air.volume": 0.3}) if case.pto.is_turbine else case
     one, other = case.problem(), case.expanded().problem()
@@ -226,11 +229,11 @@ def test_another_law_of_a_named_chamber_takes_the_place_of_the_one_before():
     assert LEANING.roughness("chamber.column.between")
 
 
-# --- laws that share water
+# --- laws coupled through the water
 
 
 class _Chambers:
-    """Stand-ins of a model and its parts' states, for laws without water."""
+    """Stand-ins for a model and the states of its parts, for laws without water."""
 
     def __init__(self, chambers, ducts):
         self.model = SimpleNamespace(chambers=chambers, ducts=ducts)
@@ -261,7 +264,7 @@ DAMPINGS = st.sampled_from([0.0, 5.0, 300.0, 3e4])
 @settings(deadline=None, max_examples=40)
 @given(FLOWS, FLOWS, DAMPINGS, DAMPINGS, st.floats(0.0, 0.45))
 def test_two_chambers_and_a_duct_meet_every_law_at_once(q0, q1, K_duct, K_sea, shared):
-    """A turbine of any damping on one, the other closed but for the duct, water shared between them."""
+    """A turbine of any damping on one chamber, only the duct on the other; the water couples both."""
     with enable_x64():
         sea = _chamber("sea", js.PneumaticPTO(jnp.asarray(K_sea)))
         land = _chamber("land", js.ClosedPTO())
@@ -283,7 +286,7 @@ def test_two_chambers_and_a_duct_meet_every_law_at_once(q0, q1, K_duct, K_sea, s
 @settings(deadline=None, max_examples=20)
 @given(FLOWS, FLOWS, st.booleans())
 def test_energies_of_chambers_and_ducts_are_the_water_s(before, after, spring):
-    """What is booked is P_a times the mean flow at every surface, whatever is closed or compressed."""
+    """The ledger's energies sum to P_a times the mean flow at every surface, for any air and any turbine."""
     with enable_x64():
         air = js.IsentropicAir(*map(jnp.asarray, (0.5, 101_325.0, 1.4))) if spring else None
         parts = (
@@ -355,7 +358,7 @@ def test_air_at_rest_of_a_duct_gives_finite_slopes():
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
-    """Two chambers with a duct, in two goes: the file, and what it ends with."""
+    """Two chambers with a duct, run in two parts: the file, and the final solution."""
     path = tmp_path_factory.mktemp("chambers") / "shared.h5"
     js.run(SHARED, 0.2, out=path, progress=False)
     return path, js.resume(path, 0.4, progress=False)
@@ -368,7 +371,7 @@ def test_a_duct_s_law_holds_in_the_water(shared):
     largest = np.abs(P["sea"]).max()
     assert largest > 1.0
     K = float(solution.model.ducts[0].pto.K_dm)
-    # ten roundings of the pressures, of which the drop is the difference
+    # rounding: ten times that of the pressures, whose difference is the drop
     assert np.abs(drop - K**2 * np.abs(flow) * flow).max() < 1e-5 * largest
     assert np.abs(P["sea"] - P["land"] - drop).max() < 1e-5 * largest
     assert np.abs(np.float64(solution["flow_land"])[1:] + flow).max() < 1e-5 * np.abs(flow).max()
@@ -394,14 +397,14 @@ def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
     for key, value in (("chamber.sea.between", ["front", "far"]), ("duct.cross.between", ["land", "sea"])):
         with pytest.raises(CaseError, match=f"{key}: cannot change during a run"):
             amended_case(SHARED, {key: value})
-    with pytest.raises(CaseError, match=r"sea: pto: cannot change from a turbine to a pressure"):
+    with pytest.raises(CaseError, match=r"sea: pto: cannot change between a turbine and a pressure"):
         amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})
 
 
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("owc_slope", "none: chamber.column is between other walls than a plate and the end wall"),
+        ("owc_slope", "none: chamber.column is not between the plate of a device and the end wall"),
         ("owc_two_chambers", "none: there are several chambers"),
     ],
 )
@@ -413,8 +416,10 @@ def test_where_there_is_no_linear_theory_check_says_why(name, why):
 
 @pytest.mark.slow
 def test_water_between_leaning_walls_is_pushed_down_as_far_as_its_weight_says():
-    """Pressure over rho g, less the rise outside: volume is kept. A third of a spacing at ten spacings of
-    depth, swings included, in the last of the run's samples."""
+    """The level falls by the pressure over rho g, less the rise outside, because the volume is conserved.
+
+    Mean over the last samples, within a third of a spacing at ten spacings of depth, swings included.
+    """
     case = LEANING.replace({"t1": 6.0, "chamber.column.pto.ramp": 3.0, "output.sample_dt": 0.1})
     solution = js.run(case, progress=False)
     level = np.float64(solution["chamber_level_column"])[-20:]

@@ -1,4 +1,4 @@
-"""The command line, with a fake solver: what is passed on, what is printed, how it exits."""
+"""The command line, with a fake solver: options passed on, output printed, exit status."""
 
 import os
 import re
@@ -45,16 +45,16 @@ def _record(path, overwrite=False, checkpoint=True, toml='name = "fake"\nprecisi
 
 
 def _ended(results, notices=()):
-    """What the command line asks of a solution."""
+    """The parts of a solution that the command line reads."""
     model = types.SimpleNamespace(g=(0.0, -9.81))
     return types.SimpleNamespace(results=results, notices=notices, labels={}, model=model)
 
 
 @pytest.fixture
 def calls(monkeypatch, tmp_path):
-    """The solver's part of the API, faked; each call is recorded."""
+    """Replaces the solver's functions by stand-ins, and records their calls."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))  # commands of studies set others
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))  # commands of studies set other flags
     found = []
     solution = _ended({"xi": 0.4871, "steps": 1200.0, "mine": 1.5})
 
@@ -143,7 +143,7 @@ def test_run_passes_its_options_on(calls, tmp_path):
         "name": "my owc",
         "sponge": None,
         "probes.gauges": [1.0, 2.0],
-        "t1": 2.0,  # in the file too: `resume` ends there
+        "t1": 2.0,  # also in the file, so that `resume` ends there
     }
     assert options["t1"] == 2.0 and options["overwrite"] and not options["progress"]
     assert not (tmp_path / "a_plots").exists()
@@ -364,7 +364,7 @@ def test_optimise_prints_the_way_and_the_best(calls, monkeypatch, tmp_path):
     ],
 )
 def test_values_of_a_grid_are_whole_where_they_are_written_so(text, values):
-    """A seed must be a whole number; a damping may be."""
+    """Whole numbers stay integers, as a seed must be; numbers with a decimal point become floats."""
     key, found = values_of(f"waves.seed={text}")
     assert key == "waves.seed" and found == values
     whole = all(float(one).is_integer() for one in values) and "." not in text

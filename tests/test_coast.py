@@ -1,4 +1,4 @@
-"""Water that goes over a crest and up a face: what a case may say, and what its readings are."""
+"""Water that overtops a crest or runs up a face: keys of a case, and the readings."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -58,12 +58,12 @@ def test_the_crest_is_the_landward_end_of_the_highest_part(shape, crest):
 
 @pytest.fixture(scope="module")
 def built():
-    """Problem of the case, and a function that reads its probes of the coast with particles put elsewhere."""
+    """Problem of the case, and a function that reads its coastal probes after moving some particles."""
     problem = CASE.problem()
     probes = [p for p in problem.probes if any("wall" in n and "force" not in n for n in p.describe())]
 
     def read(x, u):
-        """Readings with the first particles at x and of the velocities u."""
+        """Readings with the first particles at x, with the velocities u."""
         p, n = problem.state.particles, len(x)
         moved = (p.x.at[:n].set(x), p.u.at[:n].set(u))
         state = eqx.tree_at(lambda s: (s.particles.x, s.particles.u), problem.state, moved)
@@ -74,7 +74,7 @@ def built():
 
 
 def test_water_behind_the_crest_is_what_has_gone_over_it(built):
-    """At rest none; five particles that stand on the lee side are five volumes, whatever level they have."""
+    """None at rest; five particles on the lee side count as five volumes, whatever their level."""
     problem, read = built
     assert set(read(jnp.zeros((0, 2)), jnp.zeros((0, 2)))) == {
         "overtopped_wall",
@@ -90,7 +90,7 @@ def test_water_behind_the_crest_is_what_has_gone_over_it(built):
 
 
 def test_a_sheet_over_the_crest_flows_as_thick_as_it_is(built):
-    """A row of particles a spacing apart that goes over the crest at 1 m/s: its volume per length."""
+    """A row of particles a spacing apart passes the crest at 1 m/s: the flow is its volume per length."""
     problem, read = built
     x = jnp.stack([3.0 + 0.04 * (jnp.arange(12) - 5.5), jnp.full(12, 0.52)], axis=1)
     V = float(problem.state.particles.m[0]) / 1000.0
@@ -99,8 +99,10 @@ def test_a_sheet_over_the_crest_flows_as_thick_as_it_is(built):
 
 
 def test_run_up_is_the_highest_water_on_the_face_alone(built):
-    """At rest the still level, to what a lattice cut by the slope leaves of a spacing; then that of water
-    on the face, and not of a particle in the air, nor of one behind the crest."""
+    """At rest it is the still water level, within the part of a spacing by which the slope cuts the lattice.
+
+    A particle on the face raises it, but a particle in the air or behind the crest does not.
+    """
     _, read = built
     still = read(jnp.zeros((0, 2)), jnp.zeros((0, 2)))["run_up_wall"]
     assert abs(still) < 0.04
@@ -111,7 +113,7 @@ def test_run_up_is_the_highest_water_on_the_face_alone(built):
 
 
 def test_results_are_a_mean_flow_and_a_mean_of_the_periods_highest():
-    """Of made-up series over two periods."""
+    """From artificial series over two periods."""
     t = np.linspace(0.0, 4.0, 201)
     series = {"overtopped_wall": 0.01 * t, "run_up_wall": 0.05 * np.sin(2 * np.pi * t / 1.2) + 0.01 * t}
     over = t >= 1.6 - 1e-9

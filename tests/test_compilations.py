@@ -1,4 +1,4 @@
-"""What fixes a shape is spent in `build`: another damping, wave height or period compiles nothing."""
+"""Only `build` determines array shapes: another damping, wave height or period compiles nothing."""
 
 import contextlib
 
@@ -15,7 +15,7 @@ from jaxsph.waves import theory
 
 @contextlib.contextmanager
 def compilations():
-    """A list that grows by one with every compilation of the program."""
+    """Context with a list that grows by one with every compilation of the program."""
     found = []
 
     def listen(event, duration, **_):
@@ -36,14 +36,14 @@ def _built(name, changes):
 
 @pytest.fixture(scope="module")
 def compiled():
-    """The coarse OWC, whose step is compiled."""
-    # as in a process of its own: JAX's caches are of a fixed size, and full ones drop programs at any time
+    """The coarse OWC, after its step was compiled."""
+    # as in a separate process: JAX's caches have a fixed size, and full caches drop programs at any time
     jax.clear_caches()
     with compilations() as found:
-        # a period of no other test: a wavenumber already known would compile nothing, and the next one would
+        # a period of no other test, because a known wavenumber would compile nothing
         case, model, state = _built("owc", {"waves.T": 1.37})
         advance(case, model, state, 1)
-    assert found  # the listener hears
+    assert found  # the listener works
     return model
 
 
@@ -59,7 +59,7 @@ def compiled():
     ids=str,
 )
 def test_another_damping_height_or_period_compiles_nothing(compiled, changes):
-    """Neither the build nor the steps: the first of them is what the case asks for, the rest is shared."""
+    """Neither the build nor the steps compile anything; every first step is compiled already."""
     with compilations() as found:
         case, model, state = _built("owc", changes)
         advance(case, model, state, 1)
@@ -68,7 +68,7 @@ def test_another_damping_height_or_period_compiles_nothing(compiled, changes):
 
 
 def test_speeds_of_waves_come_in_few_classes():
-    """A fifth off at most (the fourth root of two), where they are not below all classes."""
+    """The class differs from the speed by at most a fifth (the fourth root of two), or is the lowest."""
     least = 0.13 * np.sqrt(9.81 * coarse("owc").tank.depth)
     classes = set()
     for H in np.linspace(0.01, 0.245, 48):
@@ -77,13 +77,13 @@ def test_speeds_of_waves_come_in_few_classes():
         assert found == pytest.approx(least) or 2**-0.251 < found / speed < 2**0.251
         assert found >= 2**-0.251 * speed
         classes.add(round(found, 9))
-    assert len(classes) == 7  # over a factor of 24, up to breaking
+    assert len(classes) == 7  # over a factor of 24 in height, up to breaking
 
 
 @pytest.mark.parametrize("T", [0.8, 1.2, 2.0])
 @pytest.mark.parametrize("name", ["owc", "wave_tank"])
 def test_the_bed_behind_the_paddle_is_the_depth_s(name, T):
-    """The largest stroke is that of the steepest waves for which the theory holds, whatever their height."""
+    """The bed reaches behind the paddle for the steepest waves of the theory, whatever their height."""
     model = _built(name, {"waves.T": T, "waves.H": 0.03})[1]
     assert model.walls.x.shape == _built(name, {})[1].walls.x.shape
     assert float(model.walls.x[:, 0].min()) < -1.5 * theory.largest_stroke(coarse(name).tank.depth)

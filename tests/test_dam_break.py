@@ -1,4 +1,4 @@
-"""A released column of water: what the case builds, and a coarse dam break (the bar is in the slow lane)."""
+"""A released column of water: what the case builds, and a coarse run (the slow lane has the fine one)."""
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from jaxsph.errors import CaseError
 
 DAM = js.load_case("dam_break")
 NEAR = {"probes": {}}
-"""Sensors of the built-in case stand at the far wall, which a short tank does not have."""
+"""No sensors: those of the built-in case are at the far wall, which a short tank does not have."""
 
 
 # --- input
@@ -67,18 +67,18 @@ def built():
 
 @pytest.mark.parametrize("width", [None, 0.36])
 def test_column_holds_the_water_it_says(width, built):
-    """In two dimensions, and in three."""
+    """In two and in three dimensions."""
     deep = DAM.replace(
         {"dx": 0.09, "tank": {"length": 1.8, "depth": 0.36, "width": width, "column": 0.9}} | NEAR
     )
     model, state = built if width is None else js.build(deep)
     x, dx = np.asarray(state.particles.x), float(model.dx)
     size = np.array([1.2, 0.6] if width is None else [0.9, width, 0.36])
-    # half a spacing from every face, to the rounding of float32
+    # half a spacing from every face, within the rounding of float32
     np.testing.assert_allclose(x.min(axis=0), 0.5 * dx, rtol=1e-5)
     np.testing.assert_allclose(x.max(axis=0), size - 0.5 * dx, rtol=1e-5)
     assert len(x) == round(float(np.prod(size / dx)))
-    # The mass is that of water at rest but for its own compression, p/(rho0 c0^2): at most g H/c0^2.
+    # The mass exceeds that of water at rho0 by its compression, p/(rho0 c0^2): at most g H/c0^2.
     most = 9.81 * 0.6 / float(model.scheme.c0) ** 2
     mass = float(jnp.sum(state.particles.m)) / (1000.0 * np.prod(size)) - 1.0
     assert 0.0 < mass < most
@@ -91,17 +91,17 @@ def test_speed_of_sound_is_ten_times_the_dam_break_s_speed(built):
 
 
 def test_pressure_of_a_release_solves_laplace_s_equation(built):
-    """Against a direct solution by finite differences on the same points, 60 x 30 of them.
+    """Compared with a direct finite-difference solution on the same 60 x 30 points.
 
-    Both are second order but at the foot of the released face, where the pressure's slope has a logarithm:
-    0.5 % of rho g H; hydrostatic pressure would be off by 98 %.
+    Both are of second order, except at the foot of the released face, where the pressure's slope has a
+    logarithmic singularity: the difference is 0.5 % of rho g H. Hydrostatic pressure would be off by 98 %.
     """
     model, state = built
     p = np.asarray(state.particles.rho) * float(model.scheme.c0) ** 2 / (1000.0 * 9.81 * 0.6)
     nx, nz = 60, 30
 
     def second(count, last):
-        """Second difference: no slope at the low end but what is put on the right, p = 0 at the high face."""
+        """Second difference: zero slope at the low end, except for the source; p = 0 at the high face."""
         middle = np.full(count, -2.0)
         middle[0], middle[-1] = -1.0, last
         return diags_array([np.ones(count - 1), middle, np.ones(count - 1)], offsets=[-1, 0, 1])
@@ -120,11 +120,11 @@ def test_pressure_of_a_release_solves_laplace_s_equation(built):
 def test_coarse_front_is_between_experiment_and_computation():
     """Twelve spacings over the height, at T = 2.
 
-    No gate holds the water back here, so the front may not be behind the slower experiment, nor before
-    Koshizuka and Oka's own inviscid computation; the front is known to a spacing (a/6) at best.
+    No gate delays the water here, so the front must not lag the slower experiment; nor may it lead the
+    inviscid computation of Koshizuka and Oka. The front is known to a spacing (a/6) at best.
     """
     case = dam_break.front_case(12)
-    # the tables as a run's driver grows them when the jet passes: a slot more than the column needs at rest
+    # the sizes to which a run's tables grow when the jet passes: one slot more than the column needs at rest
     tables = {"capacity": 96, "node_capacity": 80, "chamber_capacity": 1, "rebuild_every": 2}
     model, state = js.build(case, tables)
     unit = np.sqrt(dam_break.WIDTH / (2 * dam_break.G))
@@ -140,37 +140,37 @@ def test_coarse_front_is_between_experiment_and_computation():
     assert slow - spacing < x / dam_break.WIDTH < fast + spacing
     # the residual column: within a spacing (1/12 of its height) of Martin and Moyce's table
     assert height / dam_break.HEIGHT == pytest.approx(dam_break.residual(T), abs=1 / 12)
-    # No gate, no paddle: what the fall gives is the kinetic energy, less a few per cent of losses; more
-    # could come only from what the water was compressed at the start.
+    # Without gate and paddle, the energy of the fall becomes kinetic energy, less a few per cent of losses;
+    # only the initial compression could add to it.
     p = end.particles
     kinetic = float(0.5 * jnp.sum(p.m * jnp.sum(p.u**2, axis=1)))
     fallen = float(jnp.sum(p.m * 9.81 * (model.z0[p.id] - p.x[:, 1])))
     stored = float(model.scheme.compression(state.particles))
     assert 0.9 * fallen < kinetic < fallen + stored
-    # no particle has left: half a spacing into a wall would have failed the run
+    # no particle has left: a particle half a spacing inside a wall would have failed the run
     assert float(jnp.min(p.x)) > 0
 
 
 def test_front_ignores_splashes():
-    """Particles farther than two spacings from the body do not carry the front."""
+    """Particles more than two spacings from the main body of water do not count as the front."""
     x = np.stack(np.meshgrid(np.arange(8.0), np.arange(4.0), indexing="ij"), -1).reshape(-1, 2)
     splash = np.array([[9.6, 0.0], [11.0, 3.0]])
     front, height = dam_break.front_and_height(np.concatenate([x, splash]), 1.0)
     assert (front, height) == (7.5, 3.5)
-    near = np.array([[8.4, 0.0]])  # within two spacings: still the tip
+    near = np.array([[8.4, 0.0]])  # within two spacings: still the front
     assert dam_break.front_and_height(np.concatenate([x, near]), 1.0)[0] == pytest.approx(8.9)
 
 
 def test_comparison_finds_a_constant_lead():
-    """The table itself, earlier by 0.3: that lead, and no deviation of the table."""
+    """The table itself, shifted earlier by 0.3: the comparison finds this lead and no other deviation."""
     table = dam_break.measured()["Martin and Moyce, table"]
     front = dam_break.Front(table.T - 0.3, table.x, np.ones_like(table.T))
     found = dam_break.compared(front)
-    # half way between the lead over the table, and that over the figure, which differs by the reading
+    # the mean of the leads over the table and over the figure, which differ by the error of reading
     assert found.lead["Martin and Moyce, table"] == pytest.approx(0.3, abs=0.05)
     raw = found.raw["Martin and Moyce, table"]
     assert np.mean(raw) > 5 * np.mean(abs(found.deviation["Martin and Moyce, table"]))
     assert np.max(found.outside) < found.scatter
-    # a front that is half as fast is far outside
+    # a front at half the speed is far outside the scatter
     slow = dam_break.Front(2 * table.T, table.x, np.ones_like(table.T))
     assert np.max(dam_break.compared(slow).outside) > 3 * found.scatter

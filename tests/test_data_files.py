@@ -1,4 +1,4 @@
-"""Files that a case or a command names: messages never show what they hold, and only tables are read."""
+"""Files that a case or a command names: messages never show their content, and only tables are read."""
 
 import ast
 import os
@@ -24,11 +24,11 @@ REST = {
     "solid": "dx = 0.1\nt1 = 1.0\n[tank]\nlength = 4.0\ndepth = 0.5\n[solid.bed]\n",
     "body": "dx = 0.1\nt1 = 1.0\n[tank]\nlength = 4.0\ndepth = 0.5\n[body]\n",
 }
-"""A case up to the section that names a file."""
+"""Cases up to the section that names a file, by section."""
 
 
 def of_case(section):
-    """A function that reads a data file by a case which names it."""
+    """Function that reads a data file through a case that names the file."""
 
     def read(path):
         case = path.parent / "case" / "stranger.toml"
@@ -47,7 +47,7 @@ READERS = {
     "body.file": of_case("body"),
     "--table": js.ScatterTable.read,
 }
-"""Everything that reads a data file by its name."""
+"""All functions that read a data file, by the key or option that names the file."""
 HEADERS = {
     "waves.file": "t,eta",
     "pto.file": "q,P_a",
@@ -59,7 +59,7 @@ HEADERS = {
 
 
 def test_a_shape_and_a_curve_come_from_files(tmp_path):
-    """Of a solid, a body and a named chamber; the case then has their numbers, and no name of a file."""
+    """For a solid, a body and a named chamber; the case then contains the numbers, not the file's name."""
     corners, curve = [[2.0, 0.0], [3.0, 0.3], [3.0, 0.0]], [[-0.1, -100.0], [0.0, 0.0], [0.1, 100.0]]
     path, other = tmp_path / "shape.csv", tmp_path / "curve.csv"
     path.write_text("x (m),z (m)\n" + "".join(f"{x},{z}\n" for x, z in corners))
@@ -91,7 +91,7 @@ SHAPES = (
     "Hs ({s}),Tp,share\n1,2,1",
     "t;eta;{s}\n",
 )
-"""Places in a file at which a secret can stand."""
+"""Contents of files, with a secret in various places."""
 
 
 @pytest.mark.parametrize("key", READERS)
@@ -113,7 +113,7 @@ def test_no_bytes_around_a_secret_make_a_message_show_it(tmp_path, key, before, 
 
 
 def _fill(path, kind):
-    """A file of a kind that is no table."""
+    """Creates something that is not a table, of the kind `kind`."""
     if kind == "fifo":
         os.mkfifo(path)
     elif kind == "folder":
@@ -137,7 +137,7 @@ def _fill(path, kind):
         ("device", "a pipe or a device"),
         ("large", r"too large for a data file, which has at most 1e\+06 bytes"),
         ("NUL", "NUL bytes"),
-        ("UTF-16", "not a text in UTF-8"),
+        ("UTF-16", "is not UTF-8 text"),
         ("absent", "no data file .*give the name of a CSV file"),
         ("environ", "name ends in .csv"),
     ],
@@ -172,7 +172,7 @@ def test_a_name_that_is_none_is_refused(tmp_path, section, name):
 
 
 def test_a_message_says_where_the_fault_is(tmp_path):
-    """Of the line its number and its length, and what belongs there."""
+    """It gives the number and the length of the line, and what the line must contain."""
     path = tmp_path / "sea.csv"
     path.write_text('t (s),eta (m)\n\n0,"0\n1"\n')
     message = refusal("waves.file", path)
@@ -188,7 +188,7 @@ def test_spreadsheets_write_a_mark_before_the_first_name(tmp_path):
 
 
 def test_there_is_one_reader_of_tables():
-    """No other file of the package takes a CSV or a text of numbers apart."""
+    """No other file of the package parses a CSV file or a text of numbers."""
     readers = {"csv.reader", "csv.DictReader", "loadtxt", "genfromtxt", "fromfile", "read_csv"}
     for path in Path(js.__file__).parent.rglob("*.py"):
         if path.name == "data_files.py":

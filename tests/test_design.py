@@ -1,4 +1,4 @@
-"""Sweeps: members in processes of their own, failures kept apart, files that resume and that others read."""
+"""Sweeps: members in separate processes, separate failures, files that continue and that others can read."""
 
 import os
 import subprocess
@@ -27,7 +27,7 @@ CASE = js.load_case("hydrostatic").replace({"dx": 0.25, "t1": 0.1, "probes": {"g
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Members that only say who they are; returns the cases run, and the names of those to fail."""
+    """Stand-ins for members; returns the list of cases run, and the set of values of g that fail."""
     ran, failing = [], set()
 
     def member(case, stem):
@@ -44,7 +44,7 @@ def quick(monkeypatch):
 
 
 def test_members_are_processes_of_their_own(tmp_path):
-    """Two real members, of which one cannot go well."""
+    """Two real members, one of which must fail."""
     done = js.sweep(CASE, {"fluid.c0": [31.0, 0.5]}, tmp_path / "s.h5", workers=1, progress=False)
     assert list(done.failures) == [(1,)] and "faster than a third of the speed of sound" in done.failures[1,]
     assert done["t_end"][0] == pytest.approx(CASE.t1, rel=1e-6) and np.isnan(done["t_end"][1])
@@ -53,7 +53,7 @@ def test_members_are_processes_of_their_own(tmp_path):
 
 
 def test_a_batch_is_the_single_runs_and_one_that_fails_does_not_spoil_it(tmp_path, monkeypatch):
-    """Three members in one vmapped call, of which the last is thrown out of the tank."""
+    """Three members in one vmapped call; the water of the last one is thrown out of the tank."""
 
     def thrown(case, settings=None):
         model, state = build(case, settings)
@@ -68,14 +68,14 @@ def test_a_batch_is_the_single_runs_and_one_that_fails_does_not_spoil_it(tmp_pat
     assert done["t_end"][:2] == pytest.approx([CASE.t1] * 2, rel=1e-6) and np.isnan(done["t_end"][2])
     alone = js.run(CASE.replace({"scheme.delta": 0.05}), progress=False)
     for name, series in alone.series.items():
-        # float32 sums in another order, over 20 steps; energies are of a thousand joules
+        # float32 sums in another order, over 20 steps; energies are about a thousand joules
         assert np.allclose(done.members[1,][name], series, rtol=2e-5, atol=1e-4), name
     assert not np.allclose(done.members[0,]["loss_diffusive"], alone["loss_diffusive"], rtol=0.01)
 
 
 @pytest.mark.slow
 def test_a_batch_goes_on_where_its_members_were(tmp_path):
-    """One was a chunk ahead when the sweep was stopped, and waits for the other; a third had ended."""
+    """A member that is a chunk ahead waits for the other; members that have ended are only read."""
     cases = [CASE.replace({"scheme.delta": a, "output.snapshot_dt": 0.05}) for a in (0.1, 0.05)]
     outs = [tmp_path / f"{k}.h5" for k in range(2)]
     whole = run_together(cases, [tmp_path / f"whole_{k}.h5" for k in range(2)], progress=False)
@@ -102,7 +102,7 @@ def test_a_member_is_the_single_run(tmp_path):
     done = js.sweep(CASE, {"fluid.c0": [31.0]}, tmp_path / "s.h5", progress=False)
     alone = js.run(CASE.replace({"fluid.c0": 31.0}), progress=False)
     for name in ("potential", "kinetic"):
-        # another order of float32 sums of a thousand joules
+        # float32 sums of about a thousand joules, in another order
         assert np.allclose(done.members[0,][name], alone[name], atol=1e-3)
 
 
@@ -145,7 +145,7 @@ def test_file_is_read_by_others_and_by_us(tmp_path, quick):
     assert np.array_equal(again["value"], done["value"])
     for place, series in done.members.items():
         assert np.allclose(again.members[place]["time"], series["time"])
-        # float64, as the members had it
+        # float64, as in the members
         assert again.members[place]["eta"].dtype == again.members[place]["time"].dtype == np.float64
         assert np.array_equal(again.members[place]["eta"], series["eta"])
 
@@ -179,7 +179,7 @@ def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_p
     run.append(series, kinetic, None, {"x": np.zeros(2)}, {})
     run.finish({"t_end": 0.1})
     found, variables = run_member(CASE, stem)
-    assert not stem.with_suffix(".log").exists()  # no process was begun
+    assert not stem.with_suffix(".log").exists()  # no process was started
     assert found["failure"] == "" and found["results"] == {"t_end": 0.1}
     assert (
         variables.variables["kinetic"] == kinetic["kinetic"] and list(found["series"]["kinetic"]) == [1.0] * 3
@@ -187,7 +187,7 @@ def test_a_member_that_had_ended_before_the_sweep_was_stopped_is_only_read(tmp_p
 
 
 class Alternating:
-    """An executor that is not of the standard library: runs jobs at once, and loses every second one."""
+    """An executor from outside the standard library, which runs jobs at once and loses every second one."""
 
     def __init__(self):
         self.jobs = 0
@@ -219,7 +219,7 @@ def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
 
 
 def test_a_worker_gives_up_a_member_that_another_has_claimed(tmp_path, monkeypatch):
-    """The first ends its process before the second begins its own."""
+    """The first worker ends its process before the second worker starts its own."""
     log, times, run_process = tmp_path / "0000.log", {}, members._run_process
 
     def asleep(command, log, claim):

@@ -1,4 +1,4 @@
-"""The chamber and its PTO: the closed form, its signs, its derivative, and the energy it takes."""
+"""The chamber and its PTO: closed form of the law, signs, derivatives, and the energy that the PTO takes."""
 
 import dataclasses
 import tomllib
@@ -24,7 +24,7 @@ from jaxsph.schemes.step import at_rest
 
 FLOWS = st.floats(-2.0, 2.0)
 DAMPINGS = st.floats(0.0, 1.0e6)
-# dt sum |f|^2/m: 1e-5 to 1e-3 s times some 0.1 m2 over some 10 kg/m
+# dt sum |f|^2/m, with dt from 1e-5 to 1e-3 s, about 0.1 m2 and about 10 kg/m
 COMPLIANCES = st.floats(1e-9, 1e-4)
 
 pressure = jax.jit(lambda K_dm, q, compliance: PneumaticPTO(K_dm).pressure(q, compliance, 0.0))
@@ -44,8 +44,7 @@ pressure_slopes = jax.jit(jax.grad(lambda *a: PneumaticPTO(a[0]).pressure(a[1], 
 def test_the_turbine_never_drives_the_water(q, K_dm, compliance):
     P_a = float(pressure(K_dm, q, compliance))
     assert np.isfinite(P_a) and P_a * q >= 0.0
-    # Nor does it turn the flow round; float32 rounds the product compliance P_a, of some ten
-    # factors, to 1e-6 of q.
+    # Nor does it reverse the flow; float32 rounds the product compliance P_a, of ten factors, to 1e-6 of q.
     assert (q - compliance * P_a) * q >= -2e-6 * q * q
 
 
@@ -82,14 +81,14 @@ def test_derivatives_are_finite_differences(K_dm, q):
         assert dK == pytest.approx(float(by_K), rel=1e-8, abs=1e-14)
         step = 1e-7
         by_q = (pressure(K_dm, q + step, compliance) - pressure(K_dm, q - step, compliance)) / (2 * step)
-        # |q| has a kink in its slope: at q = 0 the difference itself is of order K_dm^2 step.
+        # The slope 2 K_dm^2 |q| has a kink at q = 0, where the difference itself is of order K_dm^2 step.
         assert dq == pytest.approx(float(by_q), rel=1e-5, abs=2 * K_dm**2 * step)
 
 
 @settings(max_examples=50, deadline=None)
 @given(t=st.floats(0.0, 10.0), q=FLOWS, phase=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4))
 def test_a_phased_damping_is_the_turbine_of_its_moment(t, q, phase):
-    """Its logarithm's Fourier series, written out; and it never drives the water."""
+    """The logarithm of the damping is the Fourier series written out here; it never drives the water."""
     T, K_dm = 1.2, 500.0
     a1, b1, a2, b2 = phase
     angle = 2 * np.pi * t / T
@@ -126,7 +125,7 @@ def test_prescribed_pressure_ramps():
 
 
 class _Given(AbstractGrip):
-    """Forces that are given."""
+    """A grip with given forces."""
 
     forces: tuple
 
@@ -151,7 +150,7 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
     with enable_x64():
         n, c = 12, 8
         u, m = jnp.asarray(rng.normal(size=(n, 2))), jnp.asarray(rng.uniform(0.1, 2.0, n))
-        index = jnp.asarray(rng.permutation(n)[:c], jnp.int32).at[0].set(n)  # n: an empty place
+        index = jnp.asarray(rng.permutation(n)[:c], jnp.int32).at[0].set(n)  # n: an unused entry
         grip = jnp.asarray(rng.normal(size=(2, c)) * 0.01).at[:, 0].set(0.0)
         chamber = Chamber(
             pto=PneumaticPTO(jnp.asarray(K_dm)),
@@ -170,13 +169,13 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         air, works, _ = chamber.finish(start, law, coupling.flow(u), coupling.flow(new), dt)
         work = sum(works.values())
         taken = float(0.5 * jnp.sum(m * jnp.sum(u**2 - new**2, axis=1)))
-        # An identity: round-off of the energies that are subtracted.
+        # An identity, up to the round-off of the energies that are subtracted.
         energy = float(0.5 * jnp.sum(m * jnp.sum(u**2, axis=1)))
         assert taken == pytest.approx(float(work), rel=1e-12, abs=1e-14 * energy)
-        # The flow is that of the new velocities, through the same grip.
+        # The flow is that of the new velocities, with the same grip.
         flow = -sum(float(jnp.sum(g * new[index, k])) for k, g in enumerate(grip))
         assert flow == pytest.approx(float(air.q), rel=1e-10, abs=1e-13)
-        # the law's root is smooth at no flow: it takes the flow for up to 1e-12 m2/s larger
+        # a guard keeps the law's root smooth at zero flow: the flow counts as up to 1e-12 m2/s larger
         guard = 1e-12 * K_dm**2 * abs(flow)
         assert float(law.P_a) == pytest.approx(K_dm**2 * abs(flow) * flow, rel=1e-9, abs=1e-12 + guard)
 
@@ -216,7 +215,7 @@ def test_compressed_air_pushes_its_own_level_down(pushed, vessel):
     state, series = pushed
     assert int(state.status.bits) == 0
     level, eta = np.asarray(series["chamber_level"]), np.asarray(series["eta"])
-    # Towards -0.05 m within half a period of 1.4 s; the other level rises by as much (same width).
+    # The level falls towards -0.05 m within half a period of 1.4 s; the other level, as wide, rises equally.
     assert level[-1] < -0.02 and eta[-1, 1] < -0.02 < 0.02 < eta[-1, 0]
     assert np.all(np.diff(level[2:]) < 0)
     assert np.asarray(series["flow"])[-1] < 0.0
@@ -227,10 +226,10 @@ def _energy(series):
 
 
 def _released(start, K_dm):
-    """State and series of 0.6 s from the pushed state, the air free to leave through the PTO."""
+    """State and series of 0.6 s from the pushed state, with the air free to leave through the PTO."""
     case = coarse("vessel", {"pto.K_dm": K_dm})
     model, fresh = js.build(case)
-    # The case alone expects still water, and this water moves: search twice as often.
+    # The case expects still water, but this water moves: search twice as often.
     often = dataclasses.replace(model.search, rebuild_every=model.search.rebuild_every // 2)
     model = eqx.tree_at(lambda m: m.search, model, often)
     return advance(case, model, eqx.tree_at(lambda s: s.particles, fresh, start.particles), samples=60)
@@ -244,12 +243,12 @@ def test_the_column_loses_what_the_pto_takes(pushed):
     assert np.all(np.asarray(open_[1]["power_pto"]) == 0.0)
     work = 0.01 * power.sum()
     begin, end, undamped = _energy(damped[1])[0], _energy(damped[1])[-1], _energy(open_[1])[-1]
-    # With the wrong sign the work would be negative and the column would gain. On eight particles across
-    # the scheme's own losses and noise are some tenths of the energy, hence halves and not percents.
+    # With the wrong sign the work would be negative and the column would gain energy. With eight particles
+    # across, losses and noise of the scheme are some tenths of the energy, so the bounds are halves.
     assert work > 0.4 * begin
     assert end < 0.5 * begin and undamped - end > 0.5 * work
-    # The air's work over a step is P_a times the mean of q before and after it: while q changes sign
-    # within a step it may be a little negative, and never more than that.
+    # The air's work in a step is P_a times the mean of q before and after the step. The work can be slightly
+    # negative only in a step in which q changes sign.
     assert power.min() > -1e-3 * power.max()
 
 
@@ -258,6 +257,6 @@ def test_a_closed_chamber_holds_its_level(pushed):
     state, after = _released(start, 1.0e6)
     assert int(state.status.bits) == 0
     level = np.asarray(after["chamber_level"])
-    # An open chamber swings down by 0.02 m and back by 0.05 m in this time. What is left here is the
-    # water's compressibility and the settling of the particles: a twentieth of a spacing.
+    # An open chamber swings down by 0.02 m and back by 0.05 m in this time. Here only the compressibility of
+    # the water and settling particles change the level, by a twentieth of a spacing.
     assert level[0] < -0.02 and np.ptp(level) < 0.002

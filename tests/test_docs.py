@@ -1,8 +1,8 @@
-"""What README, docs, examples and docstrings say can be done: their code runs, their commands are understood.
+"""README, docs, examples and docstrings: their code runs, and their commands are valid.
 
-Python blocks of one file are one script, each at its own line. A block that cannot run has
-`<!-- not run: reason -->` on the line before it. `QUICK` makes scripts a matter of seconds. Pages that the
-documentation makes from the program are in no file, and their links its own strict build checks.
+The Python blocks of a file form one script, in which each block keeps its line numbers. A block that cannot
+run has `<!-- not run: reason -->` on the line before it. `QUICK` shortens scripts to seconds. Links to pages
+that the documentation's build generates are checked by its strict mode only.
 """
 
 import ast
@@ -37,7 +37,7 @@ COARSE = (
     '"dx": 0.04, "tank.length": 1.2, "device.wall_thickness": 0.04, "probes": {"gauges": [0.5]}, '
     '"waves.ramp_periods": 0.5'
 )
-"""The coarse column of the examples, so that what one script has compiled the next need not."""
+"""The coarse column in all examples, so that its program is compiled only once."""
 QUICK = {
     "README.md": {'"dx": 0.02': COARSE, "t1=12.0": "t1=3.6"},
     "run.py": {"t1=6.0": "t1=2.4"},
@@ -46,7 +46,7 @@ QUICK = {
     "control.py": {"state, 2.4,": "state, 0.6,", "n_steps=20": "n_steps=4"},
     "own_fluid.py": {"n, nu, rho = 25,": "n, nu, rho = 16,"},
 }
-"""Texts of a script, and what stands in their place here."""
+"""Texts in a script, and their replacements in these tests."""
 
 
 def named(path):
@@ -70,9 +70,9 @@ def blocks(page, kind):
 
 @pytest.fixture(scope="module")
 def execute(tmp_path_factory):
-    """A call that runs a script as a user does, in an empty folder, and returns what it printed."""
+    """Function that runs a script in an empty folder, as a user does, and returns what the script printed."""
     compiled = tmp_path_factory.mktemp("compiled")
-    # no flags, for the members of a sweep neither: they find then what a run has compiled
+    # no XLA flags, also for the members of a sweep, so that they reuse the compiled programs of runs
     known = {"JAX_COMPILATION_CACHE_DIR": str(compiled), "XLA_FLAGS": ""}
     known |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2", "MPLBACKEND": "Agg"}
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
@@ -94,7 +94,7 @@ def execute(tmp_path_factory):
 
 
 def numbers(printed):
-    """Every number in a text; none of them may be infinite or not a number."""
+    """All numbers in a text; the text must not contain infinity or NaN."""
     assert not re.search(r"\b(nan|inf)\b", printed, re.IGNORECASE), printed
     return [float(text) for text in re.findall(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", printed)]
 
@@ -126,8 +126,7 @@ SLOW = (
     "two_boxes",
     "two_chambers",
 )
-"""Examples that compile a run of their own: twelve seconds or so each (of `control` a minute), most of it
-compiling."""
+"""Examples that compile a run of their own; each takes about twelve seconds, and `control` a minute."""
 
 
 def lanes(example):
@@ -139,7 +138,7 @@ def test_examples_run(example, execute):
     text = example.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 45
     found = numbers(execute(example.name, text))
-    # the turbine of 1e4 Pa s/m2 is what its readings show; the vortex decays as theory says, to 5 %
+    # the readings show the turbine's 1e4 Pa s/m2; the vortex decays as in theory, within 5 %
     if example.stem == "own_pto":
         assert found[-2] == pytest.approx(1.0e4, rel=0.05)
     if example.stem == "own_fluid":
@@ -147,13 +146,13 @@ def test_examples_run(example, execute):
 
 
 def quoted(program):
-    """(place, words) of every such command line in code, placeholders as they are."""
+    """Every command line of `program` in code, with its place, and with placeholders unchanged."""
     for path in TEXTS:
         text = path.read_text(encoding="utf-8")
         fenced = "\n".join(re.findall(r"```(?:sh|bash|)\n(.*?)```", text, re.DOTALL))
         spans = re.findall(r"`+([^`\n]+)`+", text) + fenced.splitlines()
         if path in EXAMPLES or path in SOURCES:
-            # a command may go on in the next line of a docstring, or be printed
+            # a command may continue on the next line of a docstring, or be printed
             spans = re.findall(r"`([^`]+)`", text) + re.findall(r"^ {4}(python -m .*)$", text, re.MULTILINE)
             spans += re.findall(r'(jaxsph \w+ [\w./]+)"', text)
         for span in spans:
@@ -175,7 +174,7 @@ def test_command_lines_are_understood(line):
     known = typer.main.get_command(app).commands
     assert name in known
     if not words:
-        return  # its name alone is spoken of
+        return  # only the command's name is mentioned
     context = known[name].make_context(name, words)
     case, settings = context.params.get("case"), context.params.get("settings") or []
     if case in js.built_in_cases():
@@ -232,7 +231,7 @@ def test_links_lead_to_files(page):
 
 
 def test_documentation_builds_without_a_warning(tmp_path):
-    """Strictly: a link or an anchor that leads nowhere fails it, and so does a page that no menu has."""
+    """The strict build fails for a broken link or anchor, and for a page that no menu contains."""
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
@@ -241,9 +240,9 @@ def test_documentation_builds_without_a_warning(tmp_path):
     api = pages[tmp_path / "reference" / "api.html"]
     assert all(f'id="jaxsph.{js._HOME[name]}.{name}"' in api for name in js.__all__)
     theory = pages[tmp_path / "theory" / "incompressible.html"]
-    assert theory.count("<math") > 5 and "arithmatex" not in theory  # formulas are drawn
+    assert theory.count("<math") > 5 and "arithmatex" not in theory  # formulas are rendered
     outside = re.compile(r'<(?:script|link|img|iframe)[^>]+(?:src|href)="https?:')
-    assert not [path.name for path, text in pages.items() if outside.search(text)]  # nobody is asked
+    assert not [path.name for path, text in pages.items() if outside.search(text)]  # nothing from outside
 
 
 def test_examples_of_docstrings_are_right():
@@ -254,7 +253,7 @@ def test_examples_of_docstrings_are_right():
 
 
 def test_every_way_in_which_a_run_stops_is_on_the_page_about_trouble():
-    """And the keys that it names exist."""
+    """And the keys that the page names exist."""
     page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     said = [js.ISPH.too_fast, js.DeltaSPH.too_fast, "a linear solution for the pressure did not converge"]
     for node in ast.walk(ast.parse(inspect.getsource(chunks._cause))):

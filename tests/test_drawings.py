@@ -1,4 +1,4 @@
-"""Outlines of solids from drawings, against the same outline in a CSV."""
+"""Outlines of solids from drawings and from CSV files."""
 
 import sys
 
@@ -20,13 +20,13 @@ depth = 0.4
 [solid.hull]
 """
 RADIUS = 0.2
-"""Of the round end of the outline, m."""
+"""Radius of the round end of the outline, m."""
 STRAIGHT = [[0.0, 0.0], [1.0, 0.0], [1.0, 2.0 * RADIUS], [0.0, 2.0 * RADIUS]]
-"""A rectangle, on whose right side a half circle stands, m."""
+"""Corners of a rectangle, m; a half circle is attached to the right side."""
 
 
 def _dxf(path, *, unit=units.MM, outlines=1):
-    """A drawing of the outline, the half circle as a bulge between its ends."""
+    """Writes a DXF drawing of the outline, with the half circle as a bulge between its ends."""
     drawing, per_metre = ezdxf.new(), 1000.0 if unit == units.MM else 1.0
     drawing.units = unit
     corners = [(per_metre * x, per_metre * z) for x, z in STRAIGHT]
@@ -38,7 +38,7 @@ def _dxf(path, *, unit=units.MM, outlines=1):
 
 
 def _svg(path, *, unit="mm", outlines=1, close="Z"):
-    """The same on a page of 1200 mm by 500 mm, from its lower left corner: there y is downwards."""
+    """Writes the same as SVG, on a page of 1200 mm by 500 mm from its lower left corner; y is downwards."""
     size = f'width="1200{unit}" height="500{unit}" viewBox="0 0 1200 500"'
     outline = f'<path d="M 0 500 L 1000 500 A 200 200 0 0 0 1000 100 L 0 100 {close}"/>'
     text = f"<desc>{SECRET}</desc>{outlines * outline}"
@@ -54,7 +54,7 @@ def _hull(tmp_path, file, more=""):
 
 @pytest.mark.parametrize(("file", "draw"), [("hull.dxf", _dxf), ("hull.SVG", _svg)])
 def test_a_drawing_has_the_size_of_its_unit(tmp_path, file, draw):
-    """Area and centre of the rectangle with the half circle, to what chords leave of it."""
+    """Area and centre of the rectangle with the half circle, within the error of the chords."""
     draw(tmp_path / file)
     area_of, centre, _ = _hull(tmp_path, file).moments()
     box, round_end = 2.0 * RADIUS, 0.5 * np.pi * RADIUS**2
@@ -66,7 +66,7 @@ def test_a_drawing_has_the_size_of_its_unit(tmp_path, file, draw):
 
 @pytest.mark.parametrize(("file", "draw"), [("hull.dxf", _dxf), ("hull.svg", _svg)])
 def test_a_drawing_is_scaled_and_placed(tmp_path, file, draw):
-    """The corner where its origin is goes to `at`, and the one beside it is as far as `scale` says."""
+    """The corner at the drawing's origin goes to `at`, and `scale` multiplies all distances from it."""
     draw(tmp_path / file)
     corners = np.asarray(_hull(tmp_path, file, "scale = 0.5\nat = [2.0, 0.1]").vertices)
     for corner in ([2.0, 0.1], [2.5, 0.1], [2.0, 0.1 + RADIUS]):
@@ -110,7 +110,7 @@ def test_a_csv_is_scaled_and_placed_alike(tmp_path):
     ],
 )
 def test_a_drawing_that_cannot_be_used_is_refused(tmp_path, draw, more, words):
-    """By what is wrong with it, and with nothing of what it holds."""
+    """The message says what is wrong with the file, and shows nothing of the file's content."""
     draw(tmp_path)
     (file,) = (path.name for path in tmp_path.iterdir())
     with pytest.raises(CaseError, match=words) as caught:
@@ -119,7 +119,7 @@ def test_a_drawing_that_cannot_be_used_is_refused(tmp_path, draw, more, words):
 
 
 def test_a_drawing_without_its_library_says_what_to_install(tmp_path, monkeypatch):
-    """It is an extra."""
+    """The library belongs to an extra."""
     _svg(tmp_path / "hull.svg")
     monkeypatch.setitem(sys.modules, "svgelements", None)
     with pytest.raises(CaseError, match=r"needs svgelements, .* pip install 'jaxsph\[drawings\]'"):

@@ -25,7 +25,7 @@ def results(tmp_path, monkeypatch):
 
 @pytest.fixture
 def quick(tmp_path, monkeypatch):
-    """A folder to work in, where the experiment `thin_wall` is a row and a picture."""
+    """Temporary working folder, in which the experiment `thin_wall` makes one row and one picture."""
 
     def main(t1: float = 4.0) -> None:
         with Report("thin_wall", "A sample") as report:
@@ -34,7 +34,7 @@ def quick(tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(thin_wall, "main", main)
-    monkeypatch.setattr(Report, "folder", OWN)  # and afterwards whatever it was
+    monkeypatch.setattr(Report, "folder", OWN)  # restored after the test
     monkeypatch.setattr(Report, "command", "")
     return tmp_path
 
@@ -83,7 +83,7 @@ def test_all_rows_can_be_made_again_and_one_that_fails_stops_no_other(quick, mon
     assert first.exit_code == 1 and [command[0] for command in ran].count("still_tank") == 1
     assert "failed: python -m experiments run lattice_stress" in first.output
     assert (quick / "committed" / "still_tank_0.02.json").exists()
-    assert called("again", *names).exit_code == 1  # and what was made is not made again
+    assert called("again", *names).exit_code == 1  # what was made is not made again
     assert [command[0] for command in ran].count("still_tank") == 1 and len(ran) == 3
 
 
@@ -170,11 +170,11 @@ def test_optimum_of_a_parabola_in_the_logarithm():
     K_dm = [100.0, 200.0, 400.0, 800.0]
     xi = 0.8 - 0.1 * np.log(np.array(K_dm) / 270.0) ** 2
     found = damping_study.optimum(K_dm, np.stack([xi, np.arange(4.0)]))
-    assert found == pytest.approx([270.0, 800.0])  # an end of the range is that end
+    assert found == pytest.approx([270.0, 800.0])  # an optimum at the end of the range is that end
 
 
 def test_events_of_the_cycle_are_found_in_its_mean():
-    """A level of cos, a power of sin^2: the paper's order of events, in quarters of the period."""
+    """With a level of cos and a power of sin^2 the events have the paper's order, in quarters of a period."""
     T = owc_methods.PERIOD
     t = np.arange(0.0, 8 * T, 0.01)
     phase = 2 * np.pi * t / T
@@ -182,7 +182,7 @@ def test_events_of_the_cycle_are_found_in_its_mean():
     power = np.sin(phase + 0.7) ** 2
     found = owc_methods.events({"time": t, "chamber_level": level, "power_pto": power}, 4)
     for when, published in found.values():
-        assert when == pytest.approx(published, abs=0.01)  # the samples do not divide the period
+        assert when == pytest.approx(published, abs=0.01)  # the period is not a whole number of samples
 
 
 QUIET = [0.0, 0.0, 0.0]
@@ -193,7 +193,7 @@ def test_richardson_finds_the_limit_of_its_own_law(order):
     dx = [0.02, 0.01, 0.005]
     found = convergence.richardson(dx, [0.7 - 3.0 * h**order for h in dx], QUIET)
     assert found.value == pytest.approx(0.7, rel=1e-12) and found.order == pytest.approx(order)
-    # the error is 1.25 times what is left
+    # the error is 1.25 times the remaining difference from the limit
     assert found.error == pytest.approx(1.25 * 3.0 * 0.005**order)
 
 
@@ -219,7 +219,7 @@ def test_richardson_trusts_no_order_above_two():
     found = convergence.richardson([0.02, 0.01, 0.005], [0.5, 0.66, 0.67], [0.0, 0.001, 0.002])
     assert found.order == pytest.approx(4.0) and "taken as 2" in found.why
     assert found.value == pytest.approx(0.67 + 0.01 / 3.0)
-    # what is left, and what the scatter of the two finest makes of it
+    # 1.25 times the remaining difference, and the scatter of the two finest values, propagated
     own = np.hypot(4.0 / 3.0 * 0.002, 0.001 / 3.0)
     assert found.error == pytest.approx(np.hypot(1.25 * 0.01 / 3.0, own))
 
@@ -232,7 +232,7 @@ def test_convergence_is_of_one_device_by_two_schemes():
 
 
 def test_convergence_reports_the_runs_that_are_there(results, monkeypatch, tmp_path):
-    """Of runs whose xi is 0.6 - 5 dx and of none elsewhere: nothing is run that was not asked for."""
+    """One scheme has runs, with xi = 0.6 - 5 dx, the other has none: only what was asked for is run."""
 
     def found(dx):
         values = {"xi": 0.6 - 5.0 * dx, "P_a": 130.0, "flow": 0.02}

@@ -1,4 +1,4 @@
-"""What a user meets first: a coarse run, a commented case file, completion of names."""
+"""First steps of a user: a coarse run, a commented case file, completion of names."""
 
 import tomllib
 
@@ -26,7 +26,7 @@ def test_coarse_case_is_coarser_and_no_longer_and_says_so(name):
     coarse = js.coarsen(case)
     assert 1.5 * case.dx <= coarse.dx <= 2.0 * case.dx and coarse.t1 <= case.t1
     assert coarse.name == f"{name}_quick" and coarse.description.startswith("COARSE")
-    assert coarse.output.snapshot_dt == case.output.snapshot_dt  # as many pictures of the particles
+    assert coarse.output.snapshot_dt == case.output.snapshot_dt  # as many snapshots per second
     if case.waves is not None and case.waves.kind == "regular" and coarse.t1 < case.t1:
         assert settled_periods(coarse, coarse.t1 - coarse.output.sample_dt) == 5
 

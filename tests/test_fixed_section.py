@@ -1,4 +1,4 @@
-"""Linear diffraction by a fixed section: energy, and the exciting force that radiated waves imply."""
+"""Linear diffraction by a fixed section: energy, and the exciting force that follows from radiated waves."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_a_cylinder_is_pushed_up_as_its_heave_makes_waves(omega):
 
 
 def test_long_waves_lift_a_box_as_still_water_would():
-    """The pressure under it is that of the level; along, it is pushed by the slope and the flow around it."""
+    """The pressure below the box follows the level; the small horizontal force is due to slope and flow."""
     force = diffraction(BOX, 1.0, 40.0, 0.01).force
     assert abs(force[1]) == pytest.approx(1000.0 * 9.81 * 0.4, rel=0.02)
     assert abs(force[0]) < 0.05 * abs(force[1])

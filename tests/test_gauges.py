@@ -1,4 +1,4 @@
-"""Gauges of the surface: what a wire reads in still water, under a slope, in a wave and under a splash."""
+"""Gauges of the surface: readings of a wire in still water, under a slope, in a wave and under a splash."""
 
 import equinox as eqx
 import jax
@@ -46,7 +46,7 @@ def filled(state, elevation):
 
 
 def wires(case, model, state, at):
-    """Readings of the case's surface points other than by density, at the state `at`, by name."""
+    """Readings at the case's surface points in the state `at`, by name, without `eta_interpolated`."""
     tables = None
     found = {}
     for probe in make_probes(case, model, state):
@@ -57,9 +57,8 @@ def wires(case, model, state, at):
     return found
 
 
-# float32 sums of a few hundred terms: a part in 1e5 of the depth. Beside that a wave reads less by its own
-# smoothing, exp(-(1.2 k dx)^2/4). Slopes are read where
-# no wall is in the Gaussian's reach.
+# Bounds: float32 sums of a few hundred terms are good to 1e-5 of the depth. A wave's reading is also lower
+# because of smoothing, by exp(-(1.2 k dx)^2/4). Slopes are read where no wall is in the Gaussian's reach.
 @pytest.mark.parametrize(
     ("elevation", "places", "bound"),
     [
@@ -70,8 +69,7 @@ def wires(case, model, state, at):
     ids=["still", "tilted", "standing wave"],
 )
 def test_a_wire_reads_the_exact_surface(tank, elevation, places, bound):
-    """A wire reads a plane surface exactly, beside a wall too where it is level, and a wave within its
-    smoothing."""
+    """A wire reads a plane surface exactly (a level one also beside a wall), and a wave but for smoothing."""
     case, model, state = tank
     at = filled(state, elevation)
     read = np.asarray(wires(case, model, state, at)["eta_wire"])
@@ -80,12 +78,12 @@ def test_a_wire_reads_the_exact_surface(tank, elevation, places, bound):
 
 
 def test_a_wire_reads_water_under_a_splash(tank):
-    """Over 2 cm of torn water every wire reads a number, within the volume there: drops count by what they
-    hold, not by their height."""
+    """Over 2 cm of broken water every wire reads a number, close to the volume there per length: drops count
+    by their volume, not by their height."""
     case, model, state = tank
     x = np.array(state.particles.x)
     m = np.array(state.particles.m)
-    inside = x[:, 1] < 0.02  # one layer stays, and a gap of three spacings opens in it
+    inside = x[:, 1] < 0.02  # one layer remains, with a gap of three spacings
     keep = inside & (np.abs(x[:, 0] - 0.5) > 1.5 * DX)
     drops = np.flatnonzero(~inside)[:3]
     x[drops] = [[0.25, 0.12], [0.26, 0.13], [0.737, 0.14]]
@@ -104,13 +102,14 @@ def test_a_wire_reads_water_under_a_splash(tank):
     for name, read in wires(case, model, state, at).items():
         read = np.asarray(read) + DEPTH
         assert np.all(np.isfinite(read)), name
-        # the wire looks over 1.2 dx where the volume's bell has 3 dx: a drop of a cell is within dx of both
+        # the wire averages over 1.2 dx and the gauge of volumes over 3 dx: with a drop of one cell they
+        # differ by less than dx
         assert np.all(read >= 0.0), name
         assert np.max(np.abs(read - depth)[1:-1]) < DX, name
 
 
 def test_a_wire_is_differentiable_in_the_places_of_the_water(tank):
-    """The slope of a reading over a shift of the water agrees with the difference of two readings."""
+    """The slope of a reading with respect to a shift of the water is that of the exact surface."""
     case, model, state = tank
     probe = next(p for p in make_probes(case, model, state) if "eta_wire" in p.describe())
     at = filled(state, lambda x: 0.1 * (x - 0.5))

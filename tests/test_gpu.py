@@ -1,4 +1,4 @@
-"""The accelerator's numbers against the CPU's: `pytest -m gpu` on a machine that has one."""
+"""Results on an accelerator compared with those on the CPU: `pytest -m gpu` where there is one."""
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ RADIUS = 0.12
 
 
 def _on_both(function):
-    """What a function gives on the CPU and on the default device, which must be another."""
+    """Results of a function on the CPU and on the default device, which must be an accelerator."""
     if jax.default_backend() == "cpu":
         pytest.skip("jax sees no accelerator here")
     with jax.default_device(jax.devices("cpu")[0]):
@@ -27,7 +27,7 @@ def _on_both(function):
 
 
 def _places():
-    """A jittered lattice of 20 by 20: no two places, and no distance within rounding of the radius."""
+    """A disturbed lattice of 20 by 20 points, with no distance within rounding of the radius."""
     at = np.stack(np.meshgrid(*[np.arange(20) * 0.05] * 2), -1).reshape(-1, 2)
     return jnp.asarray(at + np.random.default_rng(0).uniform(-0.01, 0.01, at.shape), jnp.float32)
 
@@ -39,7 +39,7 @@ def _table(x):
 
 
 def test_the_search_finds_the_same_neighbours():
-    """As sets: the order of slots is that of the cells' sort."""
+    """Compared as sets, because the order of slots follows from the sorting of the cells."""
     cpu, gpu = _on_both(lambda: _table(_places()))
     assert cpu.most == gpu.most
     np.testing.assert_array_equal(np.sort(cpu.indices, axis=0), np.sort(gpu.indices, axis=0))
@@ -60,7 +60,7 @@ def test_a_pair_sum_is_the_same():
 
 
 def test_ten_steps_of_the_owc_are_the_same():
-    """Places to 1e-6 m of 2.4 m (their own rounding is 2e-7 m a step); pressures to 1e-4 of the largest."""
+    """Positions to 1e-6 m in 2.4 m (rounding is 2e-7 m a step); pressures to 1e-4 of the largest."""
     case = coarse("owc")
 
     def run():

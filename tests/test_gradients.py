@@ -1,4 +1,4 @@
-"""Derivatives of results: through the loop against differences, over ensembles, and what is refused."""
+"""Derivatives of results: through the loop, compared with differences; over ensembles; and refused ones."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from jaxsph.study.ensemble import parabola
 from jaxsph.study.tangents import LOST, _seed, grain
 
 EXAMPLES = Path(js.__file__).parents[1] / "examples"
-# Waves of one period's quarter ramp in a short tank: the chamber breathes within 0.2 s.
+# Waves that ramp up within a quarter period, in a short tank: the chamber breathes within 0.2 s.
 SHORT = {
     "tank.length": 1.2,
     "probes": {"gauges": [0.5]},
@@ -37,7 +37,7 @@ OWC = js.load_case("owc")
 
 @pytest.fixture(scope="module")
 def exact():
-    """The energy absorbed and its slope, by changes to the case and the parameter; one compilation."""
+    """Function of changes to the case and of a parameter: the derivative of the absorbed energy."""
 
     def found(changes, parameter, method=None):
         with enable_x64():
@@ -48,7 +48,7 @@ def exact():
     return found
 
 
-# for another parameter the derivative is another program
+# every other parameter compiles another program
 @pytest.mark.slow
 @pytest.mark.parametrize("parameter", ["pto.K_dm", "waves.H"])
 def test_exact_slope_is_that_of_differences(exact, parameter):
@@ -57,11 +57,11 @@ def test_exact_slope_is_that_of_differences(exact, parameter):
     step = 1e-5 * value
     ahead, behind = (exact({parameter: value + s * step}, parameter).value for s in (1, -1))
     here = exact({}, parameter)
-    # The difference's own error: truncation (1e-5)^2, round-off 1e-16/1e-5. Measured: 3e-11 over 0.5 s; the
-    # seed of H is itself a difference of builds, good to 1e-8.
+    # The error of the difference itself: truncation (1e-5)^2, round-off 1e-16/1e-5. Measured: 3e-11 over 0.5
+    # s; the seed of H is itself a difference of builds, good to 1e-8.
     assert here.slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
     assert here.error is None and here.reach > 0.01 * value
-    # the result is made of the readings, and its slope of theirs
+    # the result follows from the readings, and its slope from theirs
     assert here.value == pytest.approx(0.01 * here.series["power_pto"].sum())
     assert here.slope == pytest.approx(0.01 * here.slopes["power_pto"].sum())
     assert here.slopes["grain"].shape == here.series["time"].shape == (20,)
@@ -70,10 +70,10 @@ def test_exact_slope_is_that_of_differences(exact, parameter):
 @pytest.mark.slow
 @pytest.mark.parametrize("key", ["angle", "draught", "length"])
 def test_exact_slope_over_a_shape_is_that_of_differences(key):
-    """Water and dummies are a smooth function of a solid: of a wall's angle, its draught, a chamber's length.
+    """Water and dummies depend smoothly on a solid: on a wall's angle, its draught, a chamber's length.
 
-    Measured: 4e-6, 2e-6, 1e-5 with differences over 1e-5 of a number. Over 1e-3 of it they are off by up to
-    2 %: a particle somewhere comes to the surface, or leaves it.
+    Measured: 4e-6, 2e-6 and 1e-5 with differences over 1e-5 of the value. Differences over 1e-3 of it are off
+    by up to 2 %, because some particle enters or leaves the surface.
     """
     with enable_x64():
         program = js.Program.load(f"{EXAMPLES / 'leaning_column.py'}:column", {"precision": "float64"})
@@ -89,7 +89,7 @@ def test_exact_slope_over_a_shape_is_that_of_differences(key):
 
 @pytest.mark.slow
 def test_a_slope_over_what_a_loop_holds_fixed_is_refused(tmp_path):
-    """The place of a thin plate is in no array: its slope would be zero in silence."""
+    """The position of a thin plate is in no array: without the refusal its slope would silently be zero."""
     (tmp_path / "own.py").write_text(
         "import jaxsph as js\n\n\ndef screened(x: float = 0.57) -> js.Problem:\n"
         '    plate = {"foot": [x, 0.24], "head": [x, 0.6], "thickness": 0.08}\n'
@@ -112,7 +112,7 @@ def test_a_slope_that_speaks_of_no_change_is_refused(exact):
 
 @pytest.mark.slow
 def test_a_filtered_slope_has_the_filter_s_bias_for_an_error(exact):
-    """Within 0.2 s, twenty averages, little of the water's response is lost; the value is the run's own."""
+    """Within 0.2 s, twenty averages remove little of the water's response; the value is that of the run."""
     sharp, smooth = (exact({}, "pto.K_dm", method) for method in (js.Exact(0.0), js.Filtered()))
     assert smooth.value == sharp.value
     response = smooth.slope - 2.0 * smooth.value / CASE.pto.K_dm
@@ -125,7 +125,7 @@ def test_a_filtered_slope_has_the_filter_s_bias_for_an_error(exact):
 
 @pytest.fixture
 def members(monkeypatch):
-    """Members of a sweep whose efficiency is a parabola with a given scatter, without running them."""
+    """Members of a sweep with a parabola and given scatter as efficiency; the members are not run."""
     scatter, failing = {}, set()
 
     def member(case, stem):
@@ -151,7 +151,7 @@ def test_ensemble_finds_the_slope_of_a_parabola(members):
 
 
 def test_an_ensemble_over_a_length_is_fitted_to_the_lengths_that_are_built(monkeypatch):
-    """A spacing of 0.02 m leaves five of nine draughts; a result of 3 times the draught built has slope 3."""
+    """With a spacing of 0.02 m nine draughts become five; a result of 3 times the draught has slope 3."""
 
     def member(case, stem):
         return {
@@ -172,7 +172,7 @@ def test_an_ensemble_over_a_length_is_fitted_to_the_lengths_that_are_built(monke
 
 
 def test_energy_of_an_ensemble_is_that_from_the_start(monkeypatch):
-    """Not the sweep's result of that name, which is of the last whole periods."""
+    """It is not the sweep's result of that name, which covers the last whole periods only."""
 
     def member(case, stem):
         series = {"time": np.arange(100) * 0.01, "power_pto": np.ones(100)}
@@ -202,12 +202,12 @@ def test_ensemble_goes_on_without_members_that_failed(members, tmp_path):
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 1000))
 def test_error_of_a_parabola_s_slope_covers_it(seed):
-    """Of 2000 parabolas with a known scatter the slope's error, squared, is in the mean what it says."""
+    """For 2000 parabolas with known scatter, the mean square of the error matches that of the deviation."""
     x = np.linspace(-1.0, 1.0, 9)
     noise = np.random.default_rng(seed).normal(scale=0.1, size=(2000, 9))
     fits = [parabola(x, 2.0 + 3.0 * x - 0.5 * 4.0 * x**2 + e) for e in noise]
     spread = np.mean([(f.slope - 3.0) ** 2 for f in fits])
-    # the relative error of a mean of 2000 squares is 0.03 to 0.05: five of them
+    # the relative error of a mean of 2000 squares is 0.03 to 0.05; five times that is allowed
     assert np.mean([f.error**2 for f in fits]) == pytest.approx(spread, rel=0.25)
     assert np.mean([f.curvature for f in fits]) == pytest.approx(-4.0, abs=0.1)
 
@@ -217,7 +217,7 @@ def test_error_of_a_parabola_s_slope_covers_it(seed):
 
 @pytest.fixture
 def theory(monkeypatch):
-    """Members whose efficiency is linear theory's with a scatter of 0.005; returns the cases run."""
+    """Members with the efficiency of linear theory and a scatter of 0.005; returns the list of cases run."""
     ran = []
 
     def member(case, stem):
@@ -245,7 +245,7 @@ def test_maximise_climbs_to_the_best_damping(theory, tmp_path, start):
 
 
 def test_maximise_chooses_a_length_of_the_device_too(theory, tmp_path):
-    """Damping and draught: members of the second are built anew, each with a wall of its own."""
+    """Damping and draught: the members for the draught are built anew, each with another wall."""
     case = OWC.replace({"pto.K_dm": 150.0, "device.draught": 0.12})
     over = {"pto.K_dm": (100.0, 2500.0), "device.draught": (0.1, 0.2)}
     found = js.maximise(case, over, tmp_path / "o.h5", progress=False)
@@ -298,7 +298,7 @@ def test_grain_sees_what_neighbours_differ_by(a, b, seed):
     smooth = np.stack([a * x[:, 0] + b * x[:, 1], b - a * x[:, 1]], 1)
     assert grain(x, smooth, 0.02) < 1e-12
     rough = rng.normal(size=x.shape)
-    # lines through some 13 points in a cell take three of them; sqrt(2) for two components
+    # the fit of a line to some 13 points in a cell uses three of them; sqrt(2) for two components
     assert grain(x, smooth + rough, 0.02) == pytest.approx(np.sqrt(2 * 10 / 13), rel=0.05)
 
 
@@ -334,7 +334,7 @@ def test_an_ensemble_without_a_slope_is_refused(arguments):
 
 
 def test_what_the_lattice_takes_its_shape_from_is_no_derivative_s():
-    """Every number offered is one that a build takes over smoothly: arrays keep their shapes."""
+    """Every parameter that is offered changes a build smoothly, and keeps the shapes of its arrays."""
     weakly = {"scheme.kind": "weakly_compressible", "scheme.alpha": 0.01}
     case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.04} | weakly)
     problem = case.problem()
@@ -344,5 +344,5 @@ def test_what_the_lattice_takes_its_shape_from_is_no_derivative_s():
         moved = [np.abs(np.asarray(leaf)).max() for leaf in jax.tree.leaves((d_model, d_state)) if leaf.size]
         assert np.isfinite(moved).all() and max(moved) > 0
     d_model, _ = _seed(case, "pto.K_dm", problem)
-    # float32: a rounding of 535 over 1 % of it
+    # float32: the rounding of 535 over a step of 1 %
     assert float(d_model.chambers[0].pto.K_dm) == pytest.approx(1.0, abs=1e-4)

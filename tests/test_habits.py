@@ -1,4 +1,4 @@
-"""What checks the repository itself: workflows, hooks, and the one script that runs everything."""
+"""Checks of the repository itself: workflows, hooks, and the one script that runs everything."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
 def test_workflows_are_of_the_hosts_schema(path):
-    """A misspelt key of a workflow is not an error to the host but a job that never runs."""
+    """For a misspelt key the host reports no error, but the job never runs."""
     command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows", path]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -26,12 +26,12 @@ def test_workflows_run_the_script_and_the_slow_lane():
     assert "- run: .ci/run" in texts["ci.yml"] and "pytest -m slow" in texts["nightly.yml"]
     assert {"push:", "pull_request:"} <= set(texts["ci.yml"].split()) and "cron:" in texts["nightly.yml"]
     used = re.findall(r"uses: (\S+)", "".join(texts.values()))
-    # a tag can be moved to another commit
+    # only a commit's hash, because a tag can be moved to another commit
     assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", action) for action in used)
 
 
 def test_script_and_hooks_run_the_same_checks():
-    """Hooks need no network: they are local, and run what the extras install."""
+    """Hooks need no network: they are local and run programs that the extras install."""
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     checks = ("ruff check", "ruff format", "pyright")

@@ -1,4 +1,4 @@
-"""Mirror images of the water: a wall is the middle of a tank twice as long, and corners are full."""
+"""Mirror images: a wall acts as the middle of a tank twice as long, and kernels are full in corners."""
 
 import equinox as eqx
 import jax
@@ -24,9 +24,9 @@ SCHEMES = {"incompressible": ISPH, "weakly_compressible": js.DeltaSPH}
 
 
 def _tank(kind, length, side, x, u):
-    """A tank with a floor and these sides, with particles of volume DX^2."""
+    """A tank with a floor and the given sides, with particles of volume DX^2."""
     box = Box((0.0, 0.0), (length, 0.8), sides=(side, "floor"))
-    # the regularisation and the density's diffusion are the water's own, and know no images
+    # regularisation and density diffusion use the water alone, without images
     given = {"separation": 0.0, "hyperviscosity": 0.0}
     given |= {"dim": 2, "speed": 1.0} if kind == "incompressible" else {"c0": 20.0, "delta": 0.0}
     scheme = SCHEMES[kind].of(DX, period=box.period, **given)
@@ -45,22 +45,22 @@ def _step(model, state):
 
 @pytest.mark.parametrize("kind", list(SCHEMES))
 def test_water_between_walls_is_half_of_a_periodic_tank_twice_as_long(kind):
-    """With images no wall is felt by a shaken lattice: a step is that of a tank without the walls."""
+    """With images, a disturbed lattice moves as in a periodic tank without the walls."""
     rng = np.random.default_rng(0)
-    # no nearer to a wall than half a spacing, where the contact springs begin
+    # not closer to a wall than half a spacing, where the contact springs begin to act
     x = lattice((0.0, 0.0), (1.0, 0.4), DX) + 0.1 * DX * rng.normal(size=(160, 2))
     x[:, 0] = np.clip(x[:, 0], 0.51 * DX, 1.0 - 0.51 * DX)
     both = np.concatenate([x, [2.0, 0.0] + x * [-1.0, 1.0]])
     u, p = _step(*_tank(kind, 1.0, "walls", x, 0.0 * x))
     there, expected = (a[: len(x)] for a in _step(*_tank(kind, 2.0, "periodic", both, 0.0 * both)))
-    # the solver stops at 3e-3 of its right-hand side, and sums are of float32
+    # the solver stops at 3e-3 of its right-hand side; sums are in float32
     np.testing.assert_allclose(p, expected, atol=5e-3 * np.abs(expected).max())
     np.testing.assert_allclose(u, there, atol=5e-3 * np.abs(there).max())
 
 
 @pytest.mark.parametrize("changes", [{}, {"tank.width": 0.5, "dx": 0.125}], ids=["2-D", "3-D"])
 def test_kernels_are_full_at_walls_and_in_corners(changes):
-    """Every particle below the surface has the lattice's sum: no wall and no corner is left out."""
+    """Every particle below the surface has the kernel sum of a full lattice, at walls and in corners too."""
     case = coarse("hydrostatic", {"scheme.kind": "incompressible", "probes.pressure": None} | changes)
     model, state = js.build(case)
     z = np.arange(0.5 * case.dx, case.tank.depth, case.dx)
@@ -73,7 +73,7 @@ def test_kernels_are_full_at_walls_and_in_corners(changes):
     filled = np.asarray((fill + own["V"] * W) / model.scheme.lattice.full)
     deep = np.asarray(state.particles.x)[:, -1] < z[-1] - float(model.scheme.smoothing.radius)
     assert deep.sum() > 10
-    np.testing.assert_allclose(filled[deep], 1.0, atol=2e-3)  # the kernel's cut, and rows at rest
+    np.testing.assert_allclose(filled[deep], 1.0, atol=2e-3)  # the kernel's cut, and rows placed at rest
 
 
 @given(X=st.floats(-0.1, 0.1), seed=st.integers(0, 100))
@@ -85,7 +85,7 @@ def test_paddle_is_mirrored_in_where_it_is(X, seed):
     x = jnp.asarray(np.random.default_rng(seed).random((walls.images.count, 2)), jnp.float32)
     images = walls.images.image(x, lambda a: paddle.place(own, a, a)[0])
     rows = slice(*walls.paddle)
-    np.testing.assert_allclose(images[rows, 0], 2 * X - x[rows, 0], atol=1e-6)  # float32, values of one
+    np.testing.assert_allclose(images[rows, 0], 2 * X - x[rows, 0], atol=1e-6)  # float32, values near one
     assert all(one.moves for one in walls.images.sets if one.rows[1] <= walls.paddle[1])
 
 
@@ -98,7 +98,7 @@ def _walls(paddle=False, platform=None, filling=None):
 @settings(max_examples=20, deadline=None)
 @given(at=st.floats(0.3, 0.7))
 def test_images_end_with_their_wall(at):
-    """A particle that passes the end of the bed has less and less of an image: the share is its cell's."""
+    """A particle that passes the end of the bed keeps a share of its image: that of its cell over the bed."""
     walls = _walls(platform=Platform(0.5, 0.2))
     (bed,) = [one for one in walls.images.sets if one.planes[0].axis == 1 and len(one.planes) == 1]
     share = bed.share(jnp.asarray([[at, -0.02]]), DX)
@@ -108,16 +108,16 @@ def test_images_end_with_their_wall(at):
 def test_more_water_than_images_is_a_failure_not_a_leak():
     case = coarse("hydrostatic", {"scheme.kind": "incompressible"})
     model, state = js.build(case)
-    heap = state.particles.x.at[:, 0].multiply(0.2)  # all of it beside one wall
+    heap = state.particles.x.at[:, 0].multiply(0.2)  # all of the water beside one wall
     state = eqx.tree_at(lambda s: s.particles.x, state, heap)
     state, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     assert int(state.status.bits) != 0
 
 
 def test_a_platform_s_corners_are_full_beside_images():
-    """Under the end of the bed and behind that of the end wall stand a tank's ghosts without images.
+    """Below the end of the bed and behind the end wall are ghosts as in a tank without images.
 
-    Without them water came through the corner of platform and end wall.
+    Without these ghosts, water came through the corner of platform and end wall.
     """
     found = []
     for filling in (None, MirrorNodes()):

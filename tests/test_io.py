@@ -1,4 +1,4 @@
-"""Files of a run: whole after every interruption, exact, and readable by others."""
+"""Files of a run: complete after every interruption, exact, and readable by other programs."""
 
 import os
 import signal
@@ -71,7 +71,7 @@ def run(tmp_path):
     return run
 
 
-# --- what goes in comes out
+# --- contents are read back
 
 
 def test_everything_is_read_back(run):
@@ -114,7 +114,7 @@ def test_file_does_not_grow_with_its_checkpoints(tmp_path):
     for k in range(5):
         _append(run, k, snapshot=False, checkpoint=big)
         sizes.append(run.path.stat().st_size)
-    assert sizes[-1] - sizes[0] < big["a"].nbytes  # HDF5 gives back no room by itself
+    assert sizes[-1] - sizes[0] < big["a"].nbytes  # HDF5 does not free space by itself
 
 
 @st.composite
@@ -159,7 +159,7 @@ def test_xarray_opens_both_groups(run):
 
 
 def _chunks(run):
-    """Number of chunks in a file, every one of which is there as it was appended, whole."""
+    """Number of chunks in a file; checks that every chunk is complete and as it was appended."""
     found = RunFile.open(run.path)
     series, count = found.series(), found.snapshot_count
     expected = [_series(k) for k in range(count)]
@@ -174,7 +174,7 @@ def _chunks(run):
 
 
 def _crash_at(monkeypatch, name, call):
-    """Interrupts the call of that number to a function of the system, once it has done its work or before."""
+    """Interrupts call number `call` of the function `os.name`, before the call does anything."""
     real, left = getattr(os, name), [call]
 
     def crash(*arguments):
@@ -191,7 +191,7 @@ def _crash_at(monkeypatch, name, call):
     ("name", "call"), [("replace", n) for n in range(1, 4)] + [("fsync", n) for n in range(1, 8)]
 )
 def test_crash_while_writing_leaves_whole_chunks(run, monkeypatch, name, call, fresh):
-    """Whichever write is the last: of the journal, of the checkpoint, of the file."""
+    """Whichever write is interrupted: that of the journal, of the checkpoint or of the file."""
     if fresh:
         run.fold()
     before = _chunks(run)
@@ -221,13 +221,13 @@ def test_end_of_a_run_leaves_one_file(run):
     run.finish({"xi": 0.5}, ("no reflection",))
     assert os.listdir(run.path.parent) == ["run.h5"] and _chunks(run) == 3
     assert run.notices() == ("no reflection",) and run.results() == {"xi": 0.5}
-    _append(run, 3)  # a run that goes on after its end
+    _append(run, 3)  # a run that continues after its end
     run.fold()
     assert os.listdir(run.path.parent) == ["run.h5"] and _chunks(run) == 4
 
 
 def test_journal_of_another_file_is_ignored(run, tmp_path):
-    """A kill between the fold and the removal of the journal leaves it beside a file that has it already."""
+    """After a kill between fold and removal, the journal is beside a file that already contains it."""
     left = {path: path.read_bytes() for path in tmp_path.iterdir() if path != run.path}
     run.finish({"xi": 0.5})
     for path, content in left.items():
@@ -249,7 +249,7 @@ def test_damaged_journal_is_refused_in_words(run):
 
 
 def kill_while_appending(folder, kills):
-    """Kills a process that appends without a pause, at any moment, again and again; then looks."""
+    """Kills an appending process at random moments, many times; checks the file after each kill."""
     rng = np.random.default_rng(1)
     run = _create(Path(folder))
     start = time.perf_counter()
@@ -271,7 +271,7 @@ def kill_while_appending(folder, kills):
         counts.append(_chunks(run))
         with xarray.open_dataset(run.path, group="series", engine="h5netcdf") as data:
             assert data["eta"].dims == ("time", "gauge")
-            # behind the journal by no more than the chunks whose kills came in between
+            # the file lags the journal, but holds samples
             n = len(data["time"])
             np.testing.assert_array_equal(data["time"], run.series()["time"][:n])
             assert n > 0
@@ -281,14 +281,14 @@ def kill_while_appending(folder, kills):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills its own forks")
 def test_kill_at_any_moment_leaves_whole_chunks(tmp_path):
-    """In a process without threads of JAX's, which do not survive a fork."""
+    """In a separate process, without JAX's threads, which do not survive a fork."""
     script = f"import test_io; test_io.kill_while_appending({str(tmp_path)!r}, 40)"
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=Path(__file__).parent, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     counts = [int(count) for count in done.stdout.split()]
-    assert len(counts) == 40 and counts[-1] > 10  # it got on in between
+    assert len(counts) == 40 and counts[-1] > 10  # chunks were added between the kills
 
 
 def _seconds(run, first, count=10):
@@ -299,7 +299,7 @@ def _seconds(run, first, count=10):
 
 
 def test_append_does_not_slow_down_with_the_length_of_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "fsync", lambda handle: None)  # the disk's own time, which is any
+    monkeypatch.setattr(os, "fsync", lambda handle: None)  # leaves out the disk's own time, which varies
     run = _create(tmp_path)
     _seconds(run, 0)
     early = min(_seconds(run, 10 * k) for k in range(1, 4))
@@ -308,7 +308,7 @@ def test_append_does_not_slow_down_with_the_length_of_the_run(tmp_path, monkeypa
         faster.setattr(run_file, "COPIES", 0)
         _seconds(run, 40, 960)
     late = min(_seconds(run, 1000 + 10 * k) for k in range(3))
-    # Measured: 0.3 to 1.4; the machine is shared. Copies of the whole file would grow with the run.
+    # Measured: 0.3 to 1.4 on a shared machine; the ratio would grow with the run if whole files were copied.
     assert late < 1.7 * early
 
 
@@ -340,7 +340,7 @@ def test_two_runs_on_one_file_are_noticed(run):
 
 @pytest.mark.parametrize("how", ["replaced", "changed", "ended"])
 def test_a_run_does_not_go_on_in_the_file_of_another(run, how):
-    """It remembers its file's owner, and nothing is changed where that is another by now."""
+    """A run remembers the owner of its file, and writes nothing if the owner has changed."""
     if how == "replaced":
         other = _create(run.path.parent, overwrite=True)
         _append(other, 0)
@@ -403,7 +403,7 @@ def test_foreign_files(tmp_path):
         RunFile.open(text)
     with h5py.File(other, "w") as file:
         file["x"] = 1.0
-    with pytest.raises(FileError, match="not one of jaxsph"):
+    with pytest.raises(FileError, match="not from jaxsph"):
         RunFile.open(other)
 
 
@@ -473,7 +473,7 @@ def test_vtkhdf_layout(tmp_path, dim):
             np.testing.assert_array_equal(root["PointData/velocity"][rows, :dim], u)
             np.testing.assert_array_equal(root["PointData/id"][rows], np.arange(sizes[i]))
             assert steps["PointDataOffsets/pressure"][i] == start
-    export_vtkhdf(run, path)  # again, over its own
+    export_vtkhdf(run, path)  # again, replacing its own file
 
 
 def test_export_spares_other_files(run, tmp_path):
@@ -490,7 +490,7 @@ def test_export_spares_other_files(run, tmp_path):
 
 
 def _everything(path):
-    """All that a run's file gives to those who read it, as text."""
+    """All that a run's file gives to its readers, as text."""
     run = RunFile.open(path)
     found = [run.schema, run.version, run.machine, run.case_toml, run.settings]
     found += [
@@ -510,7 +510,7 @@ def _everything(path):
 
 
 def misread(path, places, bits, whole):
-    """Bytes of a run's file that, with some bits flipped, give other contents or no FileError."""
+    """Places and bits that, when flipped, give other contents or an error other than FileError."""
     content, wrong = path.read_bytes(), []
     for place, bit in zip(places, bits, strict=True):
         changed = bytearray(content)
@@ -530,7 +530,7 @@ def misread(path, places, bits, whole):
 @pytest.mark.parametrize("name", ["run.h5", "run.h5.journal", "run.h5.checkpoint"])
 @pytest.mark.parametrize("ended", [True, False])
 def test_a_flipped_byte_is_never_read_as_a_number(run, name, ended):
-    """All that is stored has a checksum that is looked at: contents are right, or a FileError tells."""
+    """A checksum covers all that is stored: the contents are right, or FileError is raised."""
     if ended:
         run.finish({"xi": 0.5}, ("no reflection",))
         _append(run, 3)
@@ -541,7 +541,7 @@ def test_a_flipped_byte_is_never_read_as_a_number(run, name, ended):
 
 
 def test_damage_is_not_sealed_by_the_next_chunk(run):
-    """Whoever changes a file checks first what the new checksum will cover."""
+    """Before a file is changed, its old checksum is verified, so that no damage gets a new checksum."""
     run.fold()
     with h5py.File(run.path, "r+") as file:
         file.attrs["case"] = CASE.replace("0.1", "0.2")
@@ -552,7 +552,7 @@ def test_damage_is_not_sealed_by_the_next_chunk(run):
 
 
 def test_results_do_not_outlive_the_end_that_they_are_of(run):
-    """A run that goes on has none until its new end, in its journal or folded in."""
+    """A run that continues has no results until its new end, with its chunks in the journal or folded."""
     run.finish({"xi": 0.5}, ("no reflection",))
     _append(run, 3)
     assert not run.results() and not run.notices()
@@ -561,7 +561,7 @@ def test_results_do_not_outlive_the_end_that_they_are_of(run):
 
 
 def test_a_file_is_sealed_once_however_often_it_is_written(run):
-    """HDF5 cuts the last checksum off, and a file that lacks bytes of its own is refused."""
+    """HDF5 removes the last checksum, and a file that has lost bytes is refused."""
     for k in range(3, 6):
         _append(run, k)
     run.fold()

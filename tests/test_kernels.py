@@ -1,4 +1,4 @@
-"""Kernels against their integrals and their own derivatives."""
+"""Kernels compared with their integrals and derivatives, and their sums over lattices."""
 
 import math
 
@@ -31,7 +31,7 @@ KERNELS = {
         ("polynomial", POLYNOMIAL[dim]),
     )
 }
-# What the cut at 3.5h takes from the Gaussian: erfc-type tails of exp(-q^2).
+# Integral of the Gaussian beyond its cut at 3.5h: tails of exp(-q^2).
 LOST = {
     ("gaussian", 2): math.exp(-12.25),
     ("gaussian", 3): math.erfc(3.5) + 7.0 / math.sqrt(math.pi) * math.exp(-12.25),
@@ -56,19 +56,19 @@ def test_slope_is_the_derivative_of_the_value(which):
     with enable_x64():
         r = jnp.linspace(0.02, 0.999, 40) * kernel.reach * H
         derivative = jax.vmap(jax.grad(lambda a: kernel.value(a**2, H, dim)))(r)
-        # Both are exact; near the support's end the value's own terms cancel, hence the scale.
+        # Both are exact; near the end of the support the terms of the value cancel, hence the scale.
         scale = float(jnp.max(jnp.abs(derivative)))
         np.testing.assert_allclose(kernel.slope(r**2, H, dim) * r, derivative, atol=1e-13 * scale)
 
 
 @EVERY
 def test_slope_is_never_positive_and_finite_from_the_centre_to_the_edge(which):
-    """In float32, where r^2 and the edge's square may be a rounding apart."""
+    """In float32, in which r^2 and the square of the support may differ by rounding."""
     kernel, dim = KERNELS[which], which[1]
     r2 = jnp.linspace(0.0, 1.0 + 1e-5, 50) * support(kernel, H) ** 2
     slope = np.asarray(kernel.slope(r2, H, dim))
     assert np.all(slope[:-1] <= 0.0) and np.all(np.isfinite(slope))
-    # the Gaussian's step at its cut is exp(-12.25) = 5e-6; the semicircle's exp(-beta)/0.01, 6e-4 for 12
+    # at its cut the Gaussian has a step of exp(-12.25) = 5e-6, the semicircle of exp(-beta)/0.01, 6e-4 for 12
     assert np.all(np.abs(slope[-2:]) < 1e-3 * abs(slope[0]))
     assert np.isfinite(jax.grad(lambda a: kernel.value(a, H, dim))(0.0))
     assert np.isfinite(jax.grad(lambda a: kernel.value(a, H, dim))(float(r2[-1])))
@@ -87,7 +87,7 @@ def test_smoothing_lengths_are_those_of_the_gaussian_as_wide(dim):
 def test_wendland_vanishes_smoothly_at_its_support():
     with enable_x64():
         edge = support(WendlandC2(), H) ** 2
-        # (1 - q/2)^4 at q = 2 (1 + 1e-16): nothing is left of the centre's value.
+        # (1 - q/2)^4 at q = 2 (1 + 1e-16) is negligible compared with the value at the centre.
         centre = WendlandC2().value(0.0, H, 2)
         assert abs(WendlandC2().value(edge, H, 2)) < 1e-30 * centre
         assert abs(WendlandC2().slope(edge, H, 2)) < 1e-20 * centre / H**2
@@ -107,15 +107,15 @@ def test_a_lattice_has_one_particle_per_cell(lattice, dim):
     points = lattice_points(lattice, dim, 5.0)
     r = np.linalg.norm(points, axis=1)
     ball = {2: np.pi, 3: 4.0 / 3.0 * np.pi}[dim] * 8.2**dim
-    # a ball of 8.2 spacings holds its volume in points, to the few on its surface
+    # a ball of 8.2 spacings contains as many points as its volume, up to the few on its surface
     assert np.sum(r < 8.2) + 1 == pytest.approx(ball, rel=0.03)
-    # shortest distance of a lattice of unit density: 1, and (4/3)^(1/4) or 3^(1/2)/2^(2/3)
+    # shortest distance in a lattice of unit density: 1, and (4/3)^(1/4) or 3^(1/2)/2^(2/3)
     nearest = {"cubic": 1.0, "close": {2: (4 / 3) ** 0.25, 3: 3**0.5 / 2 ** (2 / 3)}[dim]}[lattice]
     assert r.min() == pytest.approx(nearest, rel=1e-12)
 
 
-# Largest stress under pure strain of a unit lattice, computed beforehand by another program: kernel, its
-# smoothing length over the spacing, dimensions, neighbours, stress.
+# Largest stress under pure strain of a unit lattice, computed beforehand by another program. Columns: kernel,
+# ratio of smoothing length to spacing, dimensions, neighbours, stress.
 STRAINED = [
     (WendlandC2(), 1.5, 2, 24, 2.1e-2),
     (WendlandC2(), 1.5, 3, 92, 1.5e-2),
@@ -132,11 +132,11 @@ STRAINED = [
 def test_stress_of_a_strained_lattice(kernel, h, dim, neighbours, stress):
     found = lattice_stress(kernel, h, dim)
     assert found.neighbours == neighbours
-    assert found.strained == pytest.approx(stress, rel=0.035)  # of two digits
+    assert found.strained == pytest.approx(stress, rel=0.035)  # from two digits
 
 
 BEFORE = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
-"""Kernels whose stress and neighbours the others are compared with."""
+"""Kernels with which the stress and the neighbours of the others are compared."""
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -146,11 +146,11 @@ BEFORE = {2: (Gaussian(), 1.2), 3: (WendlandC2(), 1.5)}
     ids=["semicircle", "polynomial"],
 )
 def test_a_lattice_resists_semicircle_and_polynomial_least(kernels, neighbours, dim):
-    """With half the Gaussian's neighbours in two dimensions, and Wendland's, to 3 % by volume, in three."""
+    """With half the Gaussian's neighbours in 2-D and, within 3 % by volume, Wendland's in 3-D."""
     of_old = lattice_stress(*BEFORE[dim], dim)
     kernel = kernels[dim]
     found = lattice_stress(kernel, usual_length(kernel, dim), dim)
-    # those at three spacings, thirty in three dimensions, are within 3.025 and not within 3
+    # the thirty neighbours at three spacings in 3-D are within 3.025 spacings, but not within 3
     assert found.neighbours <= neighbours[dim]
     assert SUPPORT[type(kernel)][dim] ** dim < {2: 0.55 * 4.2**2, 3: 1.03 * 3.0**3}[dim]
     assert max(found.strained / of_old.strained, found.distorted / of_old.distorted) < {2: 0.3, 3: 0.1}[dim]
@@ -172,7 +172,7 @@ def test_the_polynomial_is_the_least_stress_of_all_stable_ones_to_three_decimals
 
 
 def test_only_the_polynomial_leaves_a_lattice_stable():
-    """Stiffness s makes transverse waves grow at the rate sqrt(-2 s g d)/dx; 1e-6 of it passes for zero."""
+    """A stiffness s makes transverse waves grow at the rate sqrt(-2 s g d)/dx; 1e-6 of it counts as zero."""
     for dim in (2, 3):
         for kernels, stable in ((POLYNOMIAL, True), (SEMICIRCLE, False)):
             kernel = kernels[dim]
@@ -182,9 +182,8 @@ def test_only_the_polynomial_leaves_a_lattice_stable():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_second_row_under_a_surface_is_soft_by_what_the_first_is_stiff(dim):
-    """Pairs across the surface, of a row and of the mirror image of another, would cancel both; what is left
-    is the lattice's own stiffness, which grows with the depth.
-    """
+    """Pairs across the surface, of a row and of the mirror image of another row, would cancel both. The
+    remainder is the lattice's own stiffness, which grows with the depth."""
     kernel = POLYNOMIAL[dim]
     first, second, *deep = surface_stiffness(kernel, usual_length(kernel, dim), dim)
     assert first > 0.1 and second < -0.1
@@ -193,7 +192,7 @@ def test_the_second_row_under_a_surface_is_soft_by_what_the_first_is_stiff(dim):
     assert first + second == pytest.approx(0.0, abs=own)
 
 
-# Furthest corners of the first zones of square, cubic, triangular and body-centred lattices, in pi a spacing.
+# Furthest corners of the first zones of square, cubic, triangular and body-centred lattices, in pi/spacing.
 CORNERS = [
     ("cubic", 2, 2**0.5),
     ("cubic", 3, 3**0.5),
@@ -204,7 +203,7 @@ CORNERS = [
 
 @pytest.mark.parametrize(("lattice", "dim", "corner"), CORNERS)
 def test_wavenumbers_are_half_of_the_first_zone(lattice, dim, corner):
-    """A zone holds (2 pi)^D; the share of the points on its faces is that of a step in its width, D times."""
+    """A zone has the volume (2 pi)^D; the points on its faces widen it by up to a step in each direction."""
     waves = shear_waves(lattice, dim)
     steps = {2: 48, 3: 20}[dim]
     assert np.linalg.norm(waves, axis=1).max() == pytest.approx(corner * np.pi, rel=1e-9)
@@ -212,7 +211,7 @@ def test_wavenumbers_are_half_of_the_first_zone(lattice, dim, corner):
 
 
 def test_stiffness_is_the_force_on_a_wave_of_displacements():
-    """Sums over a periodic lattice give the same force, moved a thousandth of a spacing across the wave."""
+    """The pair sum over a periodic lattice, displaced by a wave of 0.001 spacings, gives the same force."""
     n, p = 12, POLYNOMIAL[2]
     h = usual_length(p, 2)
     k = 2.0 * np.pi / n * np.array([2.0, 3.0])
@@ -224,11 +223,11 @@ def test_stiffness_is_the_force_on_a_wave_of_displacements():
         r -= n * np.round(r / n)
         r2 = np.sum(r**2, axis=-1)
         F = np.where(r2 < SUPPORT[Polynomial][2] ** 2, np.asarray(p.slope(jnp.asarray(r2), h, 2)), 0.0)
-        force = np.einsum("ij,ija->ia", F, r)  # sum_j V grad W: twice the pressure over the density short
+        force = np.einsum("ij,ija->ia", F, r)  # sum of V grad W, without 2 p / rho
         of_wave = 2.0 * np.mean(force * np.cos(x @ k)[:, None], axis=0) @ across / 1e-3
         points = lattice_points("cubic", 2, SUPPORT[Polynomial][2])
         found = shear_stiffness(p, h, points, k[None])[0]
-        # displacements of a thousandth: the next term of the force is some 1e-5 of the first
+        # with displacements of a thousandth, the next term of the force is about 1e-5 of the first
         assert across @ found @ across == pytest.approx(of_wave, rel=1e-3)
 
 

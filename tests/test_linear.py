@@ -1,4 +1,4 @@
-"""Linear theory of the OWC against an independent table, its identities, and limits known otherwise."""
+"""Linear theory of the OWC, compared with an independent table, with identities and with known limits."""
 
 import csv
 import itertools
@@ -49,7 +49,7 @@ def water():
 
 
 def _open_level(water):
-    """Amplitude of the mean elevation in an open chamber over the incident one (-)."""
+    """Ratio of the mean elevation's amplitude in an open chamber to the incident amplitude (-)."""
     return abs(water.q_S) / (water.omega * water.geometry.length)
 
 
@@ -98,7 +98,7 @@ def test_thick_wall(Kh, q_R):
 def test_thick_wall_becomes_thin(Kh):
     thin = _solved(1.0, 0.5, 0.25, 0.0, Kh).q_R
     gaps = [abs(_solved(1.0, 0.5, 0.25, t, Kh).q_R - thin) / abs(thin) for t in (0.02, 0.01, 0.005)]
-    # The lengthened way under the wall changes q_R as t log(1/t): halving t divides that by 1.6 to 1.9.
+    # The longer path under the wall changes q_R as t log(1/t): halving t divides the change by 1.6 to 1.9.
     assert gaps[0] < 0.1
     assert all(1.6 < wide / narrow < 2.0 for wide, narrow in itertools.pairwise(gaps))
 
@@ -123,14 +123,14 @@ def test_identities(numbers):
     w = _solved(*_draw(numbers))
     h, K = w.geometry.depth, w.omega**2 / w.g
     assert w.omega**2 == pytest.approx(w.g * w.k * np.tanh(w.k * h), rel=1e-13)  # roundings
-    # Both hold for any truncation, to the rounding of a linear system: its condition is up to 1e4 at the
-    # small ends of the ranges (5e-13 was the most of 700 draws).
+    # Both identities hold for any truncation, to the rounding of a linear system, whose condition is up to
+    # 1e4 at the small ends of the ranges (the largest of 700 draws was 5e-13).
     assert abs(w.R) == pytest.approx(1.0, abs=1e-11)
-    # q_S of unit coefficient of psi_0, from that of unit elevation.
+    # q_S for a unit coefficient of psi_0, from q_S for a unit elevation.
     kh = w.k * h
     psi_0 = np.cosh(kh) / np.sqrt(0.5 * (1.0 + np.sinh(2.0 * kh) / (2.0 * kh)))
     q_S = abs(w.q_S) * w.omega * psi_0 / w.g
-    # Im q_R loses digits beside a larger real part: 1.1e-11 of it was the most that was met.
+    # Im q_R loses digits next to a larger real part; the largest error met was 1.1e-11 of that part.
     damping = q_S**2 / (4.0 * K * w.k * h)
     assert w.q_R.imag == pytest.approx(damping, rel=1e-9, abs=5e-11 * abs(w.q_R))
     assert damping == pytest.approx(abs(w.q_S) ** 2 / (4.0 * w.omega * w.group_velocity), rel=1e-12)
@@ -141,30 +141,30 @@ def test_identities(numbers):
 def test_converged(numbers):
     w = _solved(*_draw(numbers))
     finer = _solve(w.geometry, w.omega, w.g, _FUNCTIONS + 8)
-    # The thinnest walls (a hundredth of the depth) are worst: 6e-6 was the most of 175 draws. q_S may be
-    # near zero, where the waves do not reach under the wall: then against a thousandth of long waves' flow.
+    # The thinnest walls (a hundredth of the depth) are worst: the largest of 175 draws was 6e-6. If waves do
+    # not reach under the wall, q_S is near zero and is compared with a thousandth of a long wave's flow.
     assert abs(w.q_R - finer.q_R) < 2e-5 * abs(finer.q_R)
     assert abs(w.q_S - finer.q_S) < 2e-5 * (abs(finer.q_S) + w.omega * w.geometry.length * 1e-3)
 
 
 def test_long_waves_lift_the_water_in_step():
     w = _solved(0.42, 0.13, 0.16, 0.02, 1e-5)
-    # The level follows that at a wall, twice the incident one; mu -> 1. The next terms are of order
+    # The level follows the level at a wall, twice the incident one, and mu -> 1. The next terms are of order
     # kh = 3e-3 and its square.
     assert _open_level(w) == pytest.approx(2.0, rel=1e-4)
     assert w.mu == pytest.approx(1.0, rel=1e-3)
-    # In step with it: at t = 0 the crest is at the wall, and the flow i omega b is a quarter ahead.
+    # In phase: at t = 0 the crest is at the wall, and the flow i omega b is a quarter period ahead.
     level = 1j * w.q_S / (w.omega * w.geometry.length)
     assert abs(np.angle(level)) < 0.01
 
 
 def test_resonance_of_a_deep_draught():
-    """A column of draught a swings like a pendulum of its length, a little more for the water below."""
+    """A column of draught a swings like a pendulum of length a, plus a small length for the water below."""
     a, b, h = 0.4, 0.02, 1.0
     K = np.linspace(1.5, 2.5, 41)
     levels = [_open_level(_solved(h, b, a, 0.0, Kh)) for Kh in K]
     added = 1.0 / K[int(np.argmax(levels))] - a
-    # The added length is that of a slit's mouth, a fraction of b but for a logarithm of h / b.
+    # The added length is that of the mouth of a slit: a fraction of b, times a logarithm of h / b.
     assert 0.0 < added < 2.5 * b
     assert max(levels) > 10.0
 
@@ -174,10 +174,10 @@ def test_a_chamber_that_fits_half_a_wave_does_no_harm(t):
     kh = 2.0
     b, Kh = np.pi / kh, kh * np.tanh(kh)
     w, beside = _solved(1.0, b, 0.3, t, Kh), _solved(1.0, b * (1.0 + 1e-9), 0.3, t, Kh)
-    # cot kb is infinite. A change of 1e-9 in length, times a slope of order 10.
+    # cot kb is infinite. The bound is a change of 1e-9 in length, times a slope of order 10.
     assert w.q_R == pytest.approx(beside.q_R, abs=1e-7)
     assert abs(w.R) == pytest.approx(1.0, abs=1e-12)
-    if t == 0.0:  # what the thin wall lets through would be a standing wave without flow: rounding
+    if t == 0.0:  # a standing wave has no flow under a thin wall, except for rounding
         assert abs(w.q_S) < 1e-12
 
 
@@ -199,8 +199,8 @@ def test_extremes_warn_of_nothing(t):
 @given(geometries, st.floats(1e-3, 0.5), st.floats(0.0, 1e6))
 def test_energy_goes_into_the_turbine_or_back(numbers, H, K_dm):
     found = linear_response(_solved(*_draw(numbers)), H, K_dm)
-    # Independent of the power: the far field. Phases and sizes of q_R, q_S and R all enter; rounding as in
-    # the identities.
+    # The far field is a check that does not use the power: phases and amplitudes of q_R, q_S and R all enter.
+    # Rounding is as in the identities.
     assert found.xi == pytest.approx(1.0 - abs(found.R) ** 2, abs=1e-10)
     assert 0.0 <= found.xi <= found.eta_max + 1e-10
 
@@ -222,8 +222,8 @@ def test_damping_from_open_to_closed(water):
     assert found.xi[0] == 0.0 and found.P_a[0] == 0.0 and np.isinf(found.Lambda[0])
     assert abs(found.level[0]) == pytest.approx(0.02 * _open_level(water))
     assert np.all(np.diff(np.abs(found.q)) < 0.0) and np.all(np.diff(np.abs(found.P_a)) > 0.0)
-    # A closed chamber's pressure |q_S A / Z|, but for a share of |Z| / Lambda of some 1e-3 in quadrature
-    # and in phase.
+    # The pressure of a closed chamber is |q_S A / Z|, except for a share |Z| / Lambda of about 1e-3, in
+    # quadrature and in phase.
     assert abs(found.P_a[-1]) == pytest.approx(abs(water.q_S * 0.02 / water.Z()), rel=2e-3)
     best = linear_response(water, 0.04, found.K_dm_best[0])
     assert best.xi == pytest.approx(found.eta_max, rel=1e-12)
@@ -240,7 +240,7 @@ def test_arrays_are_the_single_answers(water):
 
 
 def test_height_and_damping_act_together(water):
-    # K_dm^2 H is all that matters to a dimensionless answer.
+    # Dimensionless results depend on K_dm^2 H only.
     a, b = linear_response(water, 0.08, 300.0), linear_response(water, 0.02, 600.0)
     assert a.xi == pytest.approx(b.xi, rel=1e-12) and abs(a.q) == pytest.approx(4.0 * abs(b.q), rel=1e-12)
 
@@ -255,7 +255,7 @@ losses = st.floats(0.0, 50.0)
 def test_energy_goes_into_the_turbine_the_lip_or_back(numbers, H, K_dm, zeta):
     found = linear_response(_solved(*_draw(numbers)), H, K_dm, lip_loss=zeta)
     share = found.P_lip / found.P_inc
-    # The far field does not know of the powers, and shares are of one incident power: roundings as above.
+    # The far field does not depend on the powers, which are shares of the incident power; rounding as above.
     assert found.xi + share + abs(found.R) ** 2 == pytest.approx(1.0, abs=1e-10)
     assert found.xi >= 0.0 and share >= 0.0 and found.xi + share <= found.eta_max + 1e-10
 
@@ -265,7 +265,7 @@ def test_no_loss_at_the_lip_changes_no_bit(water):
     plain, none = linear_response(water, H, K_dm), linear_response(water, H, K_dm, lip_loss=0.0)
     assert np.array_equal(plain.xi, none.xi) and np.array_equal(plain.q, none.q)
     assert np.all(none.P_lip == 0.0) and np.all(none.lip_loss == 0.0)
-    # the law of the turbine alone, as it has always been: r |1 + Z r| = 8/(3 pi) K_dm^2 |q_S| A
+    # the law of the turbine alone: r |1 + Z r| = 8/(3 pi) K_dm^2 |q_S| A
     r = 1.0 / none.Lambda
     drive = 8.0 / (3.0 * np.pi) * K_dm**2 * abs(water.q_S) * 0.5 * H
     np.testing.assert_allclose(r * np.abs(1.0 + water.Z() * r), drive, rtol=1e-12)
@@ -279,7 +279,7 @@ def test_the_lip_takes_what_its_quadratic_law_would(water):
     # a mean over equidistant phases of |cos|^3, whose Fourier series falls as n^-4
     assert np.mean(0.5 * rho0 * zeta * np.abs(v) ** 3) * b == pytest.approx(found.P_lip, rel=1e-8)
     assert np.mean(K_dm**2 * np.abs(v * b) ** 3) == pytest.approx(found.P_owc, rel=1e-8)
-    # the water feels both pressures, the air its own
+    # both pressures act on the water, and only the turbine's on the air
     drop = 8.0 / (3.0 * np.pi) * 0.5 * rho0 * zeta / b**2 * abs(found.q) * found.q
     assert found.q == pytest.approx(water.q_S * 0.02 - water.Z() * (found.P_a + drop), rel=1e-12)
 
@@ -287,7 +287,7 @@ def test_the_lip_takes_what_its_quadratic_law_would(water):
 def test_more_loss_at_the_lip_is_less_of_everything(water):
     zeta = np.concatenate([[0.0], np.geomspace(0.01, 1000.0, 60)])
     found = linear_response(water, 0.04, 534.66, lip_loss=zeta)
-    # The case is damped beyond its best: a lip that adds to it can only cost.
+    # The case has more than the best damping, so that an additional loss at the lip only reduces power.
     assert np.all(np.diff(found.xi) < 0.0) and np.all(np.diff(np.abs(found.q)) < 0.0)
     assert np.all(np.diff(np.abs(found.P_a)) < 0.0)
     open_chamber = linear_response(water, 0.04, 0.0, lip_loss=1.0)
@@ -299,7 +299,7 @@ def test_more_loss_at_the_lip_is_less_of_everything(water):
 def test_efficiency_never_rises_with_the_loss(numbers, H, K_dm, one, other):
     water = _solved(*_draw(numbers))
     less, more = (linear_response(water, H, K_dm, lip_loss=zeta).xi for zeta in sorted((one, other)))
-    # P_owc goes as |q|^3 at a given K_dm, and |q| falls with any resistance.
+    # P_owc is proportional to |q|^3 at a given K_dm, and any resistance reduces |q|.
     assert more <= less * (1.0 + 1e-12)
 
 
@@ -310,22 +310,22 @@ def test_built_in_case():
     found = linear_owc(OWC)
     assert found.omega == pytest.approx(2 * np.pi / 1.2) and found.T == pytest.approx(1.2)
     assert found.water.geometry == ChamberGeometry(0.42, 0.13, 0.16, 0.02)
-    # float32 arithmetic of the other side
+    # `theory` computes in float32
     assert found.P_inc == pytest.approx(float(theory.incident_power(0.04, 1.2, 0.42)), rel=1e-5)
     assert found.water.k == pytest.approx(float(theory.wavenumber(found.omega, 0.42)), rel=1e-6)
-    # What it is at the time of writing; no other source.
+    # Values when this was written; there is no other source.
     assert (found.xi, found.eta_max) == pytest.approx((0.7790, 0.7942), abs=1e-4)
     assert found.water is linear_owc(OWC.replace({"pto.K_dm": 300.0})).water  # solved once
 
 
 def test_lengths_are_those_on_the_lattice():
-    """The particles' depth is 0.44 m: theory of 0.42 m would be relative to another incident power."""
+    """The particles are 0.44 m deep; theory for 0.42 m would be relative to another incident power."""
     case = OWC.replace({"dx": 0.04, "device.wall_thickness": 0.05, "probes.pressure": None})
     assert linear_owc(case).water.geometry == ChamberGeometry(0.44, 0.13, 0.16, 0.05)
 
 
 def test_every_efficiency_is_relative_to_one_incident_power():
-    """On a depth that the lattice moves by 5 %: the device of all four absorbs just what comes in."""
+    """The lattice changes the depth by 5 %, and the device absorbs exactly the incident power."""
     case = coarse("owc")
     P = incident_power(case)
     depth = Geometry.of(case).depth
@@ -340,7 +340,7 @@ def test_every_efficiency_is_relative_to_one_incident_power():
     assert results["P_inc"] == P and results["P_owc"] == pytest.approx(P, rel=1e-9)
     assert results["xi"] == pytest.approx(1.0, rel=1e-9)
     assert mean_of_power(case, "xi")(t, all_of_it).of_power(all_of_it) == pytest.approx(1.0, rel=1e-9)
-    # theory in float64 beside float32
+    # linear theory is in float64, the case in float32
     assert linear_owc(case).P_inc == pytest.approx(P, rel=1e-5)
     assert dict(js.check(case))["incident power"] == f"{P:.4g} W per metre of width"
 
@@ -359,7 +359,7 @@ def test_incomplete_cases(changes, field):
     case = OWC.replace(changes)
     with pytest.raises(js.CaseError, match=field):
         linear_owc(case)
-    # of a turbine in waves it says why, else there is nothing to ask a theory for
+    # for a turbine in waves the check gives the reason; in other cases there is nothing to compute
     asked = case.turbines and case.waves is not None
     assert js.linear_check(case) == ([("linear theory", f"none: device.{field}")] if asked else [])
 

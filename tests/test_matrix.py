@@ -24,8 +24,11 @@ CASE = js.load_case("owc").replace({"waves": {"kind": "irregular", "Hs": 0.04, "
 
 
 def test_a_sea_of_one_wave_has_a_gaussian_turbine_of_its_own():
-    """The linearised resistance of a sine is 8/(3 pi) K^2 |q|, of a Gaussian flow 2/sqrt(pi) K^2 |q| of the
-    same amplitude: by 1.33 more damping the two are one, to rounding."""
+    """The linearised resistance is 8/(3 pi) K^2 |q| for a sine and 2/sqrt(pi) K^2 |q|, 1.33 times as much,
+    for a Gaussian flow of the same amplitude.
+
+    With K^2 reduced by this factor the results are equal, to rounding.
+    """
     a, omega = np.array([0.02 + 0j]), np.array([2.0 * np.pi / 1.2])
     ratio = np.sqrt(8.0 / (3.0 * np.pi) / (2.0 / np.sqrt(np.pi)))
     sea = linear_sea_response(CHAMBER, a, omega, 500.0 * ratio)
@@ -36,7 +39,7 @@ def test_a_sea_of_one_wave_has_a_gaussian_turbine_of_its_own():
 
 
 def test_integrated_response_of_a_sine_is_near_its_describing_function():
-    """They differ by the third harmonic of |q| q, a fifth of the first: its square at most, 1 % here."""
+    """They differ by the third harmonic of |q| q, a fifth of the first: by its square at most, 1 % here."""
     a, omega = np.array([0.02 + 0j]), np.array([2.0 * np.pi / 1.2])
     whole = integrated_sea_response(CHAMBER, a, omega, 500.0, 1.2)
     regular = linear_response(radiation_and_scattering(CHAMBER, omega[0]), 0.04, 500.0)
@@ -45,7 +48,7 @@ def test_integrated_response_of_a_sine_is_near_its_describing_function():
 
 @pytest.mark.parametrize(("K_dm", "bar"), [(150.0, 0.05), (534.66, 0.03), (1500.0, 0.05)])
 def test_stochastic_linearisation_has_the_turbine_s_mean_power(K_dm, bar):
-    """In a sea of 128 waves, at the built-in damping 2.5 %; farther off the flow is less Gaussian."""
+    """In a sea of 128 waves, to 2.5 % at the built-in damping; elsewhere the flow is less Gaussian."""
     linear = linear_sea_response(CHAMBER, *SEA, K_dm)
     whole = integrated_sea_response(CHAMBER, *SEA, K_dm, DURATION)
     assert whole.P_owc == pytest.approx(linear.P_owc, rel=bar)
@@ -53,7 +56,7 @@ def test_stochastic_linearisation_has_the_turbine_s_mean_power(K_dm, bar):
 
 
 def test_integrated_response_conserves_energy_in_the_open_and_closed_chamber():
-    """Nothing is absorbed without damping, and next to nothing by a wall."""
+    """Nothing is absorbed without damping, and almost nothing by a closed chamber."""
     assert linear_sea_response(CHAMBER, *SEA, 0.0).P_owc == 0.0
     assert linear_sea_response(CHAMBER, *SEA, 1e6).xi < 0.01
     with pytest.raises(ValueError, match="does not repeat"):
@@ -77,7 +80,7 @@ def test_linear_theory_of_a_case_s_sea():
 
 
 def a_sweep(powers, errors=0.1):
-    """A sweep of two heights, three periods and two seeds, without its runs."""
+    """A sweep over two heights, three periods and two seeds, without runs."""
     axes = {
         "waves.Hs": np.array([0.02, 0.04]),
         "waves.Tp": np.array([1.2, 1.4, 1.6]),
@@ -98,7 +101,7 @@ POWERS = np.arange(12.0).reshape(2, 3, 2)
 
 
 def test_a_cell_is_the_mean_over_its_seeds_with_their_error():
-    """Two seeds one apart: the mean's standard error is a half, larger than 0.1/sqrt(2) of the runs' own."""
+    """Two seeds differ by 1: the standard error of their mean is 0.5, more than the runs' own 0.1/sqrt(2)."""
     matrix = matrix_of(a_sweep(POWERS))
     np.testing.assert_allclose(matrix.P, POWERS.mean(axis=2))
     np.testing.assert_allclose(matrix.error, 0.5)
@@ -109,7 +112,7 @@ def test_a_cell_is_the_mean_over_its_seeds_with_their_error():
 
 
 def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
-    """Of cells, and of a state in the middle of four of them."""
+    """For cells, and for a sea state in the middle of four cells."""
     matrix = matrix_of(a_sweep(POWERS))
     (tmp_path / "a.csv").write_text("Hs (m),Tp (s),share\n0.02,1.2,0.5\n0.04,1.6,0.5\n")
     year = matrix.annual(js.ScatterTable.read(tmp_path / "a.csv"))
@@ -171,7 +174,7 @@ def test_what_makes_no_matrix_is_refused(tmp_path):
 
 
 def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
-    """Its arguments reach `power_matrix`; the year's mean and the picture come out."""
+    """Its arguments reach `power_matrix`; it prints the mean over the year and writes the picture."""
     asked = {}
 
     def power_matrix(case, Hs, Tp, out, **options):
@@ -203,7 +206,7 @@ def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
 
 
 def test_second_order_wavenumbers_are_the_theory_s():
-    """The host's double precision against the traced float32."""
+    """Double precision on the host, compared with the traced float32."""
     omega = 2.0 * np.pi / np.array([0.8, 1.4, 5.0])
     from jaxsph.waves import theory
 

@@ -17,7 +17,7 @@ BUILT = 60
 
 
 def outcome(mutation, folder):
-    """The case of a mutation, or the words in which it is refused; anything else is an error's traceback."""
+    """(case, None) for a valid mutation, (None, message) for a refused one; any other error is raised."""
     try:
         if isinstance(mutation, bytes):
             path = folder / "mutated.toml"
@@ -33,7 +33,7 @@ def outcome(mutation, folder):
 
 
 def tried(count, folder):
-    """Valid cases of so many mutations; says which one ended in anything but a case or a CaseError."""
+    """Valid cases among `count` mutations; fails if a mutation raises anything but a CaseError."""
     cases, wrong = [], []
     for number, mutation in mutations(SEED, count):
         try:
@@ -51,13 +51,13 @@ def tried(count, folder):
 
 def test_mutations_are_refused_in_words_or_valid(tmp_path):
     cases = tried(FEW, tmp_path)
-    # of value mutations more than a tenth must pass, or the sections are never seen together
+    # with fewer valid ones, combinations of sections would hardly be tested
     assert 0.1 * FEW < len(cases) < 0.9 * FEW
 
 
 @pytest.mark.slow
 def test_mutations_that_are_valid_build(tmp_path):
-    """Of the small ones: what is larger than three thousand particles differs in time only."""
+    """Only cases of up to 3000 particles; larger cases differ only in their computing time."""
     wrong, built = [], 0
     for number, case in tried(MANY, tmp_path):
         if built == BUILT:

@@ -1,4 +1,4 @@
-"""The neighbour search against brute force and against jax-md's."""
+"""The neighbour search, compared with brute force and with the search of jax-md."""
 
 import functools
 import sys
@@ -49,7 +49,7 @@ def _find(targets, sources, grid, capacity, sees=None, kind=None, same=False):
 
 
 def _matrix(table, sources):
-    """[N, M] of how often each source is listed."""
+    """Number of times that each source is in the list of each target, `[N, M]`."""
     indices = np.asarray(table.indices)
     count = np.zeros((indices.shape[1], sources + 1), int)
     np.add.at(count, (np.broadcast_to(np.arange(indices.shape[1]), indices.shape), indices), 1)
@@ -73,7 +73,7 @@ def _assert_same(table, targets, sources, radius, may=True, same=False):
 @settings(max_examples=60, deadline=None)
 @given(**CLOUDS)
 def test_table_is_brute_force(dim, seed, spread, shift):
-    """Anywhere: negative coordinates, all in one cell, or outside the grid's box."""
+    """For any positions: negative coordinates, all in one cell, or outside the grid's box."""
     rng = np.random.default_rng(seed)
     targets = shift + spread * rng.normal(size=(N, dim))
     sources = np.concatenate([targets, shift + spread * rng.normal(size=(M - N, dim))])
@@ -89,7 +89,7 @@ LOW = -0.6
 @settings(max_examples=25, deadline=None)
 @given(dim=st.sampled_from([2, 3]), which=st.integers(0, 2), seed=st.integers(0, 2**32 - 1))
 def test_periodic_table_is_brute_force_with_nearest_images(dim, which, seed):
-    """Up to a place on the very end of the period, and outside the box along the other axes."""
+    """Also for positions exactly at an end of the period, and outside the box along the other axes."""
     period = PERIODS[dim][which % len(PERIODS[dim])]
     rng = np.random.default_rng(seed)
     length = np.array([dict(period).get(axis, 2.0) for axis in range(dim)])
@@ -112,9 +112,10 @@ def test_periodic_table_is_brute_force_with_nearest_images(dim, which, seed):
 @settings(max_examples=60, deadline=None)
 @given(x=st.floats(-1.25, 2.25, width=32, allow_subnormal=False), carry=st.sampled_from([-1e-8, 0.0, 1e-8]))
 def test_wrapping_moves_by_the_period_exactly(x, carry):
-    """What float32 cannot hold of the sum is in the carry: within its own rounding, 1e-7 of 1e-7.
+    """The carry has the part of the sum that float32 cannot hold, within its own rounding, 1e-7 of 1e-7.
 
-    Places below 1e-38 m are flushed to zero."""
+    Positions below 1e-38 m are flushed to zero.
+    """
     length, low = np.float32(1.7), np.float32(-0.6)
     place = jnp.full((1, 2), x, jnp.float32)
     new, rest = wrap(place, jnp.full((1, 2), carry, jnp.float32), (-0.6, -0.6), ((0, 1.7),))
@@ -132,7 +133,7 @@ def test_short_period_is_refused():
 
 @functools.cache
 def _sums_at_points(dim, period):
-    """Sums over the water at all points, at those beside it, and their number where places are too few."""
+    """Sums over the water at all points, at the points near it, and their number if the capacity is small."""
     grid = grid_over(np.zeros(dim), BOX[:dim], 0.12, period)
     smoothing = Smoothing(WendlandC2(), jnp.float32(0.06), period)
 
@@ -157,7 +158,7 @@ BOX = np.array([2.0, 1.0, 1.0])
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from([(2, ()), (2, ((1, 1.0),)), (3, ())]))
 def test_points_away_from_the_water_are_left_out_without_loss(seed, kind):
-    """The same sums as with all points, at points in a tank of which the water fills a part."""
+    """The sums are those with all points, for points in a tank that the water fills only in part."""
     dim, period = kind
     random = np.random.default_rng(seed)
     points = random.uniform(0.0 if period else -0.1, 1.0, (200, dim)) * BOX[:dim]
@@ -185,7 +186,7 @@ def test_table_is_jax_md_s():
     from jax_md import partition, space
 
     rng = np.random.default_rng(0)
-    x = jnp.asarray(rng.uniform(0.1, 3.9, size=(400, 2)), jnp.float32)  # jax-md wants positive places
+    x = jnp.asarray(rng.uniform(0.1, 3.9, size=(400, 2)), jnp.float32)  # jax-md needs positive coordinates
     displacement, _ = space.free()
     neighbor_fn = partition.neighbor_list(displacement, 4.0, RADIUS, dr_threshold=0.0)
     theirs = np.asarray(neighbor_fn.allocate(x).idx)
@@ -194,7 +195,7 @@ def test_table_is_jax_md_s():
     table = _find(x, x, grid_over(np.zeros(2), np.full(2, 4.0), RADIUS), 64, same=True)
     r = np.linalg.norm(np.asarray(x)[:, None] - np.asarray(x)[None], axis=-1)
     clear = np.abs(r / RADIUS - 1.0) > 1e-5  # rounding, as above
-    np.fill_diagonal(clear, False)  # theirs lists nobody as his own neighbour, or drops it later
+    np.fill_diagonal(clear, False)  # jax-md lists no particle as its own neighbour, or drops it later
     np.testing.assert_array_equal(_matrix(table, 400)[clear], listed[:, :-1][clear])
     assert listed[:, :-1][clear].sum() > 400
 
@@ -204,12 +205,12 @@ def test_overflow_is_flagged_and_says_how_much():
     short, enough = (_find(x, x, GRIDS[2], capacity, same=True) for capacity in (28, 29))
     assert short.overflow and int(short.most) == 29
     assert not enough.overflow and needed_capacity(29) >= 29
-    # What fits is still sound: filled with true neighbours, each once.
+    # The slots that there are hold true neighbours, each of them once.
     assert np.all(np.asarray(short.indices) < 30) and _matrix(short, 30).max() == 1
 
 
 def test_slots_of_ten_million_targets_are_indexed_without_overflow():
-    """Abstractly: no index that is made of a slot and a target is larger than int32 holds."""
+    """Traced only: no index computed from a slot and a target is too large for int32."""
 
     def write(slot, source):
         rows, put = cells._slots(251, 10_000_000)
@@ -270,12 +271,12 @@ def test_grid_covers_its_box(radius):
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), dim=st.sampled_from([2, 3]), same=st.booleans())
 def test_jax_md_s_table_is_the_default_s(seed, dim, same):
-    """Masks and targets that are no sources included; slots in the order of the sources' indices."""
+    """With masks, and with targets that are not sources; slots are in the order of the sources' indices."""
     rng = np.random.default_rng(seed)
     sources = rng.uniform(-1, 1, (M, dim))
     targets = sources[:N] if same else rng.uniform(-1, 1, (N, dim))
     sees, kind = rng.integers(1, 4, N).astype(np.int32), (1 << rng.integers(0, 2, M)).astype(np.int32)
-    # room for all: cells are then of one size, and compiled once for each dimension
+    # capacity for all: cells then have one size, and are compiled once for each dimension
     method = JaxMD.of(GRIDS[dim], *np.zeros((2, 20, dim)))
     targets, sources = jnp.asarray(targets, jnp.float32), jnp.asarray(sources, jnp.float32)
     found = table_(method, targets, sources, M, sees, kind, same)
@@ -293,7 +294,7 @@ table_ = jax.jit(lambda method, *a: method.table(*a), static_argnums=(3, 6))
 
 
 def test_jax_md_s_overflows_are_flagged():
-    """Of the table, and of a cell: more of both is what both want."""
+    """Overflows of the table and of a cell; with a larger capacity neither overflows."""
     x = jnp.asarray(0.05 * np.random.default_rng(1).normal(size=(30, 2)), jnp.float32)
     every = jnp.ones(30, jnp.int32)
     method = JaxMD.of(GRIDS[2], x, x)
@@ -321,7 +322,7 @@ def test_a_missing_jax_md_names_the_extra(monkeypatch):
 
 
 def test_a_tank_at_rest_is_the_default_s():
-    """Ten steps: pressures within the order of summation, which float32 rounds to 1e-7 of each term."""
+    """Ten steps: pressures differ by the order of summation only, 1e-7 of each term in float32."""
     found = []
     for name in ("cells", "jax_md"):
         case = coarse("hydrostatic", {"search": name})
@@ -335,12 +336,13 @@ def test_a_tank_at_rest_is_the_default_s():
 
 @pytest.mark.slow
 def test_a_wave_in_the_owc_is_the_default_s():
-    """A wave through the coarse OWC: to 1e-4 of the wave for 0.4 s, and then as far as round-off lets.
+    """A wave through the coarse OWC: equal to 1e-4 of the wave for 0.4 s, and later as far as round-off
+    allows.
 
-    Single particles part exponentially from what the order of summation leaves. The later bounds are what a
-    random shift of all positions by 1e-7 m does to the default's own readings (four seeds, the largest):
-    elevation 1.0e-4, chamber level 2.7e-4, P_a 4.0e-4, flow 1.2e-2, point pressures 6.0e-2. Measured here:
-    6.9e-5, 2.0e-4, 2.1e-4, 6.1e-3, 2.6e-2.
+    Another order of summation makes the paths of particles diverge exponentially. The later bounds are the
+    changes of the default's own readings after a random shift of all positions by 1e-7 m (the largest of four
+    seeds): elevation 1.0e-4, chamber level 2.7e-4, P_a 4.0e-4, flow 1.2e-2, point pressures 6.0e-2. Measured
+    here: 6.9e-5, 2.0e-4, 2.1e-4, 6.1e-3, 2.6e-2.
     """
     found = []
     for name in ("cells", "jax_md"):

@@ -1,4 +1,4 @@
-"""The noise of the particles: none in a linear flow, the plain fit's in any other, its derivatives."""
+"""Noise of the particles: zero in a linear flow, otherwise equal to that of a plain fit; its derivatives."""
 
 import equinox as eqx
 import jax
@@ -32,7 +32,7 @@ def tank(request):
 
 
 def without(state, gone):
-    """The state with particles that have lost their mass, as over an open rim, and fly about."""
+    """The state in which the particles `gone` have no mass, as beyond an open rim, and move fast."""
     p = state.particles
     u = jnp.where(gone[:, None], 100.0, p.u)
     return eqx.tree_at(lambda s: (s.particles.m, s.particles.u), state, (jnp.where(gone, 0.0, p.m), u))
@@ -53,20 +53,20 @@ def test_linear_flow_has_no_noise(tank, seed, offset, share, gone):
     u = x @ rng.normal(size=(x.shape[1],) * 2) + offset
     moved = without(with_velocity(moved, u), rng.random(len(x)) < gone)
     readings, *_ = read(model, moved)
-    # Every component is rounded by up to half of EPS, the particle's own and what the fit makes of those of
-    # its neighbours; sums of differences to its velocity round by less. 0.3 EPS is the worst of 300 flows.
+    # The velocities of the particle and of the neighbours in its fit are rounded by up to half of EPS; sums
+    # of differences to the particle's velocity are rounded less. The worst of 300 flows had 0.3 EPS.
     assert float(readings["noise"]) < 2 * EPS * np.abs(u).max()
     assert float(readings["rms_speed"]) <= 1.01 * np.sqrt(np.sum(u**2, axis=1)).max()
 
 
 def plain_deviation(x, u, dx):
-    """Velocities less the fits over neighbours within `REACH` dx, by one dense least-squares each."""
+    """Velocities minus fits over neighbours within `REACH` dx, each by one dense least-squares solution."""
     found = []
     for here, own in zip(x, u, strict=True):
         r = (x - here) / dx
         r2 = np.sum(r**2, axis=1)
         near = r2 < REACH**2
-        root = np.exp(-0.5 * r2[near] / WIDTH**2)[:, None]  # of the weight
+        root = np.exp(-0.5 * r2[near] / WIDTH**2)[:, None]  # root of the weight
         terms = np.column_stack([np.ones(near.sum()), r[near]])
         fit = np.linalg.lstsq(root * terms, root * u[near], rcond=None)[0]
         found.append(own - fit[0])
@@ -74,7 +74,7 @@ def plain_deviation(x, u, dx):
 
 
 def test_noise_is_the_plain_fit_s(tank):
-    """Random velocities on a lattice, which is shaken a little: at exactly 3 dx rounding would decide."""
+    """Random velocities on a slightly disturbed lattice; otherwise rounding would decide at 3 dx exactly."""
     model, state = tank
     rng = np.random.default_rng(4)
     moved = shaken(state, float(model.dx), rng, 0.01)
@@ -86,12 +86,12 @@ def test_noise_is_the_plain_fit_s(tank):
     # float32 sums over up to a hundred neighbours, times inverse covariances of a few at the surface
     assert float(readings["noise"]) == pytest.approx(rms, rel=1e-5)
     assert float(readings["rms_speed"]) == pytest.approx(speed, rel=1e-5)
-    # of random velocities a fit over n neighbours follows a few n-ths: most of them is noise
+    # a fit over n neighbours follows a few n-ths of random velocities: most of their size is noise
     assert 0.7 * s < rms / np.sqrt(p.x.shape[1]) < s
 
 
 def test_particles_without_neighbours_take_no_part(tank):
-    """Two of them are left, far from each other or side by side: on a line, where a fit has no slope."""
+    """Two particles remain, far apart or side by side; along a line a fit has no slope."""
     model, state = tank
     u = np.random.default_rng(1).normal(size=state.particles.x.shape)
     index = np.arange(len(u))
@@ -104,7 +104,7 @@ def test_particles_without_neighbours_take_no_part(tank):
 
 
 def test_water_at_rest_has_finite_derivatives(hydrostatic):
-    """The noise is a norm, whose slope at nothing is taken as zero."""
+    """The noise is a norm, whose slope at zero is defined as zero."""
     _, model, state = hydrostatic
     _, state, tables = read(model, with_velocity(state, 0.0))
 
@@ -115,6 +115,6 @@ def test_water_at_rest_has_finite_derivatives(hydrostatic):
     still, slope = found(state.particles.u)
     assert float(still) == 0.0 and np.all(np.asarray(slope) == 0.0)
     u = jnp.asarray(np.random.default_rng(2).normal(size=state.particles.u.shape), jnp.float32)
-    # it is homogeneous in the velocities (Euler): the slope along them is the noise itself
+    # the noise is homogeneous in the velocities, so that its slope along them is the noise itself (Euler)
     value, slope = found(u)
     assert float(jnp.sum(slope * u)) == pytest.approx(float(value), rel=1e-5)

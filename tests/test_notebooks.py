@@ -14,7 +14,7 @@ NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 
 
 def lanes(path):
-    """A notebook, in the slow lane except for the first, which shows that they run."""
+    """A notebook as a parameter; all but the first are in the slow lane."""
     return pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem > "02"))
 
 

@@ -15,7 +15,7 @@ TABLE = ScatterTable(np.array([0.03, 0.04, 0.05]), np.array([1.3, 1.4, 1.4]), np
 
 
 class _Parabola(AbstractMethod):
-    """Power Hs^2 K exp(-K / 300), with a slope that is its own and an error of a hundredth."""
+    """Power Hs^2 K exp(-K / 300), with its exact slope and a small error."""
 
     seen: list
 
@@ -36,7 +36,7 @@ def case():
 def test_the_year_s_slope_is_the_weighted_one_of_its_seas(case):
     seen = []
     found = js.OverSeas(TABLE, _Parabola(seen)).derivative(case, "pto.K_dm", "P_owc", False)
-    assert seen == [(0.03, 1.3), (0.04, 1.4)]  # none for a sea that never comes
+    assert seen == [(0.03, 1.3), (0.04, 1.4)]  # no run for a sea with a share of 0
     seas = (case.replace({"waves.Hs": H}) for H in (0.03, 0.04))
     each = [_Parabola([]).derivative(sea, "pto.K_dm", "P_owc", False) for sea in seas]
     assert found.value == pytest.approx(0.25 * each[0].value + 0.75 * each[1].value)
@@ -50,7 +50,7 @@ def test_a_search_over_a_year_ends_where_the_mean_power_is_largest(case, tmp_pat
     found = js.maximise(
         start, {"pto.K_dm": (50.0, 2000.0)}, tmp_path / "year.h5", "P_owc", way, progress=False
     )
-    # K exp(-K / 300) is largest at 300 and flat there: within 1 % of it over a fifth around
+    # K exp(-K / 300) is largest at 300 and flat there: a fifth away it is 2 % lower
     assert found.case.pto.K_dm == pytest.approx(300.0, rel=0.2)
 
 
@@ -58,7 +58,7 @@ def test_every_sea_has_a_file_of_its_own():
     way = js.OverSeas(TABLE, js.Ensemble(members=5)).kept(Path("a/00_pto.K_dm.h5"))
     assert way._of_sea(1).out == Path("a/00_pto.K_dm_sea01.h5")
     assert js.OverSeas(TABLE)._of_sea(1).out is None
-    assert way.kept(Path("b.h5")).out == way.out  # the first path stays
+    assert way.kept(Path("b.h5")).out == way.out  # the path given first stays
 
 
 def test_what_has_no_meaning_over_a_year_is_refused(case):

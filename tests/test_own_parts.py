@@ -1,4 +1,4 @@
-"""Parts of a user's own, each in one file of at most 40 lines, from the command line."""
+"""User-defined parts, each in one file of at most 40 lines, run from the command line."""
 
 import importlib
 import os
@@ -32,7 +32,7 @@ PARTS = {
     "own_force:shaken": ("amplitude", "energy_hyperviscosity", 0.2),
     "own_scheme:tait": ("c0", "squeezed", 0.1),
 }
-"""An argument of each part, a result over which it has a slope, and the end of the shortest run, s."""
+"""For each part: an argument, a result with a slope with respect to it, and the end of a short run, s."""
 
 
 def _command(*arguments, code=0):
@@ -44,7 +44,7 @@ def _command(*arguments, code=0):
 @pytest.mark.slow
 @pytest.mark.parametrize("part", PARTS)
 def test_a_part_is_run_killed_resumed_swept_and_differentiated(part, tmp_path):
-    """Its file is copied, as another user would have it; the resumed run is the whole one to the bit."""
+    """Its file is copied to a user's folder; the resumed run equals the whole run bit for bit."""
     key, of, t1 = PARTS[part]
     name, function = part.split(":")
     own = shutil.copy(EXAMPLES / f"{name}.py", tmp_path)
@@ -79,7 +79,7 @@ def test_a_part_is_run_killed_resumed_swept_and_differentiated(part, tmp_path):
 def _sloshing(t, x, amplitude, omega, length, depth):
     """Elevation (m) at x (m) in a tank that is shaken from rest by amplitude sin(omega t) (m/s2).
 
-    Linear theory of inviscid water: a sum of the odd modes, each an oscillator under its share of the force.
+    Linear theory of inviscid water: the sum of the odd modes, oscillators driven by their share of the force.
     """
     eta = np.zeros_like(t)
     for n in range(1, 41, 2):
@@ -96,10 +96,10 @@ def _sloshing(t, x, amplitude, omega, length, depth):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["incompressible", "weakly_compressible"])
 def test_water_in_a_shaken_tank_sloshes_as_in_linear_theory(kind, monkeypatch):
-    """To 12 % (RMS) of waves of up to one and a half spacings, whose steepness theory leaves out.
+    """To 12 % (RMS) for waves of up to one and a half spacings, whose steepness the theory neglects.
 
-    With a third of the force and half the spacing they are 4 % off, with the one 6 %. What the force gives is
-    in the water, to 1e-4 of the kinetic energy, and to 1 % with sound in it.
+    The waves are 4 % off with a third of the force and half the spacing, and 6 % with one of these changes.
+    The energy from the force is in the water, to 1e-4 of the kinetic energy, or to 1 % with sound.
     """
     monkeypatch.syspath_prepend(EXAMPLES)
     shaken = importlib.import_module("own_force").shaken
@@ -122,7 +122,7 @@ def tank():
 
 
 def test_parts_of_a_problem_are_changed_whole(tank):
-    """The ledger, the state and the probes are those of the new parts, the case's own probes stay."""
+    """Ledger, state and probes belong to the new parts, and the case's own probes stay."""
     sponge = js.Sponge(0.5, 1.0, 5.0)
     changed = tank.with_parts(dampers=[sponge], t1=0.25)
     assert changed.model.dampers == (sponge,) and not tank.model.dampers
@@ -133,7 +133,7 @@ def test_parts_of_a_problem_are_changed_whole(tank):
 
 
 def test_parts_that_do_not_fit_are_refused(tank):
-    """By name, or by what they have in common, or because the time step is too long for them."""
+    """Because of an unknown name, a name that two parts share, or a time step that is too long."""
     sponge = js.Sponge(0.5, 1.0, 5.0)
     with pytest.raises(CaseError, match="damper: is not a field of the model, which has scheme, walls"):
         tank.with_parts(damper=[sponge])

@@ -1,4 +1,4 @@
-"""Files of studies: nothing of another study is taken over, one writes at a time, damage is told."""
+"""Files of studies: files of another study are refused, one study writes at a time, damage is reported."""
 
 import os
 import signal
@@ -38,7 +38,7 @@ FOUR = js.Ensemble(members=4)
 
 
 class Study(NamedTuple):
-    """A study that keeps files: how it is run, its first member's place beside `out`, and its case."""
+    """A study that stores files: how it is run, the folder of its members beside `out`, and its case."""
 
     run: Callable
     member: str
@@ -83,7 +83,7 @@ STUDIES = {
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Members that are not run; returns the cases, and what to call while a member runs."""
+    """Stand-ins for members; returns the list of cases run, and the list of calls to make meanwhile."""
     ran, meanwhile = [], []
 
     def member(case, stem):
@@ -99,7 +99,7 @@ def quick(monkeypatch):
 
 
 def ended_member(path, case):
-    """File of a run of the case, made by hand, that has ended with results."""
+    """Writes the file of a run of the case that has ended with results, without running it."""
     run = RunFile.create(path, case.to_toml(), {}, {})
     run.append({"time": np.arange(3.0)}, {}, None, {"x": np.zeros(2)}, {})
     run.finish({"xi": 0.1, "P_owc": 0.1})
@@ -125,14 +125,14 @@ def test_the_refusal_names_the_folder_and_the_keys_that_differ(tmp_path, quick):
     words = rf"fluid.rho0 \(900.0 there, 1000.0 here\), g \(2.0 there, 3.0 here\).*remove {folder}"
     with pytest.raises(FileError, match=words):
         js.sweep(STILL, {"g": [1.0, 3.0]}, tmp_path / "s.h5", progress=False)
-    (folder / "0001.h5").rename(folder / "0007.h5")  # of a sweep with more members
+    (folder / "0001.h5").rename(folder / "0007.h5")  # as in a sweep with more members
     with pytest.raises(FileError, match="0007.h5: is a member of another sweep"):
         js.sweep(STILL, {"g": [1.0, 3.0]}, tmp_path / "s.h5", progress=False)
     assert not quick[0]
 
 
 def test_a_batch_and_a_worker_refuse_a_member_of_another_sweep(tmp_path):
-    """A worker on another machine looks again, for it may have been lost and come back."""
+    """A worker on another machine checks again, because it may have been lost and come back."""
     stored = ended_member(tmp_path / "s.h5.members" / "0000.h5", STILL.replace({"g": 2.0}))
     with pytest.raises(FileError, match=r"g \(2.0 there, 1.0 here\)"):
         js.sweep(STILL, {"g": [1.0]}, tmp_path / "s.h5", batch=2, progress=False)
@@ -168,7 +168,7 @@ def test_a_search_goes_on_with_its_own_result_and_method_only(first, second, nam
     with pytest.raises(FileError, match=f"nothing was changed.*{named}"):
         js.maximise(SEA, BOUNDS, out, evaluations=1, progress=False, **second)
     assert out.read_bytes() == before and len(ran) == count
-    # number of workers and files decide no number
+    # the number of workers and the files do not affect the results
     method = first["method"]
     if isinstance(method, js.Ensemble):
         js.maximise(SEA, BOUNDS, out, "P_owc", js.Ensemble(members=4, workers=2), evaluations=1)
@@ -271,16 +271,16 @@ def test_the_command_refuses_what_makes_no_study_before_anything_runs(options, t
 
 
 def test_a_matrix_in_a_tank_with_a_width_leaves_out_what_its_runs_do_not_have():
-    """Such runs have a mean power, no efficiency and no error of their own."""
+    """Such runs have a mean power, but no efficiency and no error."""
     axes = {"waves.Hs": np.array([0.04]), "waves.Tp": np.array([1.4]), "waves.seed": np.arange(2)}
     powers = np.array([[[1.0, 3.0]]])
     wide = js.load_case("flap_3d").replace({"waves": SEA.waves.model_dump(exclude_none=True), "t1": 60.0})
     matrix = matrix_of(js.Sweep(wide, axes, {"P_pto": powers, "P_inc": powers}, {}, {}))
     assert matrix.P[0, 0] == 2.0 and np.isnan(matrix.xi).all()
-    assert matrix.error[0, 0] == 1.0  # of a mean of two values two apart
+    assert matrix.error[0, 0] == 1.0  # error of the mean of 1 and 3
     one = {name: values[..., :1] for name, values in {"P_pto": powers, "P_inc": powers}.items()}
     alone = matrix_of(js.Sweep(wide, axes | {"waves.seed": np.arange(1)}, one, {}, {}))
-    assert alone.P[0, 0] == 1.0 and np.isnan(alone.error[0, 0])  # not known, and not zero
+    assert alone.P[0, 0] == 1.0 and np.isnan(alone.error[0, 0])  # unknown, not zero
     assert alone.annual(TABLE).value == 1.0
 
 
@@ -299,7 +299,7 @@ def test_an_ensemble_whose_members_lack_the_result_says_so(monkeypatch):
 
 
 def test_a_damaged_file_of_a_sweep_gives_the_numbers_written_or_an_error(tmp_path):
-    """Bits flipped anywhere; what HDF5 left unused may differ without harm."""
+    """One bit is flipped anywhere; bytes that HDF5 does not use may differ without harm."""
     path = tmp_path / "s.h5"
     t = 0.1 * np.arange(50)
     one = {"results": {"xi": 0.5, "P_owc": 1.5}, "series": {"time": t, "P_a": np.sin(t)}, "failure": ""}

@@ -29,7 +29,7 @@ def _around(shape, sides=("walls", "floor")):
 
 
 def _cut(shape):
-    """Water on the lattice, as it is before the packing."""
+    """Water on the lattice, before the packing."""
     x, _ = lattice((0.0, 0.0), (0.8, LEVEL), DX)
     return x[outside_body(_away(shape, x) / DX)]
 
@@ -39,7 +39,7 @@ def _away(shape, x):
 
 
 def _unevenness(x, volume, walls, shape):
-    """Sum of V W less 1 beside the shape, with the scheme's own kernel, where the surface does not cut it."""
+    """Sum of V W minus 1 near the shape and below the surface's reach, with a Gaussian of 1.2 spacings."""
     deep = (x[:, 1] < LEVEL - 4.2 * DX) & (_away(shape, x) < 4 * DX)
     every = np.concatenate([x, np.asarray(walls.x)]) / DX
     V = np.concatenate([volume, np.asarray(walls.volume)]) / DX**2
@@ -50,7 +50,7 @@ def _unevenness(x, volume, walls, shape):
 
 @pytest.mark.parametrize("shape", [TILTED, HALF_IN], ids=["tilted", "disc"])
 def test_water_is_even_around_a_solid(shape):
-    """The lattice that the surface cuts is off by a few per cent, and packed by a few thousandths."""
+    """The sum is off by a few per cent on the cut lattice, and by a few thousandths after the packing."""
     walls, x, volume = _around(shape)
     before = _cut(shape)
     assert x.shape == before.shape
@@ -70,23 +70,23 @@ def test_surface_and_far_water_stay():
     far = _away(HALF_IN, before) >= 6 * DX
     np.testing.assert_array_equal(x[far], before[far])
     np.testing.assert_array_equal(volume[far], DX**2)
-    # the row at the surface is a half spacing below it, give or take what the disc leaves over in a row
+    # the top row is half a spacing below the surface, up to what the disc leaves over in a row
     row = ~far & (before[:, 1] > LEVEL - DX)
     assert np.abs(x[row, 1] - before[row, 1]).max() < 0.25 * DX
-    # whole particles fill the space to half of one on either side
+    # whole particles fill the space, to half a particle
     section = 0.5 * np.pi * HALF_IN.radius**2
     assert volume.sum() == pytest.approx(0.8 * LEVEL - section, abs=DX**2)
 
 
 def test_a_lattice_that_fits_stays():
-    """To what an iteration leaves of a movement that has settled."""
+    """Up to the motion that remains after the last iteration."""
     _, x, volume = _around(FITTING)
     np.testing.assert_allclose(x, _cut(FITTING), atol=2e-3 * DX)
     np.testing.assert_allclose(volume, DX**2, rtol=1e-4)
 
 
 def test_water_stays_inside_periodic_ends():
-    """Beyond such an end the packing knows nothing, and moves nothing near it."""
+    """The packing does not use the water beyond a periodic end, and moves nothing near that end."""
     shape = Disc((0.02, 0.2), 0.06)
     _, x, _ = _around(shape, ("periodic", "floor"))
     before = _cut(shape)
@@ -97,8 +97,10 @@ def test_water_stays_inside_periodic_ends():
 
 @pytest.mark.parametrize(("angle", "radius"), [(0.31, 0.094), (0.5, 0.1), (0.67, 0.117)])
 def test_the_water_is_a_smooth_function_of_a_solid(angle, radius):
-    """The same change of a box's angle or a disc's radius once more moves water and dummies once more as far:
-    a slope over a shape would else be one of jumps."""
+    """A second, equal change of a box's angle or a disc's radius moves water and dummies equally far.
+
+    Otherwise a slope with respect to a shape would be a slope of jumps.
+    """
     change = 1e-4
 
     def built(k):

@@ -1,4 +1,4 @@
-"""Pair sums: what pairs exchange cancels, linear fields are exact, derivatives are right."""
+"""Pair sums: exchanges between particles cancel, linear fields are exact, derivatives are correct."""
 
 import types
 
@@ -40,14 +40,14 @@ def _smoothing(kernel=Gaussian):
 
 
 def _cloud(dim, n, seed=0, jitter=0.3):
-    """A lattice with n particles on a side, shaken by a share of the spacing."""
+    """A lattice with n particles on a side, disturbed by a share of the spacing."""
     rng = np.random.default_rng(seed)
     x = np.stack(np.meshgrid(*[np.arange(n) * DX] * dim, indexing="ij"), -1).reshape(-1, dim)
     return x + jitter * DX * (rng.random(x.shape) - 0.5)
 
 
 def _all_others(n):
-    """The table that lists everyone: the kernel's own support does the rest."""
+    """Table that lists all other particles; the kernel's support selects the neighbours."""
     i = np.arange(n)
     return jnp.asarray((i[None, :] + np.arange(1, n)[:, None]) % n, jnp.int32)
 
@@ -74,7 +74,7 @@ def _fields(x, seed=1):
 @pytest.mark.parametrize("kernel", [Gaussian, WendlandC2])
 @pytest.mark.parametrize("law", ["pressure", "viscous", "diffusion"])
 def test_pairs_exchange_and_make_nothing(dim, kernel, law):
-    """m_i a_ij = -m_j a_ji, with a = f/rho and m = rho V: so V_i f_ij = -V_j f_ji."""
+    """m_i a_ij = -m_j a_ji with a = f/rho and m = rho V, and therefore V_i f_ij = -V_j f_ji."""
     rng = np.random.default_rng(2)
     n = 300
     a = _fields(rng.normal(size=(n, dim)) * DX, seed=3)
@@ -90,8 +90,8 @@ def test_pairs_exchange_and_make_nothing(dim, kernel, law):
     back = pair_sum(term, _smoothing(kernel), b, with_empty(a), one_to_one)
     there, back = (np.stack(jax.tree.leaves(f)) for f in (there, back))
     assert np.count_nonzero(there) > n // 2
-    # x_i - x_j is exactly -(x_j - x_i) in floating point, and so are all differences; the products are
-    # rounded in another order, once or twice each: four units in the last place of ten factors.
+    # In floating point x_i - x_j is exactly -(x_j - x_i), and so are all differences. The products of some
+    # ten factors are rounded in another order, which changes them by a few units in the last place.
     np.testing.assert_allclose(a["V"] * there, -(b["V"] * back), rtol=10 * EPS)
 
 
@@ -125,9 +125,8 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
     del sources["grad_rho"]
     rates = scheme.momentum(weightless, particles, Sources(sources, {}), tables)
     force = np.asarray(m) * np.stack(rates.acceleration)
-    # Every force is a sum of at most n - 1 terms, each rounded about ten times relative to itself; what
-    # is left of the total is at most that share of the sum of all magnitudes. One wrong pair in a
-    # hundred would leave 1e-2 of it.
+    # Every force is a sum of at most n - 1 terms, each rounded about ten times relative to itself; the total
+    # is at most that share of the sum of all magnitudes. One wrong pair in a hundred would leave 1e-2 of it.
     assert np.all(np.abs(force.sum(axis=1)) < 10 * EPS * np.sqrt(n) * np.abs(force).sum(axis=1))
     assert np.all(np.abs(force).sum(axis=1) > 0)
 
@@ -183,7 +182,7 @@ def test_density_diffusion_leaves_linear_fields_alone(dim):
 
         linear = 7.0 + x @ slope
         bent = linear + 0.1 * jnp.sum((x / DX) ** 2, axis=1)
-        # The two halves of Psi cancel to round-off of rho (1e-15); a field with curvature is the scale.
+        # The two halves of Psi cancel to round-off of rho (1e-15); a curved field gives the scale.
         assert float(jnp.max(jnp.abs(rate(linear)))) < 1e-12 * float(jnp.max(jnp.abs(rate(bent))))
 
 
@@ -194,7 +193,7 @@ def test_position_divergence_is_the_dimension_inside_and_less_at_the_surface(dim
     M, _ = _gradient(x, jnp.zeros(len(x)), jnp.full(len(x), DX**dim))
     divergence = np.asarray(trace_upper(M, dim)).reshape((n,) * dim)
     centre, face = (n // 2,) * dim, (n // 2,) * (dim - 1) + (n - 1,)
-    # The cut at 3h takes 1e-3 (2-D) to 3e-3 (3-D) of the second moment, the lattice's shells as much.
+    # The cut at 3h removes 1e-3 (2-D) to 3e-3 (3-D) of the second moment, and the lattice as much again.
     assert divergence[centre] == pytest.approx(dim, rel=6e-3)
     assert divergence[face] < 1.89 / 2.0 * dim
 
@@ -211,7 +210,7 @@ def test_empty_slots_and_far_sources_add_nothing():
         pair_sum(laws.pressure_force, _smoothing(), fields, with_empty(fields), t) for t in (full, padded)
     ]
     np.testing.assert_array_equal(sums[0], sums[1])
-    outside = fields | {"x": tuple(c * 100.0 for c in fields["x"])}  # 10 m apart: out of every support
+    outside = fields | {"x": tuple(c * 100.0 for c in fields["x"])}  # 10 m apart, outside every support
     alone = pair_sum(laws.pressure_force, _smoothing(), outside, with_empty(outside), full)
     assert not np.any(np.stack(alone))
 
@@ -224,7 +223,7 @@ def test_jit_is_eager():
         return jnp.stack(pair_sum(laws.pressure_force, _smoothing(), f, with_empty(f), table))
 
     eager, jitted = force(fields), jax.jit(force)(fields)
-    # Fusion may contract a product and a sum: some units in the last place of the largest term.
+    # Fusion may contract a product and a sum: errors are some units in the last place of the largest term.
     np.testing.assert_allclose(jitted, eager, atol=20 * EPS * float(jnp.max(jnp.abs(eager))))
 
 
@@ -245,8 +244,8 @@ def test_derivatives_of_a_pair_sum():
         _, forward = jax.jvp(total, (x,), (v,))
         step = 1e-6 * DX
         difference = (total(x + step * v) - total(x - step * v)) / (2 * step)
-        # Truncation (step/h)^2 = 1e-12 and cancellation 1e-16/1e-6 = 1e-10 of terms that partly cancel;
-        # the cut at 3h steps by 1e-4 of a pair, and no pair of this cloud crosses it.
+        # Truncation (step/h)^2 = 1e-12 and cancellation 1e-16/1e-6 = 1e-10 of terms that partly cancel; at 3h
+        # a pair's term jumps by 1e-4, but no pair of this cloud crosses that distance.
         assert float(forward) == pytest.approx(float(difference), rel=1e-6)
         reverse = jnp.vdot(jax.grad(total)(x), v)
         # The same derivative, summed in another order.
@@ -254,7 +253,7 @@ def test_derivatives_of_a_pair_sum():
 
 
 def test_loops_over_slots_give_one_sum_and_one_slope(monkeypatch):
-    """A CPU's and an accelerator's, with empty slots and a number of slots that is no whole of blocks."""
+    """The loops for CPUs and for accelerators agree, also with empty slots and an incomplete last block."""
     x = _cloud(2, 5)
     with enable_x64():
         fields, n = _fields(x), len(x)
@@ -277,13 +276,13 @@ def test_loops_over_slots_give_one_sum_and_one_slope(monkeypatch):
     with enable_x64():
         cpu, accelerator = (sums_and_slopes(loop) for loop in (pairs.ONE_BY_ONE, pairs.IN_BLOCKS))
     for one, other in zip(cpu, accelerator, strict=True):
-        # the same terms in the same order, some of them contracted to fused products and sums
+        # the same terms in the same order, some of them as fused products and sums
         np.testing.assert_allclose(other, one, atol=1e-13 * np.max(np.abs(one)))
 
 
 @pytest.mark.parametrize(("dim", "limit"), [(2, 98.6), (3, 136.3)])
 def test_gradients_are_corrected_but_in_corners(dim, limit):
-    """Water in a wedge of so many degrees: on either side of the limit by two, and at a flat surface."""
+    """Water in a wedge of 2 degrees less and more than the limit, and at a flat surface."""
     kernel, n = WendlandC2(), 81 if dim == 3 else 401
     at = np.linspace(-2.0, 2.0, n)
     x = np.stack(np.meshgrid(*[at] * dim, indexing="ij"), -1).reshape(-1, dim)
@@ -291,7 +290,7 @@ def test_gradients_are_corrected_but_in_corners(dim, limit):
     angle = np.degrees(np.abs(np.arctan2(x[:, 1], x[:, 0])))
 
     def wedge(degrees):
-        # the faces' own points count by half: turned a little off the lattice they are none
+        # points exactly on a face would count by half; with faces slightly off the lattice there are none
         inside = angle < 0.5 * degrees
         rows = [(a, b) for a in range(dim) for b in range(a, dim)]
         return tuple(

@@ -1,4 +1,4 @@
-"""Parts that compose: the ledger, chambers in both schemes, names, and what a step keeps of each."""
+"""Parts that compose: the ledger, chambers in both schemes, names, and what a step keeps of each part."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from jaxsph.schemes.step import at_rest, move_walls
 
 
 def add_all(tally, amounts):
-    """The tally with a sample's steps added one after the other, settled."""
+    """The tally after the steps of one sample were added one after the other and settled."""
     return jax.lax.scan(lambda t, a: (t.add(a), None), tally, amounts)[0].settle()
 
 
@@ -36,17 +36,17 @@ def run_tally(samples):
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**31), offset=st.floats(-1.0, 1.0, width=32))
 def test_a_tally_loses_nothing_over_a_long_run(seed, offset):
-    """Twenty thousand steps in samples of ten; a plain float32 sum is off by a thousand times as much."""
+    """Twenty thousand steps in samples of ten; a plain float32 sum would have a thousand times the error."""
     amounts = np.float32(np.random.default_rng(seed).normal(offset, 1.0, (2000, 10)))
     exact = float(np.sum(np.float64(amounts)))
     found = run_tally(jnp.asarray(amounts))
-    # each sample's ten additions round to 2^-24 of at most some tens; the total itself to 2^-24 of its size
+    # ten additions in a sample round to 2^-24 of at most some tens; the total rounds to 2^-24 of its size
     assert float(found.total) == pytest.approx(exact, abs=2000**0.5 * 10 * 2e-6 + 2e-7 * abs(exact))
 
 
 @pytest.fixture(scope="module")
 def damped_vessel():
-    """(case, model, state): the communicating vessels with a turbine, let go with their water sinking."""
+    """(case, model, state): the communicating vessels with a turbine, released with sinking water."""
     case = coarse("vessel", {"pto.K_dm": 300.0})
     model, state = js.build(case)
     right = state.particles.x[:, 0] > model.chambers[0].sides.x0[0]
@@ -55,7 +55,7 @@ def damped_vessel():
 
 
 def test_work_is_that_of_all_steps_whatever_the_samples(damped_vessel):
-    """The README's gradient once held the last block's work only."""
+    """The work must not be that of the last block only."""
     _, model, state = damped_vessel
     every = model.search.rebuild_every
     march = jax.jit(
@@ -65,10 +65,10 @@ def test_work_is_that_of_all_steps_whatever_the_samples(damped_vessel):
     often, once = march(state, every), march(state, 4 * every)
     first = march(march(state, every), every)
     assert float(often.ledger["pto"].total) > 0.0
-    # the same additions but for where a sample settles them
+    # the same additions, except for the place where a sample settles them
     assert float(often.ledger["pto"].total) == pytest.approx(float(once.ledger["pto"].total), rel=1e-6)
     assert float(first.ledger["pto"].total) > float(often.ledger["pto"].total)
-    # the surface's corners have no gradient to correct; the water within has
+    # corners of the surface have too little water for a corrected gradient; the water below has enough
     steps = once.particles.m.size * int(once.step)
     assert 0.0 <= float(once.limits["gradient"].total) < 0.1 * steps
     p = [0.5 * float(jnp.sum(s.particles.m * jnp.sum(s.particles.u**2, axis=1))) for s in (state, once)]
@@ -76,7 +76,7 @@ def test_work_is_that_of_all_steps_whatever_the_samples(damped_vessel):
 
 
 def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
-    """Force and flow follow the places for which the rates are taken, wherever the step began."""
+    """Force and flow use the positions for which the rates are taken, wherever the step began."""
     _, model, state = damped_vessel
     state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
     scheme, chamber = model.scheme, model.chambers[0]
@@ -94,7 +94,7 @@ def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
         return end.parts["chamber"].q, expected
 
     q, expected = flows()
-    # The water of the step's end, through the grip of `at`: the same sum but for rounding.
+    # The water at the end of the step, with the grip of `at`: the same sum, to rounding.
     assert float(q) == pytest.approx(float(expected), rel=1e-5)
 
 
@@ -103,7 +103,7 @@ INCOMPRESSIBLE = {"scheme": {"kind": "incompressible"}}
 
 @pytest.mark.parametrize(("K_dm", "least"), [(300.0, 0.0), (1.0e6, 1e-5)])
 def test_a_chamber_works_in_the_incompressible_scheme(K_dm, least):
-    """The energy taken is P_a q, never negative; a closed chamber lets next to nothing through."""
+    """The energy taken is P_a q and never negative; a closed chamber passes almost no flow."""
     case = coarse("owc", INCOMPRESSIBLE | {"tank.length": 1.2, "probes": {"gauges": [0.5]}, "pto.K_dm": K_dm})
     case = case.replace({"waves.ramp_periods": 0.5})
     model, state = js.build(case)
@@ -113,10 +113,10 @@ def test_a_chamber_works_in_the_incompressible_scheme(K_dm, least):
     assert int(found.state.status.bits) == 0 and np.all(np.isfinite(P_a))
     assert taken.sum() > 0.0
     budget = analysis.energy_budget(found.series)
-    # every term is summed over the steps: float32 is left, and the viscous loss of 0.2 %, which is not
+    # every term is summed over the steps except the viscous loss, which is 0.2 %; float32 rounds the rest
     assert abs(budget["residual_share"]) < 5e-3
-    # Power is the mean over a sample of what P_a q is at its end; both vary within it. In a closed chamber
-    # the flow is as small as its change by the particles' motion in a step: `least`, m2/s.
+    # The reading of power is a mean over a sample, P_a q a value at its end; both vary within the sample. In
+    # a closed chamber the flow is as small as its change by the particles' motion in a step: `least`, m2/s.
     rest = least * float(np.sum(np.abs(P_a)))
     assert taken.sum() == pytest.approx(float(np.sum(P_a * flow)), rel=0.15, abs=rest)
 
@@ -144,7 +144,7 @@ def test_every_energy_of_the_ledger_is_described(damped_vessel):
 
 
 def test_readings_that_share_a_name_are_refused(hydrostatic):
-    """Where probes are measured and where they are described; the later would have won."""
+    """Both when probes are measured and when they are described; otherwise the later reading would win."""
     _, model, state = hydrostatic
     probes = (WaveGauge(jnp.array([0.3]), jnp.array([0.0])), WaveGauge(jnp.array([0.6]), jnp.array([0.0])))
     for join in (lambda: described(probes), lambda: measured(probes, model, state, None)):
@@ -154,7 +154,7 @@ def test_readings_that_share_a_name_are_refused(hydrostatic):
 
 
 def test_a_chamber_and_a_body_have_readings_of_their_own():
-    """A body without a power take-off has no power, and takes none from the chamber's."""
+    """A body without a power take-off has no power, and does not take over the chamber's."""
     chamber = js.Chamber.of(
         js.PneumaticPTO(jnp.float32(100.0)), between=(1.0, 1.2), tip=0.2, level=0.4, dx=0.04
     )
@@ -171,7 +171,7 @@ def test_a_chamber_and_a_body_have_readings_of_their_own():
     ("dim", "force", "flow"), [(2, "N m-1, N m-1, N", "m2 s-1"), (3, "N, N, N m", "m3 s-1")]
 )
 def test_amounts_of_two_dimensions_are_per_metre_of_width(dim, force, flow):
-    """No amount of a device has the unit of the other number of dimensions."""
+    """No quantity of a device has the unit of the other number of dimensions."""
     hinge = RotationalPTO.of(damping=1.0)
     block = js.Block((0.4, 0.28), (0.64, 0.52))
     body = js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="b")

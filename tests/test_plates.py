@@ -1,4 +1,4 @@
-"""Thin plates of any direction, and the level of the water at walls of dummy particles."""
+"""Thin plates in any direction, and the level of the water at walls of dummy particles."""
 
 import equinox as eqx
 import jax
@@ -36,7 +36,7 @@ def model():
 
 @pytest.mark.parametrize("division", [DiagonalDivision(), HorizontalDivision(), FivePartDivision()])
 def test_an_upright_plate_of_any_direction_is_an_upright_plate(division):
-    """Foot and head of an upright plate divide the water as its tip does, up to its upper end."""
+    """Foot and head of an upright plate divide the water as the tip of a `WallPlate` does, up to the head."""
     x = jnp.asarray(np.random.default_rng(1).uniform((0.8, 0.0), (1.2, 0.9), (4000, 2)), jnp.float32)
     upright = Regions((WallPlate(0.98, 1.02, 0.3),), division)
     leaning = Regions((), division, (), (LeaningPlate((1.0, 0.3), (1.0, 3.0), 0.04),))
@@ -46,7 +46,7 @@ def test_an_upright_plate_of_any_direction_is_an_upright_plate(division):
 
 @given(angle=st.floats(-3.1, 3.1), seed=st.integers(0, 2**16))
 def test_no_pair_across_a_plate_sees_each_other(angle, seed):
-    """Two particles beside a plate, on either side, do not interact, whatever its direction."""
+    """Particles on different sides of a plate do not interact, whatever the direction of the plate."""
     rng = np.random.default_rng(seed)
     along = np.array([np.cos(angle), np.sin(angle)])
     aside = np.array([along[1], -along[0]])
@@ -65,7 +65,7 @@ def test_no_pair_across_a_plate_sees_each_other(angle, seed):
 
 
 def test_each_face_of_a_plate_has_a_full_depth_of_dummies(model):
-    """Behind either face they fill the kernel's reach, and only its own side sees them."""
+    """Dummies behind either face fill the kernel's reach, and only the water on that side sees them."""
     (plate,), walls = model.walls.regions.leaning, model.walls
     (body,) = model.bodies
     rows = slice(*body.rows)
@@ -82,7 +82,7 @@ def test_each_face_of_a_plate_has_a_full_depth_of_dummies(model):
 
 
 def test_a_plate_s_dummies_go_on_where_it_is_held(model):
-    """Past a free end there are none; past one at the bed they reach as deep as the kernel, outside of it."""
+    """None lie beyond a free end; at the bed they continue below it, as deep as the kernel reaches."""
     held = js.build(TANK.replace({"solid.screen.plate.foot": [0.6, 0.0]}))[0]
     for one, past in ((model, False), (held, True)):
         (plate,), (body,) = one.walls.regions.leaning, one.bodies
@@ -97,7 +97,7 @@ def test_a_plate_s_dummies_go_on_where_it_is_held(model):
     [
         ({"solid.screen.plate.thickness": 0.01}, "solid.screen.plate.thickness = 0.01 m is less than half"),
         ({"solid.screen.plate.head": [0.62, 0.22]}, "solid.screen.plate: is 0.02828 m long"),
-        ({"solid.screen.plate.head": [1.7, 0.4]}, "solid.screen: reaches out of the tank"),
+        ({"solid.screen.plate.head": [1.7, 0.4]}, "solid.screen: extends outside the tank"),
         ({"solid.screen.disc": {"centre": [1.0, 0.2], "radius": 0.1}}, "block, polygon, disc and plate"),
         (
             {"solid.step.block": {"low": [0.6, 0.0], "high": [1.2, 0.4]}},
@@ -133,8 +133,11 @@ def _wet(model, state):
 
 @pytest.mark.parametrize("rise", [-0.3, 0.0, 0.25])
 def test_dummies_of_an_upright_wall_end_at_the_level(upright, rise):
-    """Of water that stands `rise` spacings higher, what is above the level is dry, and the cell that it cuts
-    is wet below it, to an eighth: the mean height of three rows of particles is not quite that of water."""
+    """Dummies above a level that is `rise` spacings higher are dry; in the cell at the level they are partly
+    wet.
+
+    The share is right to an eighth: the mean height of three rows of particles is not quite that of water.
+    """
     model, state = upright
     higher = state.particles.x.at[:, 1].multiply(1.0 + rise * DX / 0.4)
     wet, x = (
@@ -153,8 +156,10 @@ def upright():
 
 
 def test_dummies_over_the_surface_are_dry_under_a_roof_too():
-    """A plate that rises out of the water at 30 degrees does not press on it from above where it is dry; well
-    under the surface, and in a block there, all dummies are wet."""
+    """A plate that rises out of the water at 30 degrees does not push the water from above where it is dry.
+
+    Well below the surface, and in a block there, all dummies are wet.
+    """
     block = {"low": [0.16, 0.12], "high": [0.48, 0.24]}
     model, state = js.build(TANK.replace({"solid.block.block": block}))
     wet, x = _wet(model, state), np.asarray(model.walls.x, float)
@@ -170,9 +175,11 @@ def test_dummies_over_the_surface_are_dry_under_a_roof_too():
 
 @pytest.mark.slow
 def test_the_air_of_a_chamber_moves_no_level_under_a_roof():
-    """Under a wall that leans over a chamber the pressure tells the level: that over the air's. With suction
-    of a spacing and a half of water in the chamber's air and in its water, as many dummies are wet. Weakly
-    compressible: the pressure of the incompressible scheme is over the air's."""
+    """Under a wall that leans over a chamber, the level follows from the pressure in excess of the air's.
+
+    With suction of 1.5 spacings of water in the chamber's air and water, as many dummies are wet. The scheme
+    is weakly compressible, because the pressure of the incompressible scheme already excludes the air's.
+    """
     front = {"polygon": [[0.2, 0.28], [0.36, 0.28], [1.2, 0.6], [1.04, 0.6]]}
     parts = {
         "solid": {"front": front},
@@ -183,7 +190,7 @@ def test_the_air_of_a_chamber_moves_no_level_under_a_roof():
     head = 1.5 * DX * 9.81 * 1000.0
 
     def under(P_a):
-        """State of still water below air of this pressure (Pa): its surface stands where it stood."""
+        """State of still water below air of this pressure (Pa), with an unchanged surface."""
         air = P_a * chamber.weight((p.x[:, 0], p.x[:, 1]))
         own = eqx.tree_at(lambda a: a.P_a, state.parts["column"], jnp.asarray(P_a, jnp.float32))
         here = eqx.tree_at(lambda s: s.parts, state, {**state.parts, "column": own})
@@ -196,8 +203,11 @@ def test_the_air_of_a_chamber_moves_no_level_under_a_roof():
 
 @pytest.mark.slow
 def test_still_water_around_a_leaning_plate_stays_still(tmp_path):
-    """From 1 to 4 s no particle is faster than 1.5 % of sqrt(g d): the water sloshes as it settles. With
-    dummies that reached over the surface a jet of 4 % went along the plate."""
+    """From 1 to 4 s no particle is faster than 1.5 % of sqrt(g d), a speed due to sloshing as the water
+    settles.
+
+    If dummies reached above the surface, a jet of 4 % would run along the plate.
+    """
     out = tmp_path / "plate.h5"
     js.run(TANK.replace({"dx": 0.02, "t1": 4.0}), out=out)
     series = RunFile.open(out).series()

@@ -1,4 +1,4 @@
-"""Pictures: there when their data are, not blank, and drawn to scale."""
+"""Pictures: made if their data exist, not blank, and drawn to scale."""
 
 import matplotlib.image
 import numpy as np
@@ -29,7 +29,7 @@ CASE = 'name = "little owc"\ndx = 0.05\n'
 
 
 def _scene(length=3.0):
-    """A tank with a paddle, and a plate before its end."""
+    """A tank with a paddle, and a plate in front of its end."""
     paddle = {"name": "paddle", "corners": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "pivot": [0, 0]}
     x0, x1 = length - 0.25, length - 0.2
     plate = {"name": "", "corners": [[x0, 0.2], [x1, 0.2], [x1, 9], [x0, 9]], "pivot": [0, 0]}
@@ -75,7 +75,7 @@ def _series(k):
 
 
 def _make(path, case=CASE, snapshots=3, dim=2, drop=(), scene=None):
-    """A run with every series but those dropped, and snapshots of a hydrostatic lattice."""
+    """A run with all series except those dropped, and snapshots of a hydrostatic lattice."""
     gauge = {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "x")}
     sensor = {f"sensor_{c}": ("sensor", np.array([0.1]), "m", c) for c in "xz"}
     scene = _scene() if scene is None else scene
@@ -145,15 +145,15 @@ def test_particles_are_drawn_to_scale_with_a_scene_and_without(tmp_path, scene, 
     figure = particles(run)
     pixels = _pixels(figure)
     collections = [c for ax in figure.axes for c in ax.collections]
-    dots = [c for c in collections if isinstance(c, PathCollection)]  # the colour bar has others
+    dots = [c for c in collections if isinstance(c, PathCollection)]  # the colour bar has other collections
     assert dots
     for dot in dots:
         ax = dot.axes
         a, b = ax.transData.transform([(0.0, 0.0), (0.05, 0.05)])
         across, up = b - a
-        assert across == pytest.approx(up, rel=0.02)  # equal axes, to a pixel or so
+        assert across == pytest.approx(up, rel=0.02)  # equal axes, to about a pixel
         diameter = np.sqrt(dot.get_sizes()[0]) * figure.dpi / 72
-        # Tiles: more than the spacing and less than two, also where it is guessed.
+        # Tiles are larger than the spacing and smaller than two, also if the spacing is estimated.
         assert 1.0 < diameter / across < 2.0
     assert np.ptp(pixels) > 150
 
@@ -167,7 +167,7 @@ def test_long_tank_has_strips_and_the_device_enlarged(tmp_path):
 
 
 def test_solids_are_drawn_where_the_model_has_them(tmp_path):
-    """The plate and the raised bed of a device, and a paddle that has moved; none beyond the walls."""
+    """The plate and the raised bed of a device, and a paddle that has moved; nothing beyond the walls."""
     raised = {"device.platform_length": 0.52, "device.platform_height": 0.12}
     case = coarse("owc", raised)
     geometry, scene = Geometry.of(case), scene_of(case.problem())
@@ -185,7 +185,7 @@ def test_solids_are_drawn_where_the_model_has_them(tmp_path):
 
 
 def test_a_body_is_drawn_in_its_pose():
-    """Turned by a quarter about its pivot, landward, a block lies on its side."""
+    """A block turned landward by a quarter turn about its pivot lies on its side."""
     body = Outline("flap", np.array([[1.0, 0.0], [1.2, 0.0], [1.2, 0.6], [1.0, 0.6]]), np.array([1.1, 0.0]))
     lying = body.at({"flap": np.array([0.1, 0.05, 0.5 * np.pi])})
     assert lying.min(axis=0) == pytest.approx([1.2, -0.05]) and lying.max(axis=0) == pytest.approx(
@@ -234,7 +234,7 @@ def test_energy_areas_end_at_the_budget(tmp_path):
 
 
 def test_every_loss_of_size_is_drawn(tmp_path):
-    """A power that no picture knows has its own line, and what is too small for one is in the rest."""
+    """A power without a standard label has its own area; a power that is too small is part of the rest."""
     series = _make(tmp_path / "run.h5").series()
     for name, share in (("hyperviscosity", 0.5), ("friction_of_the_bed", 0.2), ("separation", 1e-4)):
         series[f"power_{name}"] = share * np.abs(series["power_pto"])
@@ -287,7 +287,7 @@ def test_sweeps_have_a_picture(tmp_path, axes, shape, results):
 
 
 def test_slopes_are_drawn_as_they_are():
-    """A tangent's short line has the slope that the search found."""
+    """The short tangent at each evaluation has the slope that the search found."""
     found = {"xi": np.array([0.3, 0.5, 0.4]), "slope pto.K_dm": np.array([1e-3, 1e-4, -1e-3])}
     (axis,) = _over_one({"pto.K_dm": K}, found, "xi").axes
     lines = [line.get_xydata() for line in axis.lines if line.get_color() == ORANGE]
@@ -312,7 +312,7 @@ def test_spectrum_has_both_ways_the_band_and_what_was_asked_for():
     ax = draw_sea(sea, case).axes[0]
     lines = {line.get_label(): line.get_ydata() for line in ax.lines}
     assert np.allclose(lines["incident"], 0.9 * asked) and np.allclose(lines["reflected"], 0.01 * asked)
-    # the mean over the band of four frequencies of the sea, which is narrow here
+    # mean over four frequencies of the sea, a narrow band here
     shown = f > 0.5
     assert np.allclose(lines["target spectrum"][shown], asked[shown], rtol=0.1, atol=1e-5)
     assert "target 0.04 m" in ax.get_title(loc="left") + ax.get_title()

@@ -37,7 +37,7 @@ def test_a_tank_keeps_its_precision_where_the_default_is_float64(precision):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_waves_and_sponge_follow_the_precision_of_their_leaves(dtype):
-    """Python numbers, as the defaults and t = 0.3 here, have none of their own."""
+    """Python numbers, such as the defaults and t = 0.3 here, do not change the precision."""
     with enable_x64():
         one = jnp.ones((), dtype)
         waves = RegularWaves(0.04 * one, 1.2 * one, 0.42 * one, ramp=2.4, correction=SecondOrderPiston())

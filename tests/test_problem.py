@@ -1,4 +1,4 @@
-"""Problems that a user's own function makes: run, killed, resumed, swept, differentiated, and refused."""
+"""Problems from a user's own function: run, killed, resumed, swept, differentiated, and refused."""
 
 import os
 import pickle
@@ -49,7 +49,7 @@ def owc(K_dm=500.0, wall=0.08):
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
-    """Where the function of a user's file is."""
+    """Place of the function in a user's file."""
     file = tmp_path_factory.mktemp("own") / "own.py"
     file.write_text(OWN, encoding="utf-8")
     return f"{file}:swell"
@@ -57,7 +57,7 @@ def own(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(own, tmp_path_factory):
-    """The run by the command line: its file and what it printed."""
+    """Run by the command line: its file, and what the command printed."""
     path = tmp_path_factory.mktemp("whole") / "run.h5"
     told = _command("run", own, "--set", "amplitude=0.03", "--out", path, "--no-plot")
     return path, told
@@ -78,7 +78,7 @@ def test_a_function_is_run_with_a_file_a_page_and_a_result_of_its_own(own, whole
     assert file.case_keys()["arguments"] == {"amplitude": 0.03, "t1": 0.2}
     page = path.with_suffix(".html").read_text(encoding="utf-8")
     assert page.startswith("<!doctype html>") and len(page) > 100_000
-    # it is the case's own problem, whose readings are the same to the bit
+    # it is the case's own problem, and its readings are equal bit for bit
     case = js.run(SWELL, progress=False)
     assert all(np.array_equal(case[name], values) for name, values in file.series().items())
 
@@ -100,7 +100,7 @@ def test_a_killed_program_resumes_to_the_bit_when_it_is_named_again(own, whole, 
     ]
     process = subprocess.Popen([*command, "--quiet", "--no-report", "--no-plot"], env=AS_HERE)
     kill_with_two_checkpoints(process, path)
-    assert "pass it again" in _command("resume", path, code=2)
+    assert "pass the function or the problem again" in _command("resume", path, code=2)
     done = RunFile.open(path).snapshot_count * 0.05
     t1 = max(0.2, round(done + 0.05, 2))
     _command("resume", path, "--program", own, "--t1", t1, "--quiet", "--no-report", "--no-plot")
@@ -117,7 +117,7 @@ def test_a_sweep_of_a_function_runs_its_members_in_processes(own, whole, tmp_pat
     assert "highest elevation" in told and out.with_suffix(".html").exists()
     found = js.read_sweep(out)
     alone = RunFile.open(whole[0]).series()["eta"][:10].max()
-    # members are compiled with another flag, which rounds sums otherwise
+    # members are compiled with another flag, which changes the rounding of sums
     assert found["highest"][0] == pytest.approx(alone, rel=1e-3) and not found.failures
     assert _command("plot", out).strip().endswith("highest.png")
     assert "for which there is no linear theory" in _command("plot", whole[0], "--linear", code=2)
@@ -127,7 +127,7 @@ def test_a_sweep_of_a_function_runs_its_members_in_processes(own, whole, tmp_pat
 
 
 def test_a_program_that_sweeps_when_it_is_imported_fails_as_a_member_only(tmp_path):
-    """Its members import it too, and would sweep again, without end."""
+    """Members import the program too; they would start the sweep again, without end."""
     file = tmp_path / "eager.py"
     call = f'js.sweep(swell, {{"amplitude": [0.03]}}, {str(tmp_path / "s.h5")!r}, workers=1, progress=False)'
     file.write_text(f"{OWN}\nfound = {call}\n", encoding="utf-8")
@@ -149,7 +149,7 @@ def test_a_function_inside_another_is_swept_in_this_process(tmp_path):
 def test_an_assembled_problem_has_a_file_and_goes_on(tmp_path):
     path, problem = tmp_path / "a.h5", SWELL.problem()
     js.run(problem, t1=0.1, out=path, progress=False)
-    with pytest.raises(FileError, match=r"pass it again: js.resume"):
+    with pytest.raises(FileError, match=r"pass the function or the problem again: js.resume"):
         js.resume(path, progress=False)
     again = js.resume(path, given=problem, progress=False)
     assert np.array_equal(again["eta"], js.run(SWELL, progress=False)["eta"])
@@ -187,7 +187,7 @@ WRONG = {
     "*x": ("pass", r"x: every argument must be one passed by name"),
     "x=object": ("pass", r"x = <class 'object'>: must be a number, a string"),
 }
-"""Functions of a user that make no problem, by their arguments: their body, and the words of the error."""
+"""Functions that do not make a problem, by their arguments: body, and words of the error."""
 
 
 @pytest.mark.parametrize("arguments", WRONG)
@@ -222,7 +222,7 @@ def test_what_is_no_program_is_named(own, tmp_path):
 
 
 def test_a_program_that_has_changed_since_is_refused(own, whole, tmp_path):
-    """Going on would be another run in silence, whatever in the file has changed."""
+    """Whatever has changed in the file, continuing would silently be another run."""
     path = shutil.copy(whole[0], tmp_path / "run.h5")
     changed = tmp_path / "own.py"
     changed.write_text(OWN + "# another\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Processes that share a run: their places, what they compute together, and the loss of one."""
+"""Processes that share a run: their places, their common results, and the loss of one of them."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ COARSE = ("--set", "dx=0.04", "--set", "device.wall_thickness=0.04", "--no-plot"
 
 
 def begin(command, file, place=None, *options):
-    """Process of a coarse OWC, or one of the two that share it."""
+    """Starts the process of a coarse OWC, or one of the two processes that share it."""
     where = [] if place is None else ["--process", place]
     return subprocess.Popen(
         [sys.executable, "-m", "jaxsph", *command, "--out", str(file), *COARSE, *where, *options],
@@ -41,7 +41,7 @@ def test_a_place_that_is_none_is_refused(place):
 
 
 def test_a_lost_process_is_named():
-    """Errors of the messages between processes, and no others, tell of it."""
+    """Only errors in messages between processes are taken as the loss of a process."""
     alone = Processes()
     assert (alone.count, alone.is_first, alone.any(True)) == (1, True, True)
     alone.count, alone.names = 3, ["a", "b", "c"]
@@ -54,7 +54,7 @@ def test_a_lost_process_is_named():
 
 @pytest.mark.slow
 def test_two_processes_are_two_devices(tmp_path):
-    """They sum the same numbers in the same order: equal bit for bit, and only the first writes."""
+    """Equal bit for bit, because sums have the same order; only the first process writes."""
     at, end = free_address(), ("--t1", "0.2")
     both = [begin(["run", "owc"], tmp_path / "processes.h5", f"{k}/2@{at}", *end) for k in range(2)]
     alone = begin(["run", "owc"], tmp_path / "devices.h5", None, "--devices", "2", *end)
@@ -70,7 +70,7 @@ def test_two_processes_are_two_devices(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("victim", [0, 1])
 def test_a_killed_process_ends_the_other(tmp_path, victim):
-    """The other names it and ends in seconds, and the run goes on from the file."""
+    """The other process names the lost one and ends in seconds; the run continues from its file."""
     at, path = free_address(), tmp_path / "run.h5"
     both = [begin(["run", "owc"], path, f"{k}/2@{at}", "--t1", "60") for k in range(2)]
     journal = path.with_name("run.h5.checkpoint")

@@ -1,4 +1,4 @@
-"""Regularisation of the particles: what it leaves alone, what it keeps, and what it takes."""
+"""Regularisation of the particles: what it leaves unchanged, what it conserves, and what it takes."""
 
 import equinox as eqx
 import jax
@@ -39,7 +39,7 @@ def test_linear_flow_is_left_alone(tank, seed, offset, share):
     done, after = regularised(model, with_velocity(moved, u))
     # The gradient's rounding times a spacing is a few EPS of the largest speed; the rate times dt is below 1.
     assert float(jnp.max(jnp.abs(done.u - after.particles.u))) < 20 * EPS * np.abs(u).max()
-    # no neighbour is nearer than 0.6 spacings where none has moved by more than 0.15
+    # no neighbour is closer than 0.6 spacings if no particle has moved by more than 0.15
     assert not np.any(np.asarray(done.moved))
 
 
@@ -59,7 +59,7 @@ def test_momentum_is_kept_and_noise_loses_energy(tank, seed, share):
     assert np.allclose(moves.sum(0), 0.0, atol=len(m) * EPS * np.abs(moves).max())
     kinetic = 0.5 * float(np.sum(m * (np.float64(p.u) ** 2 - np.float64(done.u) ** 2)))
     lifted = -float(np.sum(moves @ np.float64(model.g)))
-    # what is booked is what is gone, to the rounding of sums in float32
+    # the ledger's losses equal the energy lost, to the rounding of float32 sums
     booked = sum(float(loss) for loss in done.lost.values())
     scale = 0.5 * float(np.sum(m * np.float64(p.u) ** 2))
     assert booked == pytest.approx(kinetic - lifted, abs=20 * EPS * scale)
@@ -67,7 +67,7 @@ def test_momentum_is_kept_and_noise_loses_energy(tank, seed, share):
 
 
 def test_noise_decays_at_the_stated_rate(hydrostatic):
-    """Velocities that change sign from one particle to the next lose the rate times 1 to 2 of their size."""
+    """Velocities that alternate between neighbours lose 1 to 2 times the rate, relative to their size."""
     _, model, state = hydrostatic
     ij = np.rint(np.asarray(state.particles.x) / float(model.dx) - 0.5).sum(1)
     u = np.outer((-1.0) ** ij, [1.0, 0.0])
@@ -76,7 +76,7 @@ def test_noise_decays_at_the_stated_rate(hydrostatic):
     inner = np.all((x > 0.35) & (x < 0.65), axis=1)
     rate = float(jnp.sqrt(jnp.sqrt(jnp.sum(model.g**2)) / model.scheme.smoothing.h))
     share = 1.0 - np.asarray(done.u)[inner, 0] / np.asarray(after.particles.u)[inner, 0]
-    # nearest neighbours, which have the most of the weight, are opposite: u_j - u_i = -2 u_i
+    # nearest neighbours, which have most of the weight, have opposite velocities: u_j - u_i = -2 u_i
     assert inner.sum() == 4 and np.all(share > 0.9 * rate * float(model.dt))
     assert np.all(share < 2.0 * rate * float(model.dt))
 
@@ -97,8 +97,8 @@ def test_pairs_part_and_their_middle_stays(hydrostatic):
     away = (at[1] - at[0]) / np.linalg.norm(at[1] - at[0])
     rate = 3.0 * float(jnp.sqrt(jnp.sqrt(jnp.sum(model.g**2)) / model.scheme.smoothing.h))
     part = (moved[pair[1]] - moved[pair[0]]) @ away
-    # each goes at the rate times the overlap of 1 - 0.2/0.6 at first, and by half a pair's distance at most;
-    # masses are by up to 1 % above rho0 dx^2
+    # each particle moves at the rate times the initial overlap of 1 - 0.2/0.6, and by at most half of the
+    # pair's distance; masses exceed rho0 dx^2 by up to 1 %
     share = -WHOLE * np.expm1(-rate * float(model.dt) / WHOLE)
     assert part == pytest.approx(2 * share * dx * (1 - 0.2 / PAIR), rel=0.02)
     assert np.allclose(moved[pair[0]], -moved[pair[1]], rtol=0.02)

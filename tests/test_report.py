@@ -1,4 +1,4 @@
-"""The page of a run and of a sweep: its contents without a browser, and in one where there is one."""
+"""The page of a run and of a sweep: its contents without a browser, and in a browser if there is one."""
 
 import gzip
 import json
@@ -35,15 +35,15 @@ FLAGS = [
     "--disable-component-update", "--disable-sync",
 ]  # fmt: skip
 
-# What a page may ask for: itself, and the server of a watched run.
+# Addresses that a page may request: itself, and the server of a watched run.
 OWN = ("file:", "data:", "blob:", "http://127.0.0.1")
-# Number of colours of the picture of the water.
+# Number of colours in the picture of the water.
 COLOURS = """() => {
     const canvas = document.querySelector("canvas.water");
     const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
     return new Set(new Uint32Array(data.buffer)).size;
 }"""
-# Pictures a second of the drawing alone.
+# Pictures per second, for drawing alone.
 DRAW = """() => {
     const began = performance.now();
     for (let k = 0; k < 40; k++) seek(2 + 0.3 * k);
@@ -61,13 +61,13 @@ SCENE = {
         {"name": "", "corners": [[7.67, 0.28], [7.71, 0.28], [7.71, 9], [7.67, 9]], "pivot": [0, 0]},
     ],
 }
-"""What is drawn around the particles of a run that is not made: a paddle, and a plate before the end."""
+"""Scene around the particles of an artificial run: a paddle, and a plate in front of the end."""
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
 def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200, two=True):
-    """File of a run whose water turns about the tank's middle as a rigid body; no run is made."""
+    """File of an artificial run whose water rotates as a rigid body about the middle of the tank."""
     gauges = {"gauge_x": ("gauge", np.array([1.0, 2.0]), "m", "gauges")}
     run = RunFile.create(path, case.to_toml(), {}, gauges, scene=SCENE)
     rng, side = np.random.default_rng(0), int(np.sqrt(particles))
@@ -131,7 +131,7 @@ def read(record):
 
 
 def played(player):
-    """Places `[frame, 2, particle]` (m) and levels of a page, from their differences."""
+    """Positions `[frame, 2, particle]` (m) and levels of a page, from the stored differences."""
     frames, count = len(player["t"]), player["count"]
     parts = player["places"].reshape(frames, 2, 2, count).astype(np.int64)
     small = parts[:, :, 0] + 256 * parts[:, :, 1]
@@ -155,11 +155,11 @@ def test_places_and_fields_of_a_page_are_those_of_the_snapshots(tmp_path):
     places, levels = played(player)
     for k in range(run.snapshot_count):
         snapshot = run.snapshot(k)
-        # half a part in 65534 of the tank with half a metre on either side
+        # half a level of 65534, over the tank and half a metre on either side
         np.testing.assert_allclose(places[k].T, snapshot["x"], atol=0.51 * 9.0 / 65534)
         field = player["fields"]["pressure"]
         p = field["low"] + levels["pressure"][k] / 255 * (field["high"] - field["low"])
-        within = (field["low"] < snapshot["p"]) & (snapshot["p"] < field["high"])  # all but the outermost
+        within = (field["low"] < snapshot["p"]) & (snapshot["p"] < field["high"])  # without clipped values
         np.testing.assert_allclose(p[within], snapshot["p"][within], atol=0.51 * field["high"] / 255)
 
 
@@ -178,7 +178,7 @@ def test_what_leaves_the_tank_is_not_seen(tmp_path):
     pack = Pack()
     content = frames.content(pack)
     places, _ = played(read(pack.compress(content)))
-    assert np.isnan(places[0]).any(axis=0).sum() == 1  # the far one; the one without a place is left out
+    assert np.isnan(places[0]).any(axis=0).sum() == 1  # the distant one; the NaN is left out
     assert content["count"] == len(snapshot["id"]) - 1
 
 
@@ -188,7 +188,7 @@ def test_many_particles_are_thinned_evenly_and_stay_the_same(tmp_path, monkeypat
     player = read(record_of([path]))["runs"][0]["player"]
     assert player["thinning"] == 3 and player["dx"] == pytest.approx(0.04 * np.sqrt(3))
     assert len(player["t"]) >= 21
-    assert player["count"] == pytest.approx(2500 / 3, rel=0.1)  # the same ones in every frame
+    assert player["count"] == pytest.approx(2500 / 3, rel=0.1)  # the same particles in every frame
     places, _ = played(player)
     counts, *_ = np.histogram(places[0, 0], 5, (0.1, 7.7))
     assert counts.min() > 0.7 * counts.mean()
@@ -207,9 +207,9 @@ def test_local_flow_of_a_linear_field_is_its_vorticity_without_noise():
     u = np.stack([0.3 * x[:, 0] + 2.0 * x[:, 1], 0.5 * x[:, 0] - 0.3 * x[:, 1]], axis=1)
     found = local_flow(x, u)
     np.testing.assert_allclose(found.vorticity, 1.5, rtol=1e-4)  # du/dz - dw/dx
-    assert np.max(found.noise) < 1e-4  # of the small number that keeps the fit regular
+    assert np.max(found.noise) < 1e-4  # from the small number that regularises the fit
     rough = local_flow(x, u + 0.1 * rng.normal(size=u.shape))
-    # two components of 0.1 each, less what the fit takes of three terms over some ten effective neighbours
+    # two components of 0.1 each, minus the fit of three terms over about ten effective neighbours
     assert np.sqrt(np.mean(rough.noise**2)) == pytest.approx(0.1 * np.sqrt(2), rel=0.2)
 
 
@@ -297,13 +297,13 @@ def test_page_is_one_file_that_asks_nobody(tmp_path):
     page = js.report(make_run(tmp_path / "run.h5"))
     assert page == tmp_path / "run.html"
     text = page.read_text()
-    # the library's own text is compressed; what is left has no address but none
+    # the library's own text is compressed; the remaining text contains no address
     assert not any(word in text for word in ("http://", "https://", '<link rel="stylesheet', "@import"))
-    assert page.stat().st_size < 2.5e6  # of which the library is 1.9
+    assert page.stat().st_size < 2.5e6  # 1.9 MB of it is the library
 
 
 def old_file(path, change):
-    """Makes a run's file one of an older version, without checksums, and changes it."""
+    """Turns a run's file into one of an older version, without checksums, and changes it."""
     with h5py.File(path, "r+") as file:
         file.attrs["schema"] = 3
         change(file)
@@ -322,7 +322,7 @@ def old_file(path, change):
     ],
 )
 def test_page_of_a_damaged_file_is_refused_in_words(tmp_path, change):
-    """Of a file without checksums, whose damage is met only while the page is made."""
+    """In a file without checksums, the damage is found only while the page is made."""
     path = make_run(tmp_path / "run.h5", frames=2)
     old_file(path, change)
     with pytest.raises((FileError, CaseError), match=r"run\.h5"):
@@ -338,7 +338,7 @@ def test_page_replaces_a_page_and_nothing_else(tmp_path, monkeypatch):
     assert out.read_text() == "three years of work"
     js.report(path, out, overwrite=True)
     before = out.read_bytes()
-    js.report(path, out)  # its own page
+    js.report(path, out)  # replaces its own page
     with monkeypatch.context() as full:
         full.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
         with pytest.raises(FileError, match="No space left"):
@@ -403,7 +403,7 @@ def test_a_watched_file_that_gets_a_bad_case_is_told_and_watched_on(tmp_path, te
     whole = path.read_bytes()
     with js.Watch(path) as served:
         old_file(path, lambda file: file.attrs.update(case=text))
-        # a case of another version is shown as far as it goes; whatever cannot be shown is a message
+        # a case of another version is shown as far as possible; anything else gives a message
         try:
             assert _get(served.address + "record?known=")[0] == 200
         except urllib.error.HTTPError as told:
@@ -413,7 +413,7 @@ def test_a_watched_file_that_gets_a_bad_case_is_told_and_watched_on(tmp_path, te
 
 
 def test_watch_answers_to_its_own_name_and_token_only(tmp_path):
-    """A page of another site can reach this machine, by any name and without the token."""
+    """A page of another site can send requests to this machine, by any name, but without the token."""
     path = make_run(tmp_path / "run.h5", frames=1)
     with js.Watch(path) as served, js.Watch(path) as other:
         port = urllib.parse.urlsplit(served.address).port
@@ -445,7 +445,7 @@ def browser():
 
 @pytest.fixture
 def visit(browser):
-    """Opens a page, and fails where its console has an error or a warning, or it asks for another file."""
+    """Opens a page, and fails if its console has an error or a warning, or if it requests another file."""
     pages, wrong = [], []
 
     def opened(address, **options):
@@ -468,7 +468,7 @@ def visit(browser):
 
 
 def _box(place):
-    """Where an element is on the screen, which the mouse can reach."""
+    """Position of an element on the screen, after scrolling it into the mouse's reach."""
     place.scroll_into_view_if_needed()
     return place.bounding_box()
 
@@ -482,17 +482,17 @@ def run_page(tmp_path_factory):
 def test_browser_plays_by_button_key_and_slider(visit, run_page):
     page = visit(run_page)
     assert page.evaluate("jaxsph.drawn") > 0
-    assert page.evaluate(COLOURS) > 30  # colours of the pressure, and not a blank picture
+    assert page.evaluate(COLOURS) > 30  # colours of the pressure, not a blank picture
     page.click("#play")
     page.wait_for_function("jaxsph.t > 2.2 && jaxsph.pictures > 10")
     page.click("#play")
     stopped = page.evaluate("jaxsph.t")
-    page.keyboard.press("ArrowRight")  # on the button, which does not take it
+    page.keyboard.press("ArrowRight")  # the focus is on the button, which ignores the key
     step = page.evaluate("jaxsph.t") - stopped
-    assert step == pytest.approx(2.0, rel=1e-3)  # a frame
+    assert step == pytest.approx(2.0, rel=1e-3)  # one frame
     page.evaluate("seek(12.0)")
     assert page.inner_text(".controls output") == "t = 12.00 s"
-    # the reading at a sample is the sample's
+    # at a sample, the reading is that of the sample
     reading = page.inner_text(".readings dd >> nth=0")
     assert reading.endswith(" m") and abs(float(reading[:-2])) < 1e-5  # 0.01 m sin(2 pi 12 s / 1.2 s)
     page.focus("#time")
@@ -529,7 +529,7 @@ def test_browser_links_its_charts(visit, run_page):
     page = visit(run_page)
     plot = "document.querySelector('.chart .js-plotly-plot')"
     page.evaluate(f"Plotly.relayout({plot}, {{'xaxis.range': [4, 8]}})")
-    # one time axis: every panel is drawn over it
+    # all panels have one time axis
     assert page.evaluate(f"new Set({plot}.data.map((line) => line.xaxis)).size") == 1
     page.evaluate("seek(6.0)")
     left = page.evaluate("parseFloat(document.querySelector('.now').style.left)")
@@ -595,18 +595,18 @@ def test_browser_follows_a_run_that_goes_on(visit, tmp_path):
     with js.Watch(path) as served:
         page = visit(served.address)
         page.wait_for_function("jaxsph.taken === 1")
-        assert "goes on" in page.inner_text("#state") and page.evaluate("jaxsph.t") == pytest.approx(6.0)
+        assert "in progress" in page.inner_text("#state") and page.evaluate("jaxsph.t") == pytest.approx(6.0)
         page.evaluate("jaxsph.players[0].zoomBy(3)")
         RunFile.open(path).finish({"xi": 0.5, "periods": 9.0})
         page.wait_for_function("jaxsph.taken === 2")
         assert page.inner_text("#state") == "The run has ended."
-        assert page.evaluate("jaxsph.players[0].moved")  # the reader's own view is kept
+        assert page.evaluate("jaxsph.players[0].moved")  # the view that the reader has chosen is kept
 
 
 @needs_browser
 @pytest.mark.slow
 def test_browser_is_fast(visit, tmp_path):
-    """Drawn in software: 30 pictures a second of 8,000 particles, 10 of 50,000; the first within 2 s."""
+    """In software: 30 pictures per second of 8,000 particles, 10 of 50,000; the first picture within 2 s."""
     for particles, bar in ((8000, 30), (50_000, 10)):
         path = js.report(make_run(tmp_path / f"{particles}.h5", particles=particles, frames=24))
         began = time.perf_counter()

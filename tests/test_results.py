@@ -1,4 +1,4 @@
-"""Amplitudes, means and RAOs of what a model's parts let swing; the order of results in tables."""
+"""Amplitudes, means and RAOs of a model's oscillating parts; the order of results in tables."""
 
 from types import SimpleNamespace
 from typing import cast
@@ -28,7 +28,7 @@ MODEL = cast(
 
 
 def recorded(periods=5, results=None):
-    """Record of eight periods: 3 cm of heave and more about a mean, and what does not belong to the waves."""
+    """Record of eight periods: heave with a transient and a harmonic, a force, and a pressure."""
     t = np.arange(0.0, 8.0 * T + 1e-9, 0.01)
     swing = np.cos(2.0 * np.pi / T * t - 0.7)
     transient = np.where(t < 3.0 * T, 5.0, 0.0)
@@ -45,7 +45,7 @@ def recorded(periods=5, results=None):
 
 def test_amplitudes_are_those_of_the_first_harmonic_over_the_settled_periods():
     found = oscillation_result(MODEL, SettledPeriods(CASE)).make(recorded())
-    assert found["amplitude_heave"] == pytest.approx(0.03, rel=1e-4)  # of a record in float32
+    assert found["amplitude_heave"] == pytest.approx(0.03, rel=1e-4)  # float32 record
     assert found["mean_heave"] == pytest.approx(0.1, rel=1e-4)
     assert found["rao_heave"] == pytest.approx(0.03 / (0.5 * H), rel=1e-4)
     assert found["amplitude_force_z"] == pytest.approx(40.0, rel=1e-4)

@@ -1,4 +1,4 @@
-"""An open rim: water that splashes over it leaves, and mass and energy of what leaves are counted."""
+"""An open rim: water that splashes over it leaves the model; its mass and energy are counted."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ CASE = {
 
 @pytest.fixture(scope="module")
 def fountain():
-    """(state, solution) of a tank with three drops over its water, thrown up at 2 m/s, over the rim."""
+    """(state, solution) of a tank with three drops above its water, thrown over the rim at 2 m/s."""
     case = js.Case.from_dict(CASE | {"fluid": {"c0": 40.0}})
     model, state = js.build(case)
     top = jnp.argsort(state.particles.x[:, 1])[-3:]
@@ -32,13 +32,13 @@ def test_what_goes_over_the_rim_is_gone_and_counted(fountain):
     end = found.state.particles
     lost = float(jnp.sum(before.particles.m) - jnp.sum(end.m))
     assert int(found.state.status.bits) == 0
-    # sums of a hundred float32 masses; the water at the top is of the density at no pressure
+    # float32 sums of a hundred masses; the water at the top has the density at zero pressure
     assert lost == pytest.approx(3 * 1000.0 * 0.05**2, rel=1e-3)
     assert 1000.0 * float(found["spilt"][-1]) == pytest.approx(lost, rel=1e-3)
     assert float(found.state.parts["rim"].mass.total) == pytest.approx(lost, rel=1e-4)
     assert float(found.state.ledger["rim"].total) > 0.0
     assert np.count_nonzero(np.asarray(end.m) == 0.0) == 3
-    # 7.5 kg/m that left at under 2 m/s, 0.2 m over their places in the lattice: half of that is kinetic
+    # 7.5 kg/m left at under 2 m/s, 0.2 m above their lattice positions: half of that energy is kinetic
     assert float(found.state.ledger["rim"].total) == pytest.approx(
         7.5 * (0.5 * 1.4**2 + 9.81 * 0.25), rel=0.3
     )
@@ -48,5 +48,5 @@ def test_a_closed_rim_ends_the_run():
     case = js.Case.from_dict(CASE | {"fluid": {"c0": 40.0}, "tank": CASE["tank"] | {"rim": "closed"}})
     model, state = js.build(case)
     state = eqx.tree_at(lambda s: s.particles.x, state, state.particles.x.at[0, 1].set(0.6))
-    with pytest.raises(js.SimulationError, match=r"over the rim of the tank.*\n.*make the tank higher"):
+    with pytest.raises(js.SimulationError, match=r"left the tank over its rim.*\n.*make the tank higher"):
         js.march(model, state, 0.02, 0.02)

@@ -1,4 +1,4 @@
-"""Analysis of recorded seas, against seas whose spectrum, reflection and mean are known."""
+"""Analysis of recorded seas, compared with seas whose spectrum, reflection and mean are known."""
 
 import numpy as np
 import pytest
@@ -13,11 +13,11 @@ D, TP, HS = 0.5, 1.4, 0.04
 SEA = spectra.JONSWAP(HS, TP)
 F = (0.4 / TP, 2.9 / TP)
 T = np.arange(0.0, 280.0, 0.05)
-"""200 waves; seas of another duration than the record's are no sums of its own frequencies."""
+"""Times of 200 waves, s. Seas of another duration are not sums of the record's frequencies."""
 
 
 def sea(seed, x=0.0, back=0.0, duration=333.0):
-    """Elevation at x (m) of a sea and of its waves that a wall at x = 8 m sends back."""
+    """Elevation at x (m) of a sea, plus the share `back` that a wall at x = 8 m reflects."""
     a, w = spectra.draw_sea(SEA, duration, seed)
     k = second_order.wavenumbers(w, D, 9.81)
     there = a * np.exp(-1j * k * x) + back * a * np.exp(-1j * k * (16.0 - x))
@@ -25,7 +25,7 @@ def sea(seed, x=0.0, back=0.0, duration=333.0):
 
 
 def test_heights_and_periods_are_the_spectrum_s():
-    """Of 200 waves: Hm0 to 2 % (the record is not the sea's repetition), Te and T02 to 2 %, Tp to 3 %."""
+    """For 200 waves: Hm0 to 2 % (the record is not a repetition of the sea), Te and T02 to 2 %, Tp to 3 %."""
     found = analysis.spectrum(T, sea(1))
     f = np.linspace(*F, 4000)
     S = SEA.density(f)
@@ -37,7 +37,7 @@ def test_heights_and_periods_are_the_spectrum_s():
 
 
 def test_band_holds_the_true_density_as_often_as_it_says():
-    """Of Gaussian noise of density 1, 90 % of 2,000 values, to three standard errors of that share."""
+    """For Gaussian noise of density 1: 90 % of 2,000 values, within three standard errors of that share."""
     rng = np.random.default_rng(0)
     t = np.arange(40_000) * 0.5
     found = analysis.spectrum(t, rng.normal(size=t.size), bands=10)
@@ -47,7 +47,7 @@ def test_band_holds_the_true_density_as_often_as_it_says():
 
 
 def test_power_of_a_narrow_spectrum_is_that_of_its_wave():
-    """A sine of the frequency of a bin: rho g H^2/8 c_g, but for the taper's leakage into the next (1 %)."""
+    """A sine at the frequency of a bin: rho g H^2/8 c_g, except for leakage of the taper (1 %)."""
     from jaxsph.waves import theory
 
     t = np.arange(0.0, 140.0, 0.05)
@@ -57,8 +57,8 @@ def test_power_of_a_narrow_spectrum_is_that_of_its_wave():
 
 @pytest.mark.parametrize("back", [0.0, 0.3, 1.0])
 def test_incident_and_reflected_sea_are_told_apart(back):
-    """Five gauges; the record's ends leak a little from frequency to frequency: 0.01 of a coefficient, and
-    0.5 % of the height that the incident waves alone have in this record."""
+    """Five gauges. The ends of the record leak between frequencies: by 0.01 of a coefficient, and by 0.5 % of
+    the height of the incident waves in this record."""
     x = np.array([2.6, 2.8, 3.1, 3.5, 4.0])
     eta = np.array([sea(2, at, back) for at in x])
     found = analysis.two_way_sea(eta, x, T, D, f=F)
@@ -78,7 +78,7 @@ def test_gauges_that_cannot_tell_are_refused():
 
 
 def test_single_waves_of_a_sea_follow_rayleigh():
-    """H_1/3 within 5 to 10 % below Hm0, as in broad seas; the median height is 0.589 Hm0 in a narrow one."""
+    """H_1/3 is 5 to 10 % below Hm0, as in broad seas; the median height is 0.589 Hm0 in a narrow one."""
     waves = analysis.zero_crossing_waves(T, sea(3))
     assert 0.88 * HS < waves.significant < 1.02 * HS
     H, share = waves.exceedance()
@@ -87,7 +87,7 @@ def test_single_waves_of_a_sea_follow_rayleigh():
     np.testing.assert_allclose(narrow, [1.0, 0.5], atol=1e-4)
     assert np.interp(0.5, share[::-1], H[::-1]) == pytest.approx(0.589 * HS, rel=0.12)
     regular = analysis.zero_crossing_waves(T, np.sin(2.0 * np.pi * T / 1.4))
-    np.testing.assert_allclose(regular.H, 2.0, rtol=5e-3)  # of 28 samples a period
+    np.testing.assert_allclose(regular.H, 2.0, rtol=5e-3)  # 28 samples per period
     np.testing.assert_allclose(regular.T, 1.4, rtol=1e-3)
     with pytest.raises(ValueError, match="no whole wave"):
         analysis.zero_crossing_waves(T[:10], sea(3)[:10])
@@ -96,8 +96,10 @@ def test_single_waves_of_a_sea_follow_rayleigh():
 @settings(max_examples=5)
 @given(st.sampled_from([0.0, 0.7, 0.95]), st.integers(0, 2**31))
 def test_error_of_a_mean_covers_as_often_as_it_should(r, seed):
-    """AR(1) series of 4,000 samples, 200 of them: the errors' mean is the means' own scatter, to the 5 %
-    that 200 series have, three times over, and a bias of a few per cent."""
+    """200 AR(1) series of 4,000 samples: the mean error is the scatter of the means, to 20 %.
+
+    The tolerance is three times the 5 % of 200 series, and a bias of a few per cent.
+    """
     rng = np.random.default_rng(seed)
     series = signal.lfilter([1.0], [1.0, -r], rng.normal(size=(200, 4500)), axis=1)[:, 500:]
     found = [analysis.mean_with_error(one) for one in series]

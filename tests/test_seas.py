@@ -31,13 +31,13 @@ def omega(*T):
     ids=str,
 )
 def test_spectrum_has_its_height_and_peak(spectrum):
-    """Its variance is (Hs/4)^2, to the accuracy of the quadrature and the variance beyond 30 peaks (1e-6)."""
+    """The variance is (Hs/4)^2, to the accuracy of the quadrature and the variance beyond 30 peaks (1e-6)."""
     peak = 1.0 / spectrum.Tp
     parts = ((0.0, peak), (peak, 5.0 * peak), (5.0 * peak, 100.0 * peak))
     m0 = sum(quad(spectrum.density, *part)[0] for part in parts)
     assert 4.0 * np.sqrt(m0) == pytest.approx(spectrum.Hs, rel=2e-6)
     f = peak * np.linspace(0.5, 2.0, 3001)
-    assert f[np.argmax(spectrum.density(f))] == pytest.approx(peak, rel=1e-3)  # the grid's step
+    assert f[np.argmax(spectrum.density(f))] == pytest.approx(peak, rel=1e-3)  # the step of the grid
     assert spectrum.density(0.0) == 0.0
 
 
@@ -49,7 +49,7 @@ def test_jonswap_without_enhancement_is_bretschneider_s():
 
 
 def test_height_of_a_grown_sea():
-    """0.0246 m/s2 Tp^2 at g = 9.81 m/s2: the two laws of Pierson and Moskowitz (1964), 0.22 and 0.877 g/U."""
+    """0.0246 m/s2 Tp^2 at 9.81 m/s2, from both laws of Pierson and Moskowitz (1964), 0.22 and 0.877 g/U."""
     assert spectra.pierson_moskowitz_height(10.0) == pytest.approx(4.0, rel=0.01)
 
 
@@ -59,7 +59,7 @@ def test_every_sea_has_the_whole_variance(seed, duration):
     a, w = spectra.draw_sea(spectra.JONSWAP(0.04, 1.4), duration, seed)
     assert 4.0 * np.sqrt(0.5 * np.sum(np.abs(a) ** 2)) == pytest.approx(0.04, rel=1e-9)
     turns = w * duration / (2.0 * np.pi)
-    np.testing.assert_allclose(turns, np.round(turns), rtol=1e-9)  # it repeats after the duration
+    np.testing.assert_allclose(turns, np.round(turns), rtol=1e-9)  # the sea repeats after the duration
 
 
 def test_seeds_differ_and_repeat():
@@ -74,7 +74,7 @@ def test_group_has_its_crest():
 
 @pytest.mark.parametrize("T", [1.0, 1.4, 3.0])
 def test_second_order_elevation_of_one_wave_is_stokes(T):
-    """To rounding: both are the closed form."""
+    """To rounding, because both have the same closed form."""
     bound = second_order.second_order_elevation(np.array([0.02 + 0j]), omega(T), D)
     with enable_x64():
         expected = theory._stokes2_amplitude(0.04, theory.wavenumber(omega(T)[0], D), D)
@@ -83,7 +83,7 @@ def test_second_order_elevation_of_one_wave_is_stokes(T):
 
 
 def test_long_wave_of_a_slow_group_is_the_set_down():
-    """Longuet-Higgins and Stewart (1962): -S / (rho (g h - c_g^2)); periods 0.1 % apart come that near."""
+    """Longuet-Higgins and Stewart (1962): -S / (rho (g h - c_g^2)), to 0.3 % with periods 0.1 % apart."""
     w = omega(1.4, 1.4 * 1.001)
     a = np.array([0.02, 0.02], complex)
     bound = second_order.second_order_elevation(a, w, D)
@@ -95,7 +95,7 @@ def test_long_wave_of_a_slow_group_is_the_set_down():
 
 
 def test_second_order_displacement_of_long_waves_is_madsen_s():
-    """Madsen (1971) holds in shallow water: kd = 0.49 and 0.24, where the two agree to (kd)^2 / 5."""
+    """Madsen (1971) holds in shallow water: at kd = 0.49 and 0.24 the two agree to (kd)^2 / 5."""
     for T, kd in ((3.0, 0.49), (6.0, 0.24)):
         found = second_order.second_order_displacement(np.array([0.005 + 0j]), omega(T), D)
         with enable_x64():
@@ -112,7 +112,7 @@ def test_second_order_displacement_converges_with_the_modes():
 @settings(max_examples=10)
 @given(st.permutations(range(4)), st.floats(-3.0, 3.0))
 def test_second_order_does_not_depend_on_the_waves_order_or_the_clock(order, shift):
-    """A later clock turns every amplitude by its own frequency; to rounding."""
+    """A later start of the clock shifts the phase of every amplitude by its own frequency; to rounding."""
     a, w = np.array([0.01, 0.02j, 0.01 + 0.01j, -0.005]), omega(1.6, 1.4, 1.3, 1.0)
     order = list(order)
     for function in (second_order.second_order_displacement, second_order.second_order_elevation):
@@ -125,7 +125,7 @@ def test_second_order_does_not_depend_on_the_waves_order_or_the_clock(order, shi
 
 
 def test_sea_of_one_wave_is_regular():
-    """Displacement, velocity, elevation at a gauge, near field: all in float32, to its rounding."""
+    """Displacement, velocity, elevation at a gauge and near field, to the rounding of float32."""
     regular = RegularWaves(0.04, 1.4, D, ramp=2.8)
     sea = Sea.of(np.array([0.02]), omega(1.4), D, 2.8, second_order_piston=False)
     t = jnp.linspace(0.0, 6.0, 61)
@@ -139,7 +139,7 @@ def test_sea_of_one_wave_is_regular():
 
 
 def test_sea_s_second_order_is_in_displacement_and_gauge():
-    """They are the host's sums, after the ramp."""
+    """They are the sums computed on the host, once the ramp has ended."""
     a, w = np.array([0.02, 0.015j]), omega(1.3, 1.5)
     first, second = (Sea.of(a, w, D, 1.0, second_order_piston=one) for one in (False, True))
     t = np.linspace(2.0, 5.0, 31)
@@ -170,10 +170,11 @@ SEA = Sea.of(np.array([0.02, 0.015j]), omega(1.3, 1.5), D, 1.0)
     ids=["regular", "sea"],
 )
 def test_velocities_are_those_of_the_elevation(waves):
-    """w = d eta/dt at the still level, the flow at x = 0 is the wall's, and u_x = -w_z.
+    """w = d eta/dt at the still level, the flow at x = 0 is that of the wall, and u_x = -w_z.
 
-    Of waves so low that the second order is 0.5 % of the first; differences over 0.2 m and 0.1 m, to
-    (k 0.1)^2/6 = 2 %."""
+    The waves are so low that the second order is 0.5 % of the first; differences over 0.2 m and 0.1 m have an
+    error of (k 0.1)^2/6 = 2 %.
+    """
     t, step = 5.0, 2e-2
     u, w = waves.velocity(X, Z, t)
     rate = (waves.delayed_elevation(X, t + step) - waves.delayed_elevation(X, t - step)) / (2.0 * step)
@@ -190,12 +191,12 @@ def test_velocities_are_those_of_the_elevation(waves):
 
 
 def test_zone_draws_velocities_towards_the_waves_and_books_the_energy():
-    """A step of ten times the rate's inverse takes the whole difference at the near end, none beyond."""
+    """A step of ten times the inverse rate takes the whole difference at the near end, none past the zone."""
     zone = RelaxationZone(SEA, *(jnp.asarray(a) for a in (2.0, 5.0)), X, Z)
     x = jnp.array([[0.0, 0.4], [0.5, 0.3], [1.9, 0.2], [2.5, 0.4]])
     asked = np.asarray(zone.asked(x, 5.0))
     there = np.array([SEA.velocity(a[:1], a[1:], 5.0)[:, 0, 0] for a in x])
-    # between the points of its lattice: (k 0.1)^2/8 of 0.1 m/s
+    # error between the points of the zone's lattice: (k 0.1)^2/8 of 0.1 m/s
     np.testing.assert_allclose(asked[:3], there[:3], atol=5e-4)
     assert 1.0 == zone.weight(x[:, 0])[0] > zone.weight(x[:, 0])[1] > zone.weight(x[:, 0])[2] > 0.0
     after = np.asarray(zone.damp(x, jnp.ones_like(x), 5.0, 2.0))
@@ -214,7 +215,7 @@ FLUME = {
 
 
 def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
-    """No paddle absorbs, and the budget closes: less than a thousandth of a joule per metre is missing."""
+    """Without an absorbing paddle the energy budget closes, to less than 1 % of the kinetic energy."""
     done = js.run(js.Case.from_dict(FLUME | {"t1": 1.0}), progress=False)
     assert done.state.ledger["zone"].total != 0.0
     assert abs(done.results["energy_residual"]) < 1e-2 * max(abs(done["kinetic"]))
@@ -237,7 +238,7 @@ def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
         ),
         (
             {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "spectrum": "bretschneider", "gamma": 2.0},
-            "only spectrum",
+            "applies to spectrum",
         ),
         ({"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "spectrum": "pierson_moskowitz"}, "follows from Tp"),
         ({"kind": "bichromatic", "H": [0.03, 0.03], "T": [1.5, 1.5]}, "two periods must differ"),
@@ -263,7 +264,7 @@ def test_waves_that_a_tank_cannot_have_are_refused(waves, words):
 
 
 def test_a_recorded_series_is_made_again():
-    """A sea's own elevation at 3 m, as a record of one repetition, gives that sea's waves: to rounding."""
+    """A sea's elevation at 3 m, recorded over one repetition, gives the waves of that sea, to rounding."""
     a, w = spectra.draw_sea(spectra.JONSWAP(0.08, 3.0), 64.0, 3)
     t = np.arange(640) * 0.1
     there = second_order.Harmonics(a * np.exp(-1j * second_order.wavenumbers(w, D, G) * 3.0), w, w).at(t)
@@ -271,7 +272,7 @@ def test_a_recorded_series_is_made_again():
     section = RecordedWavesSection(t=tuple(t), eta=tuple(there), x=3.0)
     for one in (section, RecordedWavesSection(t=tuple(t), X=tuple(X))):
         found, omegas = one.sum_of_waves(D, G)
-        # the least of its waves are left out
+        # its smallest waves are left out
         kept = np.isin(*(np.round(which * 64.0 / (2.0 * np.pi)) for which in (w, omegas)))
         assert kept.sum() >= len(a) - 1
         np.testing.assert_allclose(found, a[kept], atol=1e-12)
@@ -310,7 +311,7 @@ x = 2.0
 
 
 def test_a_recorded_series_is_read_from_its_file(tmp_path):
-    """From the case's own folder, into the case: the run's file then has all that the run needs."""
+    """The file is in the case's folder; the case then contains the series, so that a run needs no file."""
     t = np.arange(0.0, 60.0, 0.1).round(3)
     eta = (0.03 * np.sin(2.0 * np.pi * t / 3.0)).round(6)
     rows = "\n".join(f"{a},{b}" for a, b in zip(eta, t, strict=True))

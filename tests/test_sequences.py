@@ -1,4 +1,4 @@
-"""Random lives of a run's file: whatever happens to it, it gives the right numbers or a clear error."""
+"""Random histories of a run's file: it always gives the right numbers, or a clear error."""
 
 import contextlib
 import os
@@ -21,16 +21,16 @@ from jaxsph.run import host
 from jaxsph.run.simulate import simulate_chunk
 
 CHUNK = 0.02
-"""Seconds from checkpoint to checkpoint: two samples."""
+"""Time between checkpoints, s: two samples."""
 MOST = 5
 """Largest number of chunks of a run."""
 CASE = coarse("hydrostatic", {"start.amplitude": 0.03, "output.snapshot_dt": CHUNK, "t1": MOST * CHUNK})
 VISCOSITIES = (1e-6, 1e-2, 3e-2)
-"""What is changed in the course of a run: it shows in the first sample after the change."""
+"""Values that change during a run; a change shows in the first sample after it."""
 
 
 class Killed(BaseException):
-    """Stands for a kill: nothing after it is done, the copies that are in progress apart."""
+    """Stands for a kill: nothing is done after it, except that copies in progress are removed."""
 
 
 built = {}
@@ -38,7 +38,7 @@ chunks = {}
 
 
 def build(case, sizes=None):
-    """`build`, once for every case: it gives the same again."""
+    """`build`, called once for every case; later calls return the same model and state."""
     key = (case.fluid.nu, case.start.amplitude, tuple(sorted((sizes or {}).items())))
     if key not in built:
         built[key] = js.build(case, sizes)
@@ -46,7 +46,7 @@ def build(case, sizes=None):
 
 
 def truth(history):
-    """Series of a run that had these viscosities in its chunks, without any file; the state after it."""
+    """Series of a run with these viscosities in its chunks, without a file, and the state at its end."""
     if history not in chunks:
         if not history:
             return {}, build(CASE)[1]
@@ -65,14 +65,14 @@ def truth(history):
 
 
 class Life:
-    """A file, and the histories that it may have by what was done to it."""
+    """A file, and the histories that it may have after what was done to it."""
 
     def __init__(self, folder):
         self.path, self.damaged = Path(folder) / "run.h5", False
         self.possible = set()  # histories of chunks
 
     def look(self):
-        """What the file holds, as its history; None where it says that it is damaged."""
+        """History of the file's contents, and its present viscosity; None if the file reports damage."""
         try:
             run = RunFile.open(self.path)
             series, nu = run.series(), js.Case.from_dict(run.case_keys()).fluid.nu
@@ -92,24 +92,24 @@ class Life:
         history = fitting[0]
         changes = [k for k in range(1, n) if history[k] != history[k - 1]]
         expected = changes[-1] * CHUNK if changes else 0.0
-        if n and nu != history[-1]:  # changed, and not gone on with yet
+        if n and nu != history[-1]:  # changed, but not continued yet
             expected = n * CHUNK
             assert not results, "results of before the change"
-        # later than the last change that shows, where one was taken back before it was gone on with
+        # later than the last visible change if a change was undone before the run continued
         assert expected - 1e-9 <= since <= n * CHUNK + 1e-9
         if results:
             assert results["t_end"] == pytest.approx(n * CHUNK, rel=1e-6)
         return history, nu
 
     def run(self, nu, n, overwrite):
-        """A new run of n chunks."""
+        """Starts a new run of n chunks."""
         self.possible |= {(nu,) * k for k in range(n + 1)}
         case = CASE.replace({"fluid.nu": nu})
         js.run(case, t1=n * CHUNK, out=self.path, overwrite=overwrite, progress=False, devices=1)
         return (nu,) * n
 
     def resume(self, n, nu=None):
-        """Goes on by n chunks, with another viscosity or the same."""
+        """Continues by n chunks, with another viscosity or the same."""
         found = self.look()
         if found is not None:
             history, now = found
@@ -120,7 +120,7 @@ class Life:
         js.resume(self.path, t1=n * CHUNK, changes=changes, progress=False, devices=1)
 
     def do(self, what):
-        """Does one thing; its only errors are those that name file or field."""
+        """Does one action; its only errors are those that name the file or a field."""
         try:
             if what[0] == "run":
                 self.run(*what[1:])
@@ -139,7 +139,7 @@ class Life:
         self.look()
 
     def refused(self, t1):
-        """A run and a change that cannot be leave every byte as it was."""
+        """A run and a change that are refused leave every byte as it was."""
         before = self.contents()
         for attempt in (
             lambda: js.run(CASE, t1=t1, out=self.path, overwrite=True, progress=False),
@@ -150,7 +150,7 @@ class Life:
         assert self.contents() == before
 
     def kill(self, name, call, what):
-        """A run that ends at some call to the system."""
+        """An action that is killed at call number `call` of the function `os.name`."""
         real, left = getattr(os, name), [call]
 
         def kill(*arguments):
@@ -167,7 +167,7 @@ class Life:
             self.do(what)
 
     def second(self, at, what, first):
-        """Another run begins and ends while the first is in its chunk `at`."""
+        """Another action begins and ends while the first is in its chunk `at`."""
         left = [at]
 
         def chunk(*arguments, **named):
@@ -180,7 +180,7 @@ class Life:
             self.do(first)
 
     def damage(self, which, share, bits):
-        """Some bits of a byte are flipped in one of the files."""
+        """Flips some bits of one byte in one of the files."""
         path = self.path.with_name(self.path.name + which)
         if path.exists():
             content = bytearray(path.read_bytes())
@@ -215,7 +215,7 @@ SEQUENCE = st.tuples(RUN.map(lambda s: (*s[:3], True)), st.lists(STEP, min_size=
 
 
 def live(sequence):
-    """Does all of a sequence to one file, and checks it after every thing done."""
+    """Applies a sequence of actions to one file, and checks the file after each action."""
     first, others = sequence
     with (
         tempfile.TemporaryDirectory() as folder,

@@ -1,4 +1,4 @@
-"""Shapes of solids: distances, dummies, moments; motions of a rigid body."""
+"""Shapes of solids: distances, dummies, moments; and motions of a rigid body."""
 
 import dataclasses
 
@@ -49,18 +49,18 @@ SHAPES = [
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 @pytest.mark.parametrize("dx", [0.02, 0.013])
 def test_dummies_have_volume_and_centre_of_the_shape(shape, dx):
-    """A face, an edge or a thin plate anywhere between the lattice's places; a share of 1e-4 may lack."""
+    """For faces, edges and thin plates at any position in the lattice, except for a share of 1e-4."""
     x, volume = shape.dummies(dx, 100)
     area, centre, _ = shape.moments()
     np.testing.assert_allclose(volume.sum(), area, rtol=2e-4)
     np.testing.assert_allclose(volume @ x / volume.sum(), centre, atol=1e-4)
-    # where layers of two sides meet a particle may have half a cell more
+    # where the layers of two sides meet, a particle may have half a cell more
     assert volume.max() < 1.6 * dx**2
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
 def test_dummies_go_as_deep_as_the_water_feels(shape):
-    """The volume down to the last layer; one centroid or another is a corner's, farther from the surface."""
+    """Their volume is that of the layers; at a corner a centroid may be farther from the surface."""
     dx, layers = 0.02, 2
     x, volume = shape.dummies(dx, layers)
     region = shape.region()
@@ -71,7 +71,7 @@ def test_dummies_go_as_deep_as_the_water_feels(shape):
 
 @pytest.mark.parametrize("shape", [BLOCK, Polygon(SQUARE)], ids=lambda s: type(s).__name__)
 def test_dummies_between_places_of_the_lattice_are_its_cells(shape):
-    """Faces of whole spacings: cells of dx, their centres a half, one and a half, ... spacings behind."""
+    """If faces fit the lattice, dummies are cells of dx, with centres 0.5, 1.5, ... spacings behind it."""
     dx = 0.02
     x, volume = shape.dummies(dx, 3)
     np.testing.assert_allclose(volume, dx**2)
@@ -83,7 +83,7 @@ def test_dummies_between_places_of_the_lattice_are_its_cells(shape):
     "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2), *COMPOSED], ids=lambda s: type(s).__name__
 )
 def test_dummies_are_inside_and_apart(shape):
-    """In the shape, around a hole too; no two nearer than six tenths of a spacing."""
+    """Dummies are in the shape, also around a hole, and no two are closer than 0.6 spacings."""
     dx = 0.02
     x, _ = shape.dummies(dx, 3)
     region = shape.region()
@@ -94,7 +94,7 @@ def test_dummies_are_inside_and_apart(shape):
 
 @pytest.mark.parametrize("shape", [Disc((0.3, 0.3), 0.2), TILTED], ids=lambda s: type(s).__name__)
 def test_dummies_of_a_curved_or_tilted_face_stand_in_layers(shape):
-    """Half a spacing behind it and every spacing from there: the centroids of a layer's parts lie so."""
+    """The first layer is half a spacing behind the face, and the others follow at every spacing."""
     dx = 0.02
     x, _ = shape.dummies(dx, 3)
     depth = -np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) / dx
@@ -111,7 +111,7 @@ def test_dummies_of_a_box_in_three_dimensions():
     "shape", [BLOCK, Polygon(SQUARE), Disc((0.3, 0.3), 0.2), *COMPOSED], ids=lambda s: type(s).__name__
 )
 def test_moments_are_those_of_points_inside(shape):
-    """A lattice of 400 x 400 points counts the area to the share of points on its edge, half a per cent."""
+    """A lattice of 400 x 400 points gives the area to the share of points on its edge, half a per cent."""
     at = (np.arange(400) + 0.5) * 0.6 / 400
     x = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
     x = x[np.asarray(shape.distance(jnp.asarray(x, jnp.float32))) < 0]
@@ -122,7 +122,7 @@ def test_moments_are_those_of_points_inside(shape):
 
 
 class Ellipse(AbstractShape):
-    """A shape of a user, by its distance and where it is."""
+    """A user-defined shape, given by its distance and its bounds."""
 
     def distance(self, x):
         return 0.1 * (jnp.sqrt(jnp.sum(((x - 0.3) / jnp.array([0.2, 0.1])) ** 2, axis=1)) - 1.0)
@@ -132,15 +132,15 @@ class Ellipse(AbstractShape):
 
 
 def test_the_outline_of_a_distance_has_its_precision():
-    """A disc's, grown by 1e-9 m, which single precision does not resolve."""
+    """A disc grown by 1e-9 m, which single precision does not resolve."""
     with enable_x64():
         small, large = (AbstractShape.region(Disc((0.3, 0.3), r)).area for r in (0.1, 0.1 + 1e-9))
-    # to the error of a polygon of so many corners
+    # to the error of a polygon with so many corners
     assert large - small == pytest.approx(2.0 * np.pi * 0.1 * 1e-9, rel=1e-3)
 
 
 def test_a_shape_is_known_by_its_distance():
-    """Area, centre and second moment of an ellipse; the grid has 240 intervals, so a share of 1e-4."""
+    """Area, centre and second moment of an ellipse; the grid has 240 intervals, hence errors of 1e-4."""
     area, centre, second = Ellipse().moments()
     np.testing.assert_allclose(area, np.pi * 0.2 * 0.1, rtol=2e-4)
     np.testing.assert_allclose(centre, 0.3, rtol=1e-5)
@@ -154,7 +154,7 @@ def test_a_shape_is_known_by_its_distance():
 
 @pytest.mark.parametrize("shape", COMPOSED, ids=lambda s: type(s).__name__)
 def test_distance_of_a_composed_shape_is_that_of_its_region(shape):
-    """Negative inside and nowhere too large; exact outside a union, and wherever a face is nearest."""
+    """Negative inside and nowhere too large; exact outside a union, and wherever a face is the nearest."""
     x = np.random.default_rng(2).uniform(0.0, 0.6, (400, 2))
     found = np.asarray(shape.distance(jnp.asarray(x, jnp.float32)))
     region = shape.region()
@@ -162,14 +162,14 @@ def test_distance_of_a_composed_shape_is_that_of_its_region(shape):
     inside = np.array([region.contains(shapely.Point(*at)) for at in x])
     clear = exact > 1e-5
     assert np.all((found < 0)[clear] == inside[clear])
-    # a circle of a thousand corners is 1e-6 m off
+    # a circle of a thousand corners has an error of 1e-6 m
     assert np.all(np.abs(found) <= exact + 5e-6)
     alike = {"Union": ~inside, "Difference": inside}.get(type(shape).__name__, np.ones(len(x), bool))
     np.testing.assert_allclose(np.abs(found)[alike], exact[alike], atol=5e-6)
 
 
 def test_numbers_of_a_shape_are_leaves():
-    """A slope over a radius, a face and an angle without another program for each value."""
+    """Slopes with respect to a radius, a face and an angle need one compiled program for all values."""
     x = jnp.array([[0.7, 0.3], [0.3, 0.9]])
 
     def away(shape):
@@ -183,7 +183,7 @@ def test_numbers_of_a_shape_are_leaves():
     block = jax.tree.map(jnp.float32, Block((0.1, 0.2), (0.5, 0.4)))
     assert float(compiled(block).high[0]) == pytest.approx(-1.0)
     tilted = jax.tree.map(jnp.float32, Placed(Block((0.1, 0.2), (0.5, 0.4)), about=(0.3, 0.3)))
-    # raised by 1e-3 rad its right end sinks: the point to the right, level with the middle, feels none
+    # a positive angle lowers the right end: the slope for the point level with the middle is zero
     ahead = jax.tree.map(jnp.float32, Placed(Block((0.1, 0.2), (0.5, 0.4)), angle=1e-3, about=(0.3, 0.3)))
     slope = float(compiled(tilted).angle)
     assert float(away(ahead) - away(tilted)) / 1e-3 == pytest.approx(slope, abs=2e-3)
@@ -214,7 +214,7 @@ POSES = st.tuples(*(st.floats(-1.0, 1.0, width=32) for _ in range(3)))
 @settings(max_examples=30, deadline=None)
 @given(POSES, POSES)
 def test_velocities_are_the_rate_of_positions(pose, velocity):
-    """And distances are kept, and the way back is the inverse."""
+    """Distances are kept, and carrying points back is the inverse motion."""
     body, x = _body(), jnp.asarray(BLOCK.dummies(0.1, 1)[0], jnp.float32)
     pose, velocity = jnp.asarray(pose, jnp.float32), jnp.asarray(velocity, jnp.float32)
     none, no_impulse = jnp.zeros(3), Tally.zero(jnp.float32, (3,))
@@ -225,7 +225,7 @@ def test_velocities_are_the_rate_of_positions(pose, velocity):
 
     there, rate = jax.jvp(at, (0.0,), (1.0,))
     np.testing.assert_allclose(body.velocity(state, there), rate, atol=2e-6)
-    # one distance per point of the surface and pose: the way back to rest, as `distance` goes it
+    # distances from points of the moved surface, which `distance` carries back to rest
     np.testing.assert_allclose(body.distance(state, there), BLOCK.distance(x), atol=2e-6)
     second = jax.jvp(lambda t: jax.jvp(at, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
     np.testing.assert_allclose(body.centripetal(state, there), second, atol=2e-5)
@@ -237,7 +237,7 @@ def test_a_pivot_off_the_centre_allows_pitch_alone():
 
 
 def test_weight_turns_a_leaning_flap_further():
-    """The centre of mass above the hinge and landward of it: positive, landward, and M g times the arm."""
+    """The centre of mass is above and landward of the hinge: a landward moment of M g times the arm."""
     body = _body((False, False, True), pivot=(0.3, 0.2))
     leaning = BodyMotion.at_rest(jnp.float32, pose=(0.0, 0.0, 0.2))
     moment = body.external(leaning, jnp.array([0.0, -9.81]))[2]
@@ -270,7 +270,7 @@ def test_a_body_is_held_until_its_release():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
-    """To round-off of the order of summation, in parts of some twenty points each."""
+    """To round-off of the order of summation, in parts of about twenty points each."""
     monkeypatch.setattr(brim, "PAIRS", 600)
     rng = np.random.default_rng(dim)
     points, water = rng.uniform(0, 1, (50, dim)), rng.uniform(0, 1, (400, dim))
@@ -284,7 +284,7 @@ def test_filling_in_parts_is_the_sum_over_all_pairs(monkeypatch, dim):
 
 
 def test_where_insets_meet_the_later_points_give_way():
-    """A thin wedge, point by point: each stays unless an earlier one that stays is within 0.6 spacings."""
+    """A thin wedge, point by point: a point stays unless an earlier one that stays is within 0.6 spacings."""
     dx = 0.02
     whole = shapely.Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 0.1)))
     insets = (whole.buffer(-(k + 0.5) * dx, join_style="mitre", mitre_limit=20.0) for k in range(3))

@@ -1,4 +1,4 @@
-"""Running: `simulate` is pure, water at rest stays, `run` survives kills, overflow and nonsense."""
+"""Running: `simulate` is pure, water at rest stays, and `run` survives kills, overflow and NaNs."""
 
 import functools
 import inspect
@@ -41,13 +41,13 @@ from jaxsph.waves import theory
 from jaxsph.waves.second_order import Harmonics, wavenumbers
 
 CHUNK = 0.05
-"""Seconds from checkpoint to checkpoint in these tests."""
+"""Time between checkpoints in these tests, s."""
 OWC = coarse("owc", {"output.snapshot_dt": CHUNK})
 quiet = functools.partial(js.run, progress=False)
 
 
 def run_results(case, solution, seconds, steps, since=0.0):
-    """Scalars of a case's run and notices, without building the case."""
+    """Scalar results and notices of a case's run, without building the case."""
     model = types.SimpleNamespace(entries=dict, g=(0.0, 0.0))
     labelled = energy_result(model, case.waves is not None)
     made = (labelled, noise_result, *case_results(case))
@@ -65,7 +65,7 @@ def _settings(model):
 
 
 def _assert_same(a, b):
-    """Bit for bit: nothing between the two runs differs, so nothing may be rounded differently."""
+    """Bit for bit, because both runs do the same operations and round in the same way."""
     assert jax.tree.structure(a) == jax.tree.structure(b)
     for left, right in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         np.testing.assert_array_equal(left, right)
@@ -75,7 +75,7 @@ def _assert_same(a, b):
 
 
 def test_the_api_keeps_its_names():
-    """`jaxsph.run` runs, whatever was imported before it: the room of that name must not hide it."""
+    """`jaxsph.run` is the function, whatever was imported before; the subpackage must not hide it."""
     assert callable(js.simulate) and callable(js.run)
     assert "overwrite" in inspect.signature(js.run).parameters
 
@@ -90,21 +90,21 @@ def test_samples_are_at_the_start_of_their_interval(hydrostatic):
     _, model, _ = hydrostatic
     state, series = advance(*hydrostatic, samples=60)
     assert {len(values) for values in series.values()} == {60}
-    # Steps are counted, not added up: float32 rounds each time once.
+    # Time is the counted steps times dt, so that float32 rounds it only once.
     np.testing.assert_allclose(series["time"], 0.01 * np.arange(60), rtol=3e-7)
     assert float(model.time(state)) == pytest.approx(0.6, rel=3e-7)
     assert series["eta"].shape == (60, 2) and series["pressure"].shape == (60, 3)
 
 
 def test_samples_are_counted_from_the_state_s_own_step(hydrostatic):
-    """A state at a step that no sample falls on is measured like any other, only later."""
+    """A state at a step between samples is measured like any other, at its own time."""
     case, model, state = hydrostatic
     first = 3
     late = eqx.tree_at(lambda s: s.step, state, jnp.asarray(first, state.step.dtype))
     (end, expected), (late_end, series) = (advance(case, model, s, samples=60) for s in (state, late))
     t = float(model.dt) * (first + 6 * np.arange(60))
     np.testing.assert_allclose(series["time"], t, rtol=3e-7)  # float32 rounds each time once
-    # nothing in a tank at rest depends on the time
+    # a tank at rest does not depend on time
     _assert_same(
         {k: v for k, v in series.items() if k != "time"}, {k: v for k, v in expected.items() if k != "time"}
     )
@@ -121,11 +121,11 @@ def test_lengths_that_do_not_divide_are_refused(hydrostatic, lengths):
 def test_water_at_rest_stays_at_rest(hydrostatic):
     state, series = advance(*hydrostatic, samples=60)
     assert int(state.status.bits) == 0
-    # The bar of the fine tank, d/40, is 1 % of sqrt(g d) after 3 s; this one settles as quietly.
+    # The bar for the fine tank, d/40, is 1 % of sqrt(g d) after 3 s; this tank is as quiet.
     assert np.max(series["max_speed"]) < 0.01 * np.sqrt(9.81)
     p = state.particles
     pressure = p.rho * hydrostatic[1].scheme.c0 ** 2
-    # ... and 1 % of rho g d: here ten particles deep, of which the top row errs by half its own weight.
+    # ... and 1 % of rho g d; here ten particles are the depth, and the top row errs by half its own weight.
     assert np.sqrt(np.mean((pressure - 9810.0 * (1.0 - p.x[:, 1])) ** 2)) < 0.015 * 9810.0
     np.testing.assert_allclose(series["pressure"][-1], [7357.5, 4905.0, 2452.5], atol=0.015 * 9810.0)
     assert np.max(np.abs(series["eta"])) < 1e-3
@@ -134,10 +134,10 @@ def test_water_at_rest_stays_at_rest(hydrostatic):
 def test_water_at_rest_has_no_momentum(hydrostatic):
     p = advance(*hydrostatic, samples=60)[0].particles
     momentum = np.asarray(p.m @ p.u)
-    # Sideways the tank is symmetric, so what is left is round-off of 360 steps of pressure forces, each
-    # 1e-7 of rho g d times the wall's area: far below a thousandth of the water's weight times 1 s.
+    # The tank is symmetric sideways. The remainder is round-off of 360 steps of pressure forces, each 1e-7 of
+    # rho g d times the wall's area: far below a thousandth of the water's weight times 1 s.
     assert abs(momentum[0]) < 1e-3 * float(jnp.sum(p.m))
-    # Upwards it settles within the speed of the test above.
+    # Vertically the water settles, within the speed of the test above.
     assert abs(momentum[1]) < 0.005 * float(jnp.sum(p.m))
 
 
@@ -155,7 +155,7 @@ def test_three_dimensions_are_another_width(hydrostatic_3d):
 def standing(hydrostatic):
     """Series of a standing wave of the first mode, 0.03 m."""
     case = coarse("hydrostatic", {"start.amplitude": 0.03})
-    # with the tank's own tables: nothing has to be compiled again
+    # with the tables of the tank at rest, so that nothing is compiled again
     model, state = js.build(case, _settings(hydrostatic[1]))
     state, series = advance(case, model, state, samples=70)
     assert int(state.status.bits) == 0
@@ -169,13 +169,13 @@ def _tilt(series):
 def test_standing_wave_has_its_period_roughly(standing):
     t, tilt = np.asarray(standing["time"]), _tilt(standing)
     period = 2 * np.pi / np.sqrt(9.81 * np.pi * np.tanh(np.pi))
-    # Ten particles to half a wavelength, h = 1.2 dx: dispersion of order (k h)^2/4 = 4 %; the slow lane
-    # measures it on a fine lattice.
+    # With ten particles per half wavelength and h = 1.2 dx, dispersion is of order (k h)^2/4 = 4 %; the slow
+    # lane measures it on a fine lattice.
     assert t[np.argmax(tilt)] == pytest.approx(period / 4, rel=0.06)
     down = np.flatnonzero((tilt[1:-1] > 0) & (tilt[2:] <= 0))[0] + 1
     crossing = t[down] - tilt[down] * (t[down + 1] - t[down]) / (tilt[down + 1] - tilt[down])
     assert crossing == pytest.approx(period / 2, rel=0.06)
-    # Between the gauges at 0.2 and 0.8 m: 2 x 0.03 cos(0.2 pi) = 0.0485 m, blunted by their width.
+    # Between the gauges at 0.2 and 0.8 m: 2 x 0.03 cos(0.2 pi) = 0.0485 m, reduced by their width.
     assert np.max(tilt) == pytest.approx(0.0485, rel=0.15)
 
 
@@ -185,14 +185,16 @@ def test_integrators_agree(standing):
     model, state = js.build(case)
     state, series = advance(case, model, state, samples=20)
     assert int(state.status.bits) == 0 and float(model.dt) < 1e-3
-    # One second-order scheme against another with half the step: (omega dt)^2 = 1e-4 of a wave of
-    # omega = 5.5 rad/s, and the acoustics of the first milliseconds.
+    # Two second-order schemes, one with half the step: they differ by (omega dt)^2 = 1e-4 of a wave of omega
+    # = 5.5 rad/s, and by the acoustics of the first milliseconds.
     np.testing.assert_allclose(_tilt(series), _tilt(standing)[:20], atol=1e-3 * np.max(_tilt(standing)))
 
 
 def test_no_slip_walls_only_shear(hydrostatic, standing):
-    """With the viscosity of water they change a wave by nothing visible; a wall that looked like a moving
-    one to the continuity equation made it explode."""
+    """With the viscosity of water they do not change a wave visibly.
+
+    The wave exploded when the continuity equation treated such a wall like a moving one.
+    """
     case = coarse("hydrostatic", {"start.amplitude": 0.03, "tank.slip": "no_slip"})
     model, state = js.build(case, _settings(hydrostatic[1]))
     state, series = advance(case, model, state, samples=70)
@@ -213,7 +215,7 @@ def test_overflow_is_a_bit(hydrostatic):
 
 def test_stale_table_is_flagged_and_mended(hydrostatic):
     case, model, state = hydrostatic
-    # All water upwards at 1.33 m/s: 0.0133 m in a block of 6 steps, and half the skin is 0.01 m.
+    # All water moves up at 1.33 m/s: by 0.0133 m in a block of 6 steps, and half the skin is 0.01 m.
     rising = with_velocity(state, (0.0, 1.33))
     failed, _ = advance(case, model, rising, samples=60)
     assert Failure.STALE_TABLE in Failure(int(failed.status.bits))
@@ -227,14 +229,14 @@ def test_stale_table_is_flagged_and_mended(hydrostatic):
 
 
 def test_settings_go_straight_to_what_was_needed(hydrostatic):
-    """One change, not one after another: every one compiles the step again."""
+    """One change instead of several, because every change compiles the step again."""
     _, model, state = hydrostatic
     most = {"capacity": 151, "node_capacity": 3, "chamber_capacity": 0, "halo": 0, "points": 0}
     of = lambda s: (s.bits, s.most, s.speed2)  # noqa: E731
     lost = eqx.tree_at(of, state.status, (1, {k: np.asarray(v) for k, v in most.items()}, 0.0))
     found = chunks.better_settings(model, lost)
     assert found.keys() == {"capacity"} and 151 < found["capacity"] < 1.5 * 151
-    # half a skin is 0.01 m, a step 1/600 s: at 5 m/s one in every step, and a quarter faster still
+    # half a skin is 0.01 m and a step 1/600 s: at 1.25 times 5 m/s a search is due at every step
     stale = eqx.tree_at(of, state.status, (int(Failure.STALE_TABLE), state.status.most, 25.0))
     assert chunks.better_settings(model, stale) == {"rebuild_every": 1}
 
@@ -242,7 +244,7 @@ def test_settings_go_straight_to_what_was_needed(hydrostatic):
 def test_too_few_images_name_the_walls_that_need_none(hydrostatic):
     case, model, state = hydrostatic
     full = eqx.tree_at(lambda s: s.status.bits, state, jnp.asarray(int(Failure.NEIGHBOUR_OVERFLOW)))
-    assert chunks.better_settings(model, full.status) is None  # no table would be enough if it grew
+    assert chunks.better_settings(model, full.status) is None  # larger tables do not help
     words = str(chunks.failure_error(model, full, "dense", remedies(case)))
     assert 'set tank.walls = "mirror"' in words
 
@@ -256,7 +258,7 @@ def test_a_table_outrun_in_one_step_names_what_makes_steps_shorter(hydrostatic):
 
 @pytest.mark.parametrize("field", ["u", "rho"])
 def test_the_place_of_a_value_gone_wrong_is_where_it_began(hydrostatic, field):
-    """At the end of the step that made it, before the next one carries it everywhere."""
+    """It is reported at the end of the step in which it arises, before the next step spreads it."""
     _, model, state = hydrostatic
     of = lambda s: getattr(s.particles, field)  # noqa: E731
     poisoned = eqx.tree_at(of, state, of(state).at[57].set(jnp.nan))
@@ -285,7 +287,7 @@ def test_run_gives_series_and_results(whole):
     assert np.all(np.isfinite(np.concatenate([a.ravel() for a in solution.series.values()])))
     file = RunFile.open(path)
     assert file.results() == pytest.approx(solution.results) and file.snapshot_count == 4
-    # no period has settled: of the last tenth, two samples
+    # no period has settled, so the noise is that of the last tenth: two samples
     noise, speed = (np.sqrt(np.mean(np.square(solution[name][-2:]))) for name in ("noise", "rms_speed"))
     assert solution.results["noise"] == pytest.approx(noise / speed, rel=1e-6) and 0.0 < noise < speed
     with pytest.raises(KeyError, match="no reading 'chamber'; the readings are .*chamber_level"):
@@ -311,7 +313,7 @@ def test_resumed_run_is_the_uninterrupted_one(whole, tmp_path):
 
 
 def test_a_case_is_built_once_in_a_run(whole, tmp_path, monkeypatch):
-    """The probes are zeroed in the initial state of the same build, in a resumed run too."""
+    """The probes' zero levels come from the initial state of the same build, also in a resumed run."""
     built = []
 
     def build(*arguments):
@@ -326,7 +328,7 @@ def test_a_case_is_built_once_in_a_run(whole, tmp_path, monkeypatch):
 
 
 def test_checkpoint_of_other_rules_is_refused(whole, tmp_path, monkeypatch):
-    """Were the speed of sound another by default, going on would be another run in silence."""
+    """If the default speed of sound had changed, continuing would silently be another run."""
     path = shutil.copy(whole[0], tmp_path / "other.h5")
 
     def build(case, settings=None):
@@ -341,11 +343,11 @@ def test_checkpoint_of_other_rules_is_refused(whole, tmp_path, monkeypatch):
         file.attrs["schema"] = 1
     with pytest.raises(FileError, match="checkpoint of layout 1, .* layout 5 only: finish the run with"):
         resume(path)
-    assert len(RunFile.open(path).series()["time"]) == 20  # its series are read all the same
+    assert len(RunFile.open(path).series()["time"]) == 20  # its series can still be read
 
 
 def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
-    """The ghosts are built anew; the particles are where they were."""
+    """The ghosts are rebuilt; the particles keep their positions."""
     path, case = shutil.copy(whole[0], tmp_path / "higher.h5"), whole[1].case
     changes, before = {"tank.height": 2.0, "pto.K_dm": 300.0}, whole[1].state
     again = resume(path, t1=5 * CHUNK, changes=changes)
@@ -372,7 +374,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
         ({"waves.H": 0.02}, "waves.H: cannot .* the paddle would jump"),
         ({"probes.gauges": [1.0]}, "probes.gauges: cannot .* columns of the present probes"),
         ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
-        ({"pto.P_a": 10.0}, "pto: cannot change from a turbine to a pressure"),
+        ({"pto.P_a": 10.0}, "pto: cannot change between a turbine and a pressure"),
         ({"pto.k_dm": 10.0}, "did you mean 'pto.K_dm'"),
         ({"output.sample_dt": 0.03}, "output.sample_dt = 0.03 s: the run is at 0.2 s, which is not a"),
     ],
@@ -394,7 +396,7 @@ def test_what_a_run_cannot_change_is_refused_by_name(whole, changes, message):
     ],
 )
 def test_what_is_refused_has_changed_nothing(whole, t1, devices, message):
-    """Neither the case of a run that goes on nor the file of one that begins anew."""
+    """Neither the case of a run that is resumed, nor the file of a run that starts anew."""
     path = whole[0]
     before = path.read_bytes()
     with pytest.raises(CaseError, match=message):
@@ -406,7 +408,7 @@ def test_what_is_refused_has_changed_nothing(whole, t1, devices, message):
 
 
 def test_another_interval_of_samples_keeps_powers_and_what_was_exchanged(whole, tmp_path):
-    """The first sample after the change is a mean over the old interval, and the totals are as before."""
+    """The first sample after the change is a mean over the old interval, and the totals are unchanged."""
     path = shutil.copy(whole[0], tmp_path / "wider.h5")
     plain = quiet(OWC, t1=5 * CHUNK)
     wider = resume(path, t1=0.24, changes={"output.sample_dt": 0.02})
@@ -414,9 +416,9 @@ def test_another_interval_of_samples_keeps_powers_and_what_was_exchanged(whole, 
     np.testing.assert_allclose(wider.t[19:], [0.19, 0.2, 0.22], atol=1e-12)
     for name in ("flow_mean", "power_pto", "power_paddle", "power_hyperviscosity", "power_contact"):
         if name in plain.series:
-            # one rounding of a share of a float32 sum
+            # one rounding of a fraction of a float32 sum
             np.testing.assert_allclose(wider[name][20], plain[name][20], rtol=1e-5, err_msg=name)
-    # the same water in one interval or in two; the time step divides the interval, and is another
+    # one interval instead of two; the time step differs, because it divides the interval
     mean = 0.5 * (plain["power_paddle"][21] + plain["power_paddle"][22])
     assert wider["power_paddle"][21] == pytest.approx(mean, rel=0.01)
     _, _, state = js.restore(whole[0])
@@ -443,7 +445,7 @@ def test_a_run_that_was_killed_before_its_results_is_ended_by_resume(whole, tmp_
 
 
 def test_a_change_restarts_the_record_of_results(tmp_path):
-    """Means are of what follows the change and its transient, or there are none and a notice says why."""
+    """Means cover what follows the change and its transient; if nothing does, a notice says so."""
     case, solution = _ended(js.load_case("owc").replace({"t1": 60.0}), [2.0, 2.3, 2.75])
     power = solution.series["power_pto"]
     straight = run_results(case, solution, 1.0, 1)[0]
@@ -453,7 +455,7 @@ def test_a_change_restarts_the_record_of_results(tmp_path):
     late, notices = run_results(case, solution, 1.0, 1, since=55.0)
     assert not {"xi", "P_owc", "reflection", "periods"} & set(late)
     assert len(notices) == 1 and re.search(r"changed at t = 55 s.* continue to t1 = \d+", notices[0])
-    # energy, too, is counted from the change on: 1 W/m over the last five seconds
+    # energy, too, counts from the change: 1 W/m over the last five seconds
     assert late["energy_pto"] == pytest.approx(5.0, abs=0.03)
 
 
@@ -473,11 +475,11 @@ def _one_pto():
 
 
 BRIEF = js.load_case("owc").replace({"t1": 22.8})
-"""The built-in OWC of a run that ends before what the device sends back is with it again."""
+"""The built-in OWC, in a run that ends before the waves that the device reflects have returned to it."""
 
 
 def _ended(case, gauges, reflected=0.1):
-    """A run of regular waves and what they make of the gauges, without running it."""
+    """A run of regular waves with the elevations at the gauges, without running it."""
     case = case.replace({"probes.gauges": gauges})
     t = np.arange(0.0, case.t1, 0.01)
     omega = 2 * np.pi / case.waves.T
@@ -491,25 +493,25 @@ def _ended(case, gauges, reflected=0.1):
 
 
 def test_reflection_is_of_the_gauges_that_see_free_waves():
-    """Not of the second to the fourth: those beside paddle and device are left out, wherever they come."""
+    """Gauges 2, 3 and 5 are used: those beside paddle and device are left out, whatever their order."""
     case, solution = _ended(BRIEF, [0.2, 7.5, 3.0, 3.3, 7.6, 3.75])
     assert flume_gauges(case) == [2, 3, 5]
     solution.series["eta"][:, [0, 1, 4]] = 1.0
     results, notices = run_results(case, solution, 1.0, 100)
-    # k is a float32; the gauges' condition is below ten
+    # k is in float32; the gauges' condition is below ten
     assert results["reflection"] == pytest.approx(0.1, abs=1e-4) and not notices
     assert results["incident_height"] == pytest.approx(0.04, rel=1e-4)
 
 
 def test_means_before_the_second_reflection_say_so():
-    """What the device sends back is with it again after three lengths of the flume, at 23.0 s."""
+    """Waves that the device reflects return to it after three lengths of the flume, at 23.0 s."""
     gauges, case = [2.0, 2.3, 2.75], BRIEF
     _, notices = run_results(*_ended(case, gauges, 0.3), 1.0, 100)
     assert len(notices) == 1
     assert re.search(r"means begin at t = 10.8 s, .* at t = 23 s: .* raise t1 to 35.04 s", notices[0])
     for others in (
-        _ended(case, gauges, 0.1),  # nothing to speak of comes back
-        _ended(case.replace({"t1": 40.0}), gauges, 0.3),  # it has come back
+        _ended(case, gauges, 0.1),  # weak reflection
+        _ended(case.replace({"t1": 40.0}), gauges, 0.3),  # waves have returned
     ):
         assert not run_results(*others, 1.0, 100)[1]
 
@@ -522,7 +524,7 @@ def test_noise_is_of_settled_periods_or_of_the_last_tenth():
     assert run_results(case, solution, 1.0, 1)[0]["noise"] == pytest.approx(0.15)
     series["noise"] = np.where(np.arange(len(t)) < len(t) - len(t) // 10, 7.0, 0.4)
     assert run_results(still, solution, 1.0, 1)[0]["noise"] == pytest.approx(0.2)
-    series["rms_speed"] = np.zeros(len(t))  # water that never moves has no noise to speak of
+    series["rms_speed"] = np.zeros(len(t))  # no noise in water at rest
     results, notices = run_results(still, solution, 1.0, 1)
     assert "noise" not in results and not notices
 
@@ -540,7 +542,7 @@ def test_reflection_has_the_gravity_of_the_case():
     ],
 )
 def test_a_run_that_has_ended_does_not_die_in_its_results(gauges, message):
-    """Half a wavelength of 1.962 m apart, or too few: a notice, and every other result."""
+    """Gauges half a wavelength of 1.962 m apart, or too few of them: a notice, and all other results."""
     case, solution = _ended(BRIEF, gauges)
     results, notices = run_results(case, solution, 1.0, 100)
     assert "reflection" not in results and {"xi", "P_inc", "energy_pto"} <= set(results)
@@ -548,7 +550,7 @@ def test_a_run_that_has_ended_does_not_die_in_its_results(gauges, message):
 
 
 def test_efficiency_is_of_the_asked_and_of_the_measured_waves():
-    """The gauges have waves of amplitude 0.02 m, which are those that the case asks for."""
+    """The gauges record waves of amplitude 0.02 m, which the case specifies."""
     results, _ = run_results(*_ended(BRIEF, [2.0, 2.3, 2.75]), 1.0, 100)
     assert results["P_inc_measured"] == pytest.approx(results["P_inc"], rel=1e-4)
     assert results["xi_measured"] == pytest.approx(results["xi"], rel=1e-4)
@@ -556,7 +558,7 @@ def test_efficiency_is_of_the_asked_and_of_the_measured_waves():
 
 
 def test_results_of_a_sea_have_errors_and_its_measured_height():
-    """A whole repetition of a sea at five gauges, without reflection: height and power to the taper's 4 %."""
+    """One repetition of a sea at five gauges, without reflection: height and power to the taper's 4 %."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
     changes = {"waves": sea, "t1": 90.0, "probes.gauges": [2.0, 2.2, 2.5, 2.9, 3.4]}
     case = js.load_case("owc").replace(changes)
@@ -573,13 +575,13 @@ def test_results_of_a_sea_have_errors_and_its_measured_height():
     assert results["Hm0"] == pytest.approx(0.04, rel=0.04) and results["reflection"] < 0.03
     assert results["P_inc_measured"] == pytest.approx(results["P_inc"], rel=0.08)
     assert results["xi"] == pytest.approx(0.5 / results["P_inc"], rel=0.05)
-    # white noise: its standard deviation over the root of the number of samples, of the 2,800 of 40 periods
+    # white noise: its standard deviation over the root of the number of samples, 2,800 in 40 periods
     expected = 0.5 / np.sqrt(2800) / results["P_inc"]
     assert results["xi_error"] == pytest.approx(expected, rel=0.15)
 
 
 def _with_transient(case, solution, since=0.0):
-    """The run with a power that has not settled before 16 s, and a scatter of 1 % from period to period."""
+    """The run with a power that settles at 16 s, and a scatter of 1 % from period to period."""
     t, T = solution.t, case.waves.T
     period = np.floor((solution.t[-1] - t) / T - 1e-9).astype(int)
     scatter = 0.01 * np.random.default_rng(3).normal(size=period.max() + 1)
@@ -588,7 +590,7 @@ def _with_transient(case, solution, since=0.0):
 
 
 def test_means_begin_when_the_record_has_settled():
-    """One window for all: of ten periods of 1.2 s those go that begin before 16 s."""
+    """All means have one window; of ten periods of 1.2 s it leaves out those that begin before 16 s."""
     case, solution = _with_transient(*_ended(BRIEF, [2.0, 2.3, 2.75]))
     t = solution.t
     late = t >= t[-1] - 5 * 1.2 - 1e-6
@@ -596,7 +598,7 @@ def test_means_begin_when_the_record_has_settled():
     series |= {"noise": np.where(late, 0.3, 7.0), "rms_speed": np.full(len(t), 2.0)}
     results, notices = run_results(case, solution, 1.0, 100)
     assert results["periods_left_out"] == 5 and results["periods"] == 5 and not notices
-    assert results["P_owc"] == pytest.approx(0.5, rel=0.02)  # the scatter; with all ten periods 0.58
+    assert results["P_owc"] == pytest.approx(0.5, rel=0.02)  # 0.58 with ten periods
     assert results["energy_pto"] == pytest.approx(results["P_owc"] * 5 * 1.2, rel=1e-6)
     assert results["noise"] == pytest.approx(0.15, rel=0.02)
     words = [(label_of(name, True).text, label_of(name, True).meaning) for name in ("periods_left_out",)]
@@ -606,7 +608,7 @@ def test_means_begin_when_the_record_has_settled():
 @pytest.mark.parametrize("of", ["xi", "P_owc"])
 @pytest.mark.parametrize("sea", [False, True])
 def test_the_value_of_a_slope_is_the_result_of_its_run(of, sea):
-    """Over the same settled periods, and of a part of a sea over the waves of that part."""
+    """Over the same settled periods; for a part of a sea, relative to the waves of that part."""
     waves = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 56.0}
     case = BRIEF.replace({"waves": waves, "t1": 40.0} if sea else {})
     t = np.arange(0.0, case.t1, 0.02)
@@ -633,7 +635,7 @@ def test_too_few_settled_periods_ask_for_a_longer_run():
 
 
 def test_results_begin_after_a_change_and_its_transient():
-    """To the far end of the tank the waves' energy takes 7 s: of a change at 8 s none counts before 15."""
+    """Wave energy needs 7 s to the far end of the tank: after a change at 8 s, means begin at 15 s."""
     case, solution = _ended(BRIEF, [2.0, 2.3, 2.75])
     solution.series["power_pto"] = np.where(solution.t < 8.0, 100.0, 0.5)
     results, notices = run_results(case, solution, 1.0, 100, since=8.0)
@@ -641,12 +643,12 @@ def test_results_begin_after_a_change_and_its_transient():
     results, notices = run_results(case, solution, 1.0, 100, since=20.0)
     assert not {"xi", "P_owc", "periods", "reflection"} & set(results)
     assert len(notices) == 1 and "changed at t = 20 s" in notices[0]
-    # the budget is of what came after the change: 0.5 W/m to the last sample, at 22.79 s
+    # the budget covers the time after the change: 0.5 W/m to the last sample, at 22.79 s
     assert results["energy_pto"] == pytest.approx(0.5 * (solution.t[-1] - 20.0), rel=0.01)
 
 
 def test_efficiency_of_a_focused_group_is_energy_over_energy():
-    """Half of the group's energy, taken in its half minute: 0.5 however long the record is."""
+    """The device takes half of the group's energy within half a minute: 0.5, however long the record is."""
     waves = {"kind": "focused", "crest": 0.04, "Tp": 1.2, "x": 4.0, "t": 14.0}
     whole = incident_power(js.load_case("owc").replace({"waves": waves})) * 64 * 1.2
     for t1 in (24.0, 34.0):
@@ -666,7 +668,7 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
 
 
 def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
-    """A device that takes half of what comes has 0.5, in a part of a sea weaker or stronger than it."""
+    """A device that takes half of the incident power has 0.5, in weak and in strong parts of a sea."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}
     case = js.load_case("owc").replace({"waves": sea, "t1": 40.0})
     t, x = np.arange(0.0, 40.0, 0.1), Geometry.of(case).plate.x0
@@ -691,13 +693,13 @@ def test_whatever_goes_wrong_in_a_result_is_a_notice():
 
 
 def test_failures_have_their_remedies(hydrostatic):
-    """A case names its keys; a problem that has none of them says what to change about its parts."""
+    """A case names its keys; a problem without keys says what to change in its parts."""
     case, model, state = hydrostatic
     status = eqx.tree_at(lambda s: (s.bits, s.where), state.status, (8, jnp.asarray([0.5, 1e3])))
     top = float(model.walls.high[-1])
     failed = eqx.tree_at(lambda s: s.status, state, status)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
-    assert f"over the rim of the tank, which is {top:g} m high" in words
+    assert f"left the tank over its rim, which is {top:g} m high" in words
     assert "jaxsph resume FILE --set tank.height=" in words
     inside = eqx.tree_at(lambda s: s.where, status, jnp.asarray([0.5, 0.1]))
     failed = eqx.tree_at(lambda s: s.status, state, inside)
@@ -710,7 +712,7 @@ def test_failures_have_their_remedies(hydrostatic):
     status = eqx.tree_at(lambda s: (s.bits, s.residual), status, (64, jnp.asarray(0.25)))
     failed = eqx.tree_at(lambda s: s.status, state, status)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
-    assert "did not converge (residual 0.25" in words and "raise scheme.tolerance" in words
+    assert "did not converge (relative residual 0.25" in words and "raise scheme.tolerance" in words
     words = str(chunks.failure_error(model, failed, "it", {}))
     assert "What to change: take shorter time steps" in words and "scheme." not in words
 
@@ -753,13 +755,13 @@ def test_interrupt_is_heard_between_chunks_or_at_once(chunks_done, times, words)
 
 
 def _heed_interrupts():
-    """A shell's job in the background inherits that Ctrl-C is ignored: these tests must not."""
+    """A shell's background job inherits that Ctrl-C is ignored, which these tests must undo."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.parametrize("seconds", [1.0, 3.0, pytest.param(6.0, marks=pytest.mark.slow)])
 def test_interrupted_command_says_so_whatever_it_was_doing(tmp_path, seconds):
-    """Importing, building or compiling: never a crash, always the message."""
+    """While it imports, builds or compiles: never a crash, always the message."""
     (tmp_path / "owc.toml").write_text(OWC.to_toml())
     command = [sys.executable, "-m", "jaxsph", "run", "owc.toml", "--no-plot", "--out", "out.h5"]
     how = {"cwd": tmp_path, "stderr": subprocess.PIPE, "text": True, "env": AS_HERE}
@@ -767,7 +769,7 @@ def test_interrupted_command_says_so_whatever_it_was_doing(tmp_path, seconds):
     time.sleep(seconds)
     child.send_signal(signal.SIGINT)
     time.sleep(1.0)
-    if child.poll() is None:  # it had saved a chunk, and waits for the end of the next
+    if child.poll() is None:  # it saved a chunk and waits for the next
         child.send_signal(signal.SIGINT)
     _, err = child.communicate(timeout=60)
     assert child.returncode == 130 and "jaxsph: interrupted" in err and "Traceback" not in err
@@ -808,7 +810,7 @@ def test_restore(whole):
 
 
 def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
-    """From tables that are too small by far the run reaches what it reaches from good ones, in one replay."""
+    """From tables that are far too small, one replay gives the same run as from sufficient tables."""
     good = _settings(whole[1].model)
     small = {name: good[name] // 2 for name in ("capacity", "node_capacity")}
     real, ran = js.build, []
@@ -852,7 +854,7 @@ def test_a_value_gone_wrong_stops_the_run_and_spares_the_checkpoint(tmp_path, mo
         and "near (" in str(error)
         and "What to change: reduce scheme.cfl" in str(error)
     )
-    # The checkpoint is of step 100, and the step after it is the first to end in nonsense.
+    # The checkpoint is at step 100, and the next step is the first with a value that is not finite.
     assert error.step == 101 and error.time == pytest.approx(0.101, rel=1e-5)
     assert len(error.where) == 2
     assert path.read_bytes() == before
@@ -864,7 +866,7 @@ def test_a_value_gone_wrong_stops_the_run_and_spares_the_checkpoint(tmp_path, mo
 
 
 def test_derivative_of_a_run_with_respect_to_K_dm():
-    """Forward mode through 40 steps, four searches, ghosts and chamber, against differences."""
+    """Forward mode through 40 steps, four searches, ghosts and chamber, compared with differences."""
     with enable_x64():
         case = coarse("vessel", {"pto.K_dm": 300.0, "precision": "float64"})
         model, state = js.build(case)
@@ -883,14 +885,14 @@ def test_derivative_of_a_run_with_respect_to_K_dm():
         _, slope = both(K)
         difference = (both(K + step)[0] - both(K - step)[0]) / (2 * step)
         assert float(slope) < 0.0
-        # The difference's own error: truncation (step/K)^2 = 1e-11, and round-off 1e-16 x 10 J/m over
-        # step x 1e-3 J/m: 1e-9. Forty steps are far below the growth time of 0.1 s. What is left are the
-        # kernel's cut and the limits in the ghosts, where a pair may lie on one side or the other.
+        # The error of the difference itself: truncation (step/K)^2 = 1e-11, and round-off 1e-16 x 10 J/m over
+        # step x 1e-3 J/m = 1e-9. Forty steps are far below the growth time of 0.1 s. The rest is due to the
+        # kernel's cut and the limits in the ghosts, where a pair may be on either side.
         assert float(slope) == pytest.approx(float(difference), rel=1e-4)
 
 
 def test_one_program_serves_chunks_of_every_length(hydrostatic):
-    """Bit for bit as a loop of that length, and compiled once: the last chunk of a run is often shorter."""
+    """Equal bit for bit to a loop of that length, and compiled once; a run's last chunk is often shorter."""
     case, model, state = hydrostatic
     every = model.search.rebuild_every
     probes = case.problem().probes

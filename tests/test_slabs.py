@@ -1,4 +1,4 @@
-"""Runs on several devices: the same water as on one, its slopes, and files that any number resumes."""
+"""Runs on several devices: the flow is that on one, slopes agree, and any number resumes a file."""
 
 import json
 import os
@@ -20,14 +20,14 @@ COARSE = ("dx=0.04", "device.wall_thickness=0.04")
 
 
 def apart(case, devices, steps, *settings):
-    """Largest difference from one device, and largest value, by name, from a process of its own."""
+    """Largest difference from a run on one device, and largest value, by name, from a separate process."""
     command = [sys.executable, str(SHARING), case, str(devices), str(steps), *settings]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return json.loads(done.stdout.splitlines()[-1])
 
 
 def check(found, share, of):
-    """Differences are below a share of the largest value of what they are differences of."""
+    """Checks that differences are below `share` of the bounds in `of`, or of the size where a bound is 0."""
     assert found["failures"] == [0.0, 0.0]
     for name, bound in of.items():
         difference, size = found[name]
@@ -42,10 +42,10 @@ def check(found, share, of):
     ],
 )
 def test_three_devices_make_the_weakly_compressible_flow_of_one(case, settings):
-    """Of the OWC's 2152 particles three devices get 718 each, two of them copies without mass.
+    """The OWC's 2152 particles and two copies without mass are 718 on each of three devices.
 
-    Sums of float32 in another order: speeds to a few units in the last place of what accelerates them in 20
-    steps, pressures, by the density, likewise.
+    float32 sums have another order: velocities agree to a few units in the last place of their change in 20
+    steps, and so do pressures, which follow from the density.
     """
     found = apart(case, 3, 20, *settings)
     gravity = 9.81 * 0.01  # m/s: what gravity alone gives in 20 steps
@@ -56,7 +56,7 @@ def test_three_devices_make_the_weakly_compressible_flow_of_one(case, settings):
 @pytest.mark.slow
 @pytest.mark.parametrize("devices", [2, 3, 8])
 def test_more_devices_make_the_incompressible_flow_of_one(devices):
-    """To ten times the tolerance of the pressure's solution, of which other sums are another iteration."""
+    """To ten times the pressure solver's tolerance: another order of summation changes its iterations."""
     found = apart("owc", devices, 20, *COARSE, "scheme.tolerance=3e-5")
     check(found, 3e-4, {"x": 0, "u": 0.1, "p": 0, "reading kinetic": 0, "reading P_a": 1.0})
 
@@ -73,8 +73,10 @@ def test_more_devices_make_the_incompressible_flow_of_one(devices):
     ],
 )
 def test_more_devices_make_the_flow_of_one_for_200_steps(devices, settings, share):
-    """Ten times what 20 steps are held to: round-off grows e-fold in 0.2 s, and 200 steps are 0.5 and 1.6 s;
-    incompressible to a hundred times and more of the tolerance of the pressure's solution, of each step."""
+    """Ten times the bounds for 20 steps: round-off grows e-fold in 0.2 s, and 200 steps are 0.5 and 1.6 s.
+
+    Incompressible flow is allowed at least a hundred times the pressure solver's tolerance in a step.
+    """
     found = apart("owc", devices, 200, *COARSE, *settings)
     check(found, share, {"x": 0, "u": 0, "reading kinetic": 0})
 
@@ -93,7 +95,7 @@ def test_two_devices_share_bodies_and_three_dimensions(case, settings):
     ("scheme", "share"), [("scheme.kind=weakly_compressible", 1e-12), ("scheme.tolerance=1e-9", 1e-6)]
 )
 def test_slopes_go_through_two_devices(scheme, share):
-    """Forward and in reverse, in float64: to round-off, or to the tolerance of the pressure's solution."""
+    """By forward and reverse mode in float64: to round-off, or to the pressure solver's tolerance."""
     found = apart("owc", 2, 20, *COARSE, "precision=float64", scheme, "--slopes")
     for name, (difference, size) in found.items():
         assert size > 0.0 and difference <= share * size, name
@@ -101,7 +103,7 @@ def test_slopes_go_through_two_devices(scheme, share):
 
 @pytest.mark.slow
 def test_a_run_of_two_devices_is_resumed_on_one_and_on_three(tmp_path):
-    """Readings go on to round-off, of weakly compressible water at rest and the paddle's first push."""
+    """Readings agree to round-off, for weakly compressible water at rest and the paddle's first push."""
 
     def jaxsph(*arguments):
         command = [sys.executable, "-m", "jaxsph", *map(str, arguments), "--quiet", "--no-plot"]
@@ -127,7 +129,7 @@ def test_a_run_of_two_devices_is_resumed_on_one_and_on_three(tmp_path):
 
 
 def test_a_halo_that_has_grown_beyond_its_slab_is_the_whole_slab():
-    """Two slabs of three particles: the empty source stands behind three and two halos of three."""
+    """Two slabs of three particles: the empty source has index 9, behind three and two halos of three."""
     slabs = Slabs((None, None), halo=100)
     table = Neighbours(jnp.asarray([[0, 2, 8, 500, 9, 11]]), slabs)
     np.testing.assert_array_equal(table.of_water().indices, [[0, 2, 8, 9, 9, 9]])

@@ -1,4 +1,4 @@
-"""Solids of a case that do not move: what a case may say of them, still water beside them, their forces."""
+"""Solids at rest: their keys in a case, still water beside them, and the forces on them."""
 
 import tomllib
 
@@ -46,7 +46,7 @@ TANK = js.Case.from_dict(
         ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.4, 0.0]}}, "must be below"),
         (
             {"solid.step.block": {"low": [-0.2, 0.0], "high": [0.4, 0.2]}},
-            "solid.step: reaches out of the tank",
+            "solid.step: extends outside the tank",
         ),
         (
             {"solid.step.block": {"low": [0.2, 0.0, 0.0], "high": [0.4, 0.2, 0.2]}},
@@ -86,7 +86,7 @@ def test_a_solid_that_cannot_be_is_refused(changes, message):
 
 
 def test_a_case_with_solids_is_what_its_file_says():
-    """To TOML and back, by key, with and without a solid; the commented file names each."""
+    """To TOML and back, changed by key, with and without a solid; the commented file contains each solid."""
     assert js.Case.from_dict(tomllib.loads(TANK.to_toml())) == TANK
     moved = TANK.replace(
         {
@@ -104,14 +104,14 @@ def test_a_case_with_solids_is_what_its_file_says():
 
 @pytest.fixture(scope="module")
 def slope(tmp_path_factory):
-    """Still water over the slope for a second, in two goes: its file and its readings."""
+    """Still water over the slope for a second, run in two parts: its file and its solution."""
     path = tmp_path_factory.mktemp("solids") / "slope.h5"
     js.run(TANK, 0.5, out=path, progress=False)
     return path, js.resume(path, 1.0, progress=False)
 
 
 def test_water_over_a_slope_stays_where_it_is(slope):
-    """Speed of its particles over sqrt(g d): 0.6 % at ten spacings of depth, 0.3 % at twenty."""
+    """Largest speed relative to sqrt(g d): 0.6 % at ten spacings of depth, 0.3 % at twenty."""
     _, solution = slope
     speed = np.hypot(*np.asarray(solution.state.particles.u).T)
     assert speed.max() < 1e-2 * np.sqrt(9.81 * 0.4)
@@ -119,15 +119,18 @@ def test_water_over_a_slope_stays_where_it_is(slope):
 
 
 def test_the_force_on_a_slope_is_that_of_still_water(slope):
-    """Weight of the water above it, and the pressure over its height: rho g (d - z/2) z; corners of the wall
-    behind it, a spacing in size, are a few per cent at ten spacings of depth."""
+    """Weight of the water above the slope, and the pressure over its height, rho g (d - z/2) z.
+
+    Corners at the wall behind the slope, a spacing in size, change it by a few per cent at ten spacings of
+    depth.
+    """
     x, z, _ = np.mean(slope[1]["force_mean_bed"][10:], axis=0)
     np.testing.assert_allclose(z, -9810.0 * (0.4 * 1.2 - 0.5 * 0.3 * 1.2), rtol=0.01)
     np.testing.assert_allclose(x, 9810.0 * (0.4 - 0.15) * 0.3, rtol=0.1)
 
 
 def test_a_solid_is_drawn_and_told_about(slope, tmp_path):
-    """In the snapshots' pictures, on the page, and by its readings; one that stays has no motion to tell."""
+    """It is on the page and has readings; a solid at rest has no results about its motion."""
     path, solution = slope
     told = {name for name in solution.series if name.endswith("_bed")}
     assert told == {"force_bed", "force_mean_bed"}
@@ -141,7 +144,7 @@ def test_a_solid_is_drawn_and_told_about(slope, tmp_path):
 
 @pytest.mark.parametrize("dx", [0.036, 0.05, 0.07])
 def test_a_solid_at_the_far_wall_goes_with_it(dx):
-    """The lattice moves the wall by half a spacing at most, and no gap opens between the two."""
+    """The lattice moves the wall by at most half a spacing, and no gap opens between wall and solid."""
     geometry = Geometry.of(
         TANK.replace({"dx": dx, "solid.step.block": {"low": [0.2, 0.0], "high": [0.5, 0.2]}})
     )
@@ -151,7 +154,7 @@ def test_a_solid_at_the_far_wall_goes_with_it(dx):
 
 
 def test_solids_may_stand_side_by_side_and_under_a_device():
-    """Faces that touch are no overlap; a bed under the plate goes with a chamber."""
+    """Touching faces do not overlap, and a bed may lie under the plate of a chamber."""
     case = TANK.replace({"solid.step.block": {"low": [0.4, 0.0], "high": [0.8, 0.12]}})
     assert [body.name for body in case.problem().model.bodies] == ["bed", "step"]
     column = case.replace(
@@ -166,7 +169,10 @@ def test_solids_may_stand_side_by_side_and_under_a_device():
 
 @pytest.mark.parametrize("angle", [-0.5, 0.0, 0.17])
 def test_water_is_packed_around_a_body_as_it_leans(angle):
-    """A fifth of a spacing is left at a corner; packed around it upright, some were two spacings inside."""
+    """At least a fifth of a spacing is left, at a corner.
+
+    With water packed around the upright body, particles would be up to two spacings inside the leaning one.
+    """
     flap = {"block": {"low": [0.88, 0.08], "high": [1.08, 0.28]}, "pivot": [1.0, 0.2], "angle": angle}
     model, state = js.build(TANK.replace({"solid.bed": None, "body": flap}))
     (body,) = model.bodies

@@ -1,4 +1,4 @@
-"""What is set before JAX is imported: where compiled programs are kept, and how many of them."""
+"""Settings before JAX is imported: where compiled programs are stored, and how many of them."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ TOLD = "import os; print(os.environ.get('JAX_COMPILATION_CACHE_DIR'), jax.config
 
 
 def started(program, cache, **more):
-    """What a program prints that is started with a cache folder of its own."""
+    """Words printed by a program that is started with its own cache folder."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "TF_CPP"))}
     environment |= {"XDG_CACHE_HOME": str(cache), "HOME": str(cache)} | more
     done = subprocess.run(

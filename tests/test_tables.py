@@ -24,7 +24,7 @@ VARIABLES = {
 
 @pytest.fixture
 def run(tmp_path):
-    """File of a run with readings of one number, of gauges and of components, and two results."""
+    """File of a run with a scalar reading, readings of gauges and of components, and three results."""
     places = {"gauge_x": ("gauge", np.array([1.0, 2.5]), "m", "position of the gauge")}
     file = RunFile.create(tmp_path / "run.h5", TOML, {}, places)
     series = {
@@ -40,7 +40,7 @@ def run(tmp_path):
 
 @pytest.fixture
 def sweep(tmp_path):
-    """File of a sweep of two parameters, a member of which has failed and one has not ended."""
+    """File of a sweep over two parameters; one of its members has failed and one has not ended."""
     series = {"time": np.arange(3.0), "noise": np.full(3, 0.5)}
     members = {
         k: {"results": {"xi": 0.1 * k, "noise": 0.02}, "series": series, "failure": ""} for k in range(3)
@@ -69,7 +69,7 @@ def test_a_run_is_two_tables(run):
     results = {row[0]: row[1:] for row in table(run.with_name("run_results.csv"))}
     assert float(results["xi"][0]) == 0.61 and results["xi"][2] == "hydrodynamic efficiency"
     assert results["mine"][:3] == ["2.0", "m2", "my own"]
-    assert list(results)[:2] == ["result", "xi"]  # the device's first
+    assert list(results)[:2] == ["result", "xi"]  # results of the device first
 
 
 def test_a_sweep_is_a_row_for_each_member(sweep):
@@ -147,7 +147,7 @@ def test_a_linear_flow_is_exact_on_a_grid_and_nothing_outside(dim):
     found = js.on_grid(snapshot, at_x, at_z)
     assert found["pressure"].dims == ("z", "x") and found.attrs["time"] == 1.5
     inside = found.isel(z=slice(2))
-    # the fit is kept regular by 1e-6 of its weights
+    # the fit is regularised by 1e-6 of its weights
     np.testing.assert_allclose(inside["velocity_x"], np.tile(0.3 + 2.0 * at_z[:2, None], 2), rtol=1e-4)
     np.testing.assert_allclose(inside["velocity_z"], np.tile(0.5 * at_x, (2, 1)), rtol=1e-4)
     np.testing.assert_allclose(inside["pressure"], np.tile(9810.0 * (1.0 - at_z[:2, None]), 2), rtol=1e-4)

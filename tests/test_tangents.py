@@ -1,4 +1,4 @@
-"""The filter on derivatives: what it keeps, what it takes, and that values do not know of it."""
+"""The filter of tangents: what it keeps, what it removes, and that values do not depend on it."""
 
 import dataclasses
 import functools
@@ -51,7 +51,7 @@ def averaged(moving):
 
 
 def _inside(model, state):
-    """Particles whose kernel sees no ghost: straight lines are kept wherever there is only water or air."""
+    """Particles whose kernel reaches no ghost: linear fields are kept where there is only water or air."""
     x = np.asarray(state.particles.x)
     ghosts = np.asarray(model.walls.x)
     reach = float(model.scheme.smoothing.radius)
@@ -66,19 +66,19 @@ def test_average_keeps_straight_lines_up_to_the_surface(moving, averaged):
     inside = _inside(model, state)
     top = x[:, 1] > x[inside, 1].max() - float(model.dx)
     assert (inside & top).sum() > 5  # some of them at the surface
-    # float64 round-off times the inverse covariances of a few
+    # float64 round-off, times large inverse covariances of a few particles
     assert averaged(field)[inside] == pytest.approx(field[inside], abs=1e-12)
 
 
 def test_average_holds_what_is_tangential_to_a_wall_as_even(moving, averaged):
-    """Away from a wall, its slope is not followed: what only the row on the bed does is averaged away."""
+    """The tangential component's slope across a wall is suppressed: it becomes a mean over several rows."""
     model, state, _ = moving
     x = np.asarray(state.particles.x)
     middle = (x[:, 0] > 0.4) & (x[:, 0] < 0.7)
     first = middle & (x[:, 1] < float(model.dx))
     slope = averaged(np.stack([x[:, 1], x[:, 1]], axis=1))[first]
-    # normal to the bed a straight line is kept but for what the end walls' held slopes leave; along it the
-    # average of some three rows is taken
+    # the component normal to the bed keeps a linear field; the tangential component becomes the average of
+    # about three rows
     assert slope[:, 1] == pytest.approx(x[first, 1], abs=1e-12)
     assert np.all(slope[:, 0] - x[first, 1] > 0.2 * float(model.dx))
 
@@ -94,14 +94,14 @@ def test_filter_takes_what_neighbours_differ_by_and_leaves_waves(moving, average
         for _ in range(3):
             rest = rest - averaged(rest)
         taken = np.linalg.norm(rest[inside]) / np.linalg.norm(field[inside])
-        # noise: white, of which S leaves the wavelengths above some six spacings; k h = 0.19 of the wave:
-        # (1 - exp(-(k h)^2/4))^3 = 7e-7, and the rest is the unevenness of the lattice
+        # the noise is white, and S keeps its wavelengths above about six spacings. The wave has k h = 0.19
+        # and loses (1 - exp(-(k h)^2/4))^3 = 7e-7; the rest is due to the unevenness of the lattice
         assert low <= taken < high
 
 
 @pytest.fixture(scope="module")
 def energy(moving):
-    """The energy absorbed after 20 steps as a function of (K_dm, filter), with its slope by either mode."""
+    """Energy absorbed after 20 steps and its slope over K_dm as functions of the filter, by either mode."""
     model, state, _ = moving
     n = 2 * model.search.rebuild_every
 
@@ -129,19 +129,19 @@ def energy(moving):
     return of(forward), of(reverse)
 
 
-@pytest.mark.slow  # `test_gradients` has the same of a whole derivative
+@pytest.mark.slow  # `test_gradients` tests a whole derivative
 def test_values_do_not_know_of_the_filter_and_slopes_little(energy):
     forward, _ = energy
     (value, exact), (same, filtered) = forward(ExactTangents()), forward(TangentFilter())
     assert same == value != 0.0
-    # over 20 steps: what the filter takes of a chamber's flow four spacings wide. Measured: 5e-4
+    # over 20 steps; the filter removes a part of the flow of a chamber four spacings wide. Measured: 5e-4
     assert filtered == pytest.approx(exact, rel=5e-3) and filtered != exact
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tangents", [ExactTangents(), TangentFilter(), TangentFilter(order=2, interval=3)])
 def test_reverse_mode_is_the_transpose_of_forward_mode(energy, tangents):
-    """Sums in another order: round-off."""
+    """Sums have another order, which changes the round-off."""
     forward, reverse = energy
     assert reverse(tangents) == pytest.approx(forward(tangents), rel=1e-9)
 

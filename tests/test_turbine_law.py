@@ -1,4 +1,4 @@
-"""The air's pressure as an unknown of the step: every power take-off's law holds between the readings."""
+"""Air pressure as an unknown of a step: readings satisfy the law of every power take-off."""
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ LAWS = {
 
 @pytest.fixture(scope="module")
 def swinging():
-    """A vessel of incompressible water, its column 4 cm too high."""
+    """A vessel of incompressible water, whose column rises at 0.15 m/s."""
     case = coarse("vessel").replace({"scheme": {"kind": "incompressible"}, "pto.K_dm": 500.0})
     model, state = js.build(case)
     u = jnp.zeros_like(state.particles.u)
@@ -50,8 +50,8 @@ def test_pressure_and_flow_of_the_incompressible_scheme_obey_the_law(swinging, l
     _, end, series = _run(swinging, {"pto": keys})
     P_a, q = (np.asarray(series[name], float)[1:] for name in ("P_a", "flow"))
     assert int(end.status.bits) == 0
-    assert np.abs(P_a).max() > 1.0  # there is something to hold the law to
-    # the closed form and the flow of the new velocities in float32: some ten roundings of each
+    assert np.abs(P_a).max() > 1.0  # not all pressures are negligible
+    # about ten float32 roundings of the closed form, and of the flow of the new velocities
     assert P_a == pytest.approx(pressure(q), abs=1e-4 * np.abs(P_a).max())
 
 
@@ -73,7 +73,7 @@ def test_a_valve_holds_the_pressure_and_the_turbine_the_law(swinging):
 
 @pytest.mark.slow
 def test_a_closed_chamber_holds_its_water(swinging):
-    """Of a flow of some 0.06 m2/s at the start next to nothing is left after one step."""
+    """Of an initial flow of about 0.06 m2/s, almost nothing remains after one step."""
     _, _, open_ = _run(swinging, {"pto": {"K_dm": 0.0}}, samples=4)
     _, end, closed = _run(swinging, {"pto": {"K_dm": 1e6}}, samples=4)
     flows = [float(np.abs(np.asarray(s["flow"])[1:]).max()) for s in (open_, closed)]
@@ -86,11 +86,11 @@ def test_a_prescribed_pressure_is_the_pressure(swinging):
     assert np.asarray(series["P_a"])[3:] == pytest.approx(40.0, rel=1e-6)
 
 
-# each compiles a minute; slopes of the law itself are in test_air
+# each takes a minute to compile; test_air tests slopes of the law itself
 @pytest.mark.slow
 @pytest.mark.parametrize("valve", [{"relief": 5.0}, {"suction": 5.0}], ids="+".join)
 def test_slopes_of_a_single_valve_are_numbers_forward_and_in_reverse(swinging, valve):
-    """The limit that is not there is infinite, and has a slope of zero."""
+    """The limit that is not given is infinite, and its slope is zero."""
     case, state = swinging
     case = case.replace({"pto": {"K_dm": 500.0} | valve})
     model, fresh = js.build(case)
@@ -111,12 +111,12 @@ def test_slopes_of_a_single_valve_are_numbers_forward_and_in_reverse(swinging, v
         seed[k] = jnp.ones_like(seed[k])
         tangent = jax.tree.unflatten(jax.tree.structure(pto), seed)
         _, forward = along(pto, tangent)
-        # float32, in two orders of the same sums
+        # float32 sums in two different orders
         assert float(forward) == pytest.approx(float(jax.tree.leaves(slopes)[k]), rel=2e-2, abs=1e-6)
 
 
 class _Meter(js.PneumaticPTO):
-    """A quadratic turbine with a name of its own in the ledger."""
+    """A quadratic turbine with its own name in the ledger."""
 
     def entries(self, whose):
         return {"rotor": Entry(f"rotor of the {whose}", Exchange.HARVESTED)}
@@ -138,7 +138,7 @@ def test_a_power_take_off_has_a_ledger_name_of_its_own(swinging):
 
 @pytest.mark.slow
 def test_two_chambers_obey_their_laws_at_once():
-    """A plate of one spacing between them: the pressure of one changes the flow of the other."""
+    """Only a plate of one spacing separates them: the pressure of one changes the flow of the other."""
     dx, depth, length, tip, sample = 0.04, 0.4, 1.2, 0.28, 0.02
     plates = (js.WallPlate(0.72, 0.76, tip), js.WallPlate(0.96, 1.0, tip))
     dampings = {"sea": 2000.0, "land": 400.0}
@@ -165,7 +165,7 @@ def test_two_chambers_obey_their_laws_at_once():
 
 @pytest.mark.slow
 def test_slopes_through_the_air_s_pressure_are_differences(swinging):
-    """In float64: the energy that a damped swing gives the turbine, over its damping."""
+    """In float64: slope of the energy that a damped oscillation gives the turbine, over its damping."""
     with enable_x64():
         case = swinging[0].replace({"precision": "float64", "scheme.tolerance": 1e-9})
         model, state = js.build(case)
@@ -184,5 +184,5 @@ def test_slopes_through_the_air_s_pressure_are_differences(swinging):
         _, slope = jax.jvp(taken, (K,), (jnp.ones_like(K),))
         step = 0.5
         difference = float(taken(K + step) - taken(K - step)) / (2.0 * step)
-    # the differences' own second order, (step/K)^2 = 1e-6, and the solver's tolerance over it
+    # error of the difference, (step/K)^2 = 1e-6, and the solver's tolerance divided by step/K
     assert float(slope) == pytest.approx(difference, rel=1e-4)

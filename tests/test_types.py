@@ -1,4 +1,4 @@
-"""Lanes that read or run the package under other rules: types, shapes of arrays, promotion of precisions."""
+"""Checks of types, of array shapes at run time, and of the promotion of precisions."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ def _succeeds(*command, **environment):
 
 
 def test_nine_tenths_of_the_lines_are_checked():
-    """`pyright` itself runs in `.ci/run` and before a commit: a minute is too long for this lane."""
+    """`pyright` itself takes a minute, too long for this lane; it runs in `.ci/run` and before a commit."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["pyright"]
 
     def lines(path):
@@ -32,7 +32,7 @@ def test_nine_tenths_of_the_lines_are_checked():
 
 @pytest.mark.slow
 def test_types_pass_pyright():
-    """Basic mode; what is not held yet is named in pyproject.toml."""
+    """In basic mode; pyproject.toml names the files that are not checked yet."""
     assert (ROOT / "jaxsph" / "py.typed").exists()
     _succeeds(sys.executable, "-m", "pyright", "--pythonpath", sys.executable)
 
@@ -58,19 +58,19 @@ for case in cases:
     state, _ = advance(case, model, state, 1)
     assert not int(state.status.bits), case.name
 """
-"""A few steps of a tank, an OWC and a flap; of all, of the other scheme's OWC and in three dimensions too."""
+"""Steps of a tank, an OWC and a flap; with "all" also of the OWC in the other scheme, and in 3-D."""
 
 
 @pytest.mark.parametrize("which", ["some", pytest.param("all", marks=pytest.mark.slow)])
 def test_shapes_of_arrays_are_those_annotated(which):
-    """With every annotated function of seven rooms checked at run time, by jaxtyping and beartype.
+    """jaxtyping and beartype check every annotated function of seven subpackages at run time.
 
-    In a process of its own: the tests' stand-ins for tables and models have no types to hold.
+    This needs a separate process, because the tests' stand-ins for tables and models do not have these types.
     """
     _succeeds(sys.executable, "-c", STEPS, "checked", which)
 
 
 @pytest.mark.slow
 def test_no_step_mixes_precisions():
-    """Where jax refuses to promote one precision to another."""
+    """With jax set to refuse the promotion of one precision to another."""
     _succeeds(sys.executable, "-c", STEPS, "all", JAX_NUMPY_DTYPE_PROMOTION="strict")

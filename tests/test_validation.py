@@ -1,4 +1,4 @@
-"""Against known solutions, on lattices that resolve them: minutes, so outside the unit lane."""
+"""Comparison with known solutions on lattices that resolve them: minutes each, in the slow lane."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def _hydrostatic(precision):
 
 
 def test_hydrostatic_tank_in_three_dimensions():
-    """The same bars with 20 particles over the depth and 5 across, to keep it in minutes."""
+    """The same bars, with 20 particles over the depth and 5 across, which takes minutes only."""
     changes = {"dx": 0.05, "tank.width": 0.25, "tank.length": 0.5, "probes.pressure": None}
     solution = js.run(js.load_case("hydrostatic").replace(changes), t1=5.0, progress=False)
     _meets_the_bars(solution)
@@ -51,10 +51,10 @@ def test_standing_wave_has_the_period_of_linear_theory():
 
 
 def test_communicating_vessels():
-    """Period and final difference within 2 %, the pressed level down."""
+    """Period and final difference within 2 %; the level under pressure is lower."""
     solution = js.run(js.load_case("vessel"), t1=10.0, progress=False)
     difference = solution["eta"][:, 0] - solution["eta"][:, 1]
-    # The first half second holds the acoustics of the sudden pressure.
+    # The first half second contains sound from the sudden pressure.
     late = solution.t > 0.5
     found = analysis.fit_damped_oscillation(solution.t[late], difference[late])
     assert 2 * np.pi / found.omega == pytest.approx(vessel.PERIOD, rel=0.02)
@@ -63,23 +63,23 @@ def test_communicating_vessels():
 
 
 def test_vessels_at_rest_stay_at_rest():
-    """The default division at a wall of one spacing, 10 s: kinetic energy under 1e-4 of the potential."""
+    """The default division at a wall of one spacing, 10 s: kinetic energy below 1e-4 of the potential."""
     found = divisions.solve(divisions.case_of("b", 0.01), background=True, t1=10.0)
     assert not found.ended
     assert found.kinetic[-1] < divisions.BAR * divisions.SCALE
-    # what a tank without a wall is asked for, too
+    # the same bar as for a tank without a wall
     assert divisions.pressure_error(found) < 0.01
 
 
 def test_dam_break_front_is_within_the_scatter_of_the_experiments(tmp_path):
-    """H/dx = 30: inside the shifted envelope but for what a reading of the figures is good for."""
+    """H/dx = 30: inside the shifted envelope, up to the accuracy of reading the figures."""
     case = dam_break.front_case(30)
     js.run(case, out=tmp_path / "front.h5", progress=False)
     file = RunFile.open(tmp_path / "front.h5")
     front = dam_break.front_of(file, case.dx)
     found = dam_break.compared(front)
     assert np.max(found.outside) < found.scatter
-    # Published computations lead by a few tenths of T (no gate): more would be another flow.
+    # Published computations, without a gate, lead by a few tenths of T; a larger lead would be another flow.
     assert all(0.0 < lead < 0.5 for lead in found.lead.values())
     grown, _ = dam_break.energy_growth(file.series(), dam_break.WIDTH, dam_break.HEIGHT)
     assert grown < 1e-3

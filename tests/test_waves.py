@@ -1,4 +1,4 @@
-"""Waves against their equations, tables computed in double precision, and each other."""
+"""Waves, compared with their equations, with tables in double precision, and with each other."""
 
 import csv
 from functools import partial
@@ -49,7 +49,7 @@ dk_domega = jax.jit(jax.grad(theory.wavenumber))
 
 
 def _dispersion64(omega, d, g=G):
-    """Bisection in double precision: nothing in common with the code."""
+    """Bisection in double precision, independent of the package."""
     low, high = 0.0, omega**2 / g + omega / np.sqrt(g * d)
     for _ in range(200):
         k = 0.5 * (low + high)
@@ -77,8 +77,8 @@ def test_table(computed, column):
 
 
 def test_table_second_order_piston():
-    # The bracket is a difference of near terms, the first in (kd)^-3: an error of the
-    # table's digits and of 10 roundings, relative to the larger terms.
+    # The bracket is a difference of nearly equal terms, the first of order (kd)^-3: errors of the table's
+    # digits and of 10 roundings are relative to the larger terms.
     e2 = second_order_piston(H, theory.wavenumber(OMEGA, D), D)
     expected = TABLE["madsen_e2_amp_m_unverified"]
     term = H**2 / (16.0 * D * TABLE["Biesel_H_over_S0"])
@@ -91,7 +91,7 @@ def test_wavenumber_solves_dispersion(kd, d):
     omega = np.float32(np.sqrt(G * kd / d * np.tanh(kd)))
     d = np.float32(d)
     exact = _dispersion64(float(omega), float(d))
-    # 1e-6 is eight roundings of float32; the promise of the docstring.
+    # 1e-6, as the docstring states, is eight roundings of float32.
     assert float(wavenumber(omega, d)) == pytest.approx(exact, rel=1e-6)
 
 
@@ -104,14 +104,14 @@ def test_wavenumber_derivatives(kd, d):
     sinh2 = np.sinh(2.0 * kd)
     exact_omega = 2.0 * kd / d / (omega * (1.0 + 2.0 * kd / sinh2))
     exact_d = -((kd / d) ** 2) / (np.sinh(kd) * np.cosh(kd) + kd)
-    # Powers and quotients of k: 20 roundings, and 2 kd of the phase's in the exponential.
+    # 20 roundings in powers and quotients of k, and 2 kd roundings of the exponent.
     assert float(by_omega) == pytest.approx(exact_omega, rel=20 * EPS)
     assert float(by_d) == pytest.approx(exact_d, rel=(20 + 4 * kd) * EPS)
 
 
 def test_wavenumber_second_derivative():
-    # Against a central difference of the exact first derivative: error O(step^2) = 1e-4
-    # relative, and rounding EPS / step = 1e-5.
+    # Compared with a central difference of the exact first derivative: relative error of order step^2 = 1e-4,
+    # and rounding EPS / step = 1e-5.
     slope, step = dk_domega, 1e-2
     difference = (slope(5.0 + step, 0.5) - slope(5.0 - step, 0.5)) / (2 * step)
     assert float(jax.jit(jax.grad(slope))(5.0, 0.5)) == pytest.approx(float(difference), rel=5e-4)
@@ -151,14 +151,14 @@ def test_stokes3_wavenumber_is_that_of_the_full_equations(H):
     T, d = 1.2, 0.5
     linear = float(wavenumber(2.0 * np.pi / T, d))
     exact = _steady_wavenumber(H, T, d) / linear - 1.0
-    # what third order leaves out is smaller by (kH/2)^2, 0.6 % at the larger height, of order one; float32
+    # terms beyond third order are smaller by a factor of about (kH/2)^2, 0.6 % at the larger height; float32
     # gives the difference to 1e-6
     allowed = 4.0 * (linear * H / 2.0) ** 2 * abs(exact) + 1e-6
     assert float(theory.stokes3_wavenumber(H, T, d)) / linear - 1.0 == pytest.approx(exact, abs=allowed)
 
 
 def _steady_wavenumber(H, T, d, modes=10):
-    """Wavenumber of a steady wave without mass transport by a Fourier series (Rienecker and Fenton 1981)."""
+    """Wavenumber of a steady wave without mass transport, by the series of Rienecker and Fenton (1981)."""
     omega, phase, j = 2.0 * np.pi / T, np.pi * np.arange(modes + 1) / modes, np.arange(1, modes + 1)
 
     def residual(y):
@@ -181,7 +181,7 @@ def _steady_wavenumber(H, T, d, modes=10):
 
 
 def test_stokes2_velocity_laws():
-    """Incompressible, irrotational, no flow through the bed, and the surface condition."""
+    """Incompressible and irrotational, no flow through the bed, and the kinematic surface condition."""
     at = partial(velocity, H=0.1, T=1.2, d=0.5)
     x, z, t = 0.3, 0.35, 0.2
     (du_dx, dw_dx), (du_dz, dw_dz) = jax.jit(jax.jacfwd(at, argnums=(0, 1)))(x, z, t)
@@ -192,7 +192,7 @@ def test_stokes2_velocity_laws():
 
     @jax.jit
     def kinematic_residual(H):
-        """Largest of eta_t + u eta_x - w at the surface over a period."""
+        """Largest residual |eta_t + u eta_x - w| at the surface over a period."""
 
         def one(t):
             eta = partial(theory.stokes2_elevation, H=H, T=1.2, d=0.5)
@@ -213,9 +213,9 @@ def test_stokes2_velocity_laws():
 def test_second_order_piston_conserves_mass():
     """Madsen's e2 from the balance at the paddle, (d + eta(X)) dX/dt = c eta(X).
 
-    A wave of permanent form carries the flux c eta. At second order the balance gives
-    e2 = eta2 / (2 k d) - (H^2/4) / (2 d Phi), where near field is left out. As kd -> 0
-    that is exact, and Madsen's formula must approach it faster than its own second term.
+    A wave of permanent form carries the flux c eta. At second order and without the near field, the balance
+    gives e2 = eta2 / (2 k d) - (H^2/4) / (2 d Phi). This is exact as kd -> 0, and Madsen's formula must
+    approach it faster than its own second term.
     """
     kd = np.array([0.4, 0.2, 0.1])
     k, height = kd / 0.5, 0.01
@@ -282,10 +282,10 @@ def test_elevation_is_phase_locked():
 
 
 def _piston_modes(x, omega, d, n=2000):
-    """Elevation / displacement of a piston by solving the linear problem on a grid.
+    """Elevation per displacement of a piston, from a solution of the linear problem on a grid.
 
-    phi = sum over vertical modes, with the coefficients from a least-squares fit of the
-    condition at the paddle: no use of the closed integrals.
+    phi is a sum over vertical modes, whose coefficients are a least-squares fit of the condition at the
+    paddle; the closed-form integrals are not used.
     """
     y = omega**2 * d / G
     roots = []
@@ -309,14 +309,14 @@ def _piston_modes(x, omega, d, n=2000):
 def test_near_field_and_biesel_solve_the_piston_problem():
     omega, d, x = 2 * np.pi / 1.2, 0.5, 0.06
     progressive, near = _piston_modes(x, omega, d)
-    # The fit on 2000 points stands for the integrals with an error of order 1e-5.
+    # The fit on 2000 points replaces the integrals, with an error of order 1e-5.
     assert progressive == pytest.approx(1j * float(theory.biesel(REGULAR.k, d)), rel=1e-4)
     assert near == pytest.approx(near_field_ratio(x, omega, d), rel=1e-3)
     assert near.real > 0.0
 
 
 def _reading(w, absorption, t):
-    """Linear elevation at the gauge of the target waves: progressive and near field."""
+    """Linear elevation of the target waves at the gauge: progressive wave and near field."""
     eta = 0.5 * w.H * jnp.cos(w.omega * t - w.k * absorption.distance)
     return eta + absorption.near_field * paddle(w, t)[0]
 
@@ -355,7 +355,8 @@ def _residual_reflection(absorption, waves, filter_time=0.0):
     """Reflection coefficient of the paddle for an arriving wave (-), by closing the loop through the gauge.
 
     An arriving wave of amplitude 1 doubles at the fixed paddle; the paddle's motion adds a progressive wave b
-    and its own near field -i near_field b / Phi. `filter_time` (s): of a first-order filter on the feedback.
+    and its own near field -i near_field b / Phi. `filter_time` (s): time constant of a first-order filter on
+    the feedback.
     """
     omega, k, Phi = (float(v) for v in (waves.omega, waves.k, waves.Phi))
     phase = k * float(absorption.distance)
@@ -368,9 +369,9 @@ def test_residual_reflection():
     # A gauge at the paddle without near field absorbs all; without gain it is a wall.
     assert _residual_reflection(ActiveAbsorption(), REGULAR) == pytest.approx(0, abs=EPS)
     assert _residual_reflection(ActiveAbsorption(0.0), REGULAR) == pytest.approx(1)
-    # Close the loop through `velocity`: an arriving wave cos(omega t + k x), doubled at
-    # the paddle, and the answer Re(b exp(i omega t)) of the paddle with its near field.
-    # The paddle must then move as it is told; that is linear in b and gives it.
+    # Close the loop through `velocity`: an arriving wave cos(omega t + k x), doubled at the paddle, and the
+    # response Re(b exp(i omega t)) of the paddle with its near field. The commanded motion must equal the
+    # paddle's motion, which is a linear equation for b.
     absorption = ActiveAbsorption.at_gauge(REGULAR, 0.06)
     t = np.linspace(3.0, 4.2, 25)
     X, U, _ = paddle(REGULAR, t)
@@ -378,7 +379,7 @@ def test_residual_reflection():
     turn, lag = np.exp(1j * omega * t), np.exp(-1j * k * 0.06)
 
     def excess(arriving, b):
-        """What the paddle is told minus what it does (m/s)."""
+        """Commanded velocity of the paddle minus its actual velocity, m/s."""
         share = 2 * arriving * np.cos(k * 0.06) + b * (lag - 1j * absorption.near_field / Phi)
         eta = _reading(REGULAR, absorption, t) + np.real(share * turn)
         told = paddle_speed(absorption, REGULAR, X, t, eta) - U
@@ -389,7 +390,7 @@ def test_residual_reflection():
     # Float32 phases of 20 rad: 20 EPS, and twice that for the division.
     residual = _residual_reflection(absorption, REGULAR)
     assert residual == pytest.approx(abs(1 + re + 1j * im), abs=60 * EPS)
-    # The filter takes out the phase to first order: what is left is of its square, 0.29^2.
+    # The filter removes the phase to first order; the remainder is of the order of its square, 0.29^2.
     filtered = _residual_reflection(absorption, REGULAR, absorption.filter_time(REGULAR))
     assert filtered < 0.29**2 < residual
 
@@ -428,7 +429,7 @@ def test_theory_limits(H, T, d, words):
 
 
 def test_no_wave_of_the_theory_asks_for_a_larger_stroke():
-    """Over the periods and heights that `theory_limits` passes; the largest comes within a half per cent."""
+    """For all periods and heights that `theory_limits` accepts; the largest stroke is within 0.5 % of it."""
     d, largest = 0.42, 0.0
     for kd in [1.007, *np.linspace(0.32, 3.1, 30)]:
         T = 2 * np.pi / np.sqrt(G * kd / d * np.tanh(kd))

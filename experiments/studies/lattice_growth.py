@@ -13,7 +13,7 @@ from experiments.common import Report
 
 
 def main(dx: float = 0.02, t1: float = 1.8) -> None:
-    """Runs the exact slope in nearly still water for two smoothing lengths."""
+    """Computes the exact slope in nearly still water for two smoothing lengths."""
     with Report(f"lattice_growth_{dx:g}", "Growth of exact slopes in still water", dx) as report:
         for h in (1.2, 1.3):
             case = js.load_case("owc").replace(

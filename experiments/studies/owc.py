@@ -33,7 +33,7 @@ def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[s
         "not accounted for / paddle", 100 * share, "%", theory=0.0, bar="within 5 %", passes=abs(share) < 0.05
     )
 
-    # flow q against the rate of change of the volume, at the wave frequency: differences of samples are noisy
+    # rate of change of the volume over q, at the wave frequency because differences of samples are noisy
     omega = 2 * np.pi / T
     wave = np.exp(-1j * omega * over["time"])
     volume = np.mean(over["chamber_volume"] * wave) * 1j * omega

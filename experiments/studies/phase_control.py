@@ -1,12 +1,12 @@
 """Damping as a function of the waves' phase, learnt wave by wave: four Fourier coefficients, by reverse mode.
 
-The OWC stands in a tank of 1.2 m. For every wave the absorbed energy is computed, and by one filtered reverse
-pass its slope over all coefficients; Adam then changes the coefficients for the next wave. Afterwards waves
+The OWC stands in a tank of 1.2 m. For every wave one filtered reverse pass computes the absorbed energy and
+its slopes over all coefficients; Adam then changes the coefficients for the next wave. Afterwards waves
 with the learnt damping are compared with waves with the constant damping.
 
-The method fails: following the slopes absorbs less and less energy. The filtered slope of one wave contains
-the direct effect of a coefficient on that wave and half of the water's response within it, but no effect on
-later waves.
+The method fails: the coefficients that follow the slopes absorb less and less energy. The filtered slope of
+one wave contains the direct effect of a coefficient on that wave and half of the water's response within it,
+but no effect on later waves.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""Do the hard switches of a thin wall's regions spoil exact slopes? Compared with differences, before chaos.
+"""Do the hard switches of a thin wall's regions spoil exact slopes?
 
+The exact slope is compared with that of a parabola fitted to several runs, before the flow becomes chaotic.
 The OWC stands in a tank of 1.2 m and runs for one and a half wave periods. With a front wall of one spacing,
 a particle that passes the level of the tip abruptly interacts with other ghosts and particles. With a wall of
 four spacings hardly anything changes.
@@ -18,7 +19,7 @@ MEMBERS, SPREAD = 7, 0.1
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the slopes over K_dm of the energy absorbed in 1.8 s."""
+    """Computes the slopes over K_dm of the energy absorbed in 1.8 s."""
     with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences, 1.8 s", dx) as report:
         for layers in (1, 4):
             case = short_case(dx, 1.8).replace({"device.wall_thickness": layers * dx})

@@ -38,7 +38,7 @@ SENSOR, DISC = 0.2 * BUCHNER, 0.09
 HEIGHTS = SENSOR + DISC * (np.arange(9) - 4) / 9
 """Levels of the sensors over the disc, m, in strips of equal height; the fifth is at the disc's centre."""
 SMOOTHING = 0.1
-"""Width of the running mean over pressures, in sqrt(H/g): a tenth of the plunge after the peak."""
+"""Width of the running mean over pressures, in sqrt(H/g); the plunge after the peak is ten times as long."""
 PLATEAU, PEAK, WINDOW = (3.3, 5.1), (2.4, 3.2), (2.4, 5.4)
 """Intervals of t sqrt(g/H) of the steady pressure, of the first peak and of the comparison (Buchner)."""
 

@@ -3,7 +3,7 @@
 The runs are two-dimensional, in both schemes. The cylinder is held a quarter of its radius above equilibrium
 until the water has settled, and then released. The theory is Cummins' equation with the added mass and
 damping of the cylinder at the tank's depth (`experiments/heaving_cylinder.py`); in deep water the damping
-ratio would be a tenth higher. The theory is linear: a quarter of a radius from its middle the cylinder is 3 %
+ratio would be a tenth higher. The theory is linear: displaced by a quarter of its radius, the cylinder is 3 %
 narrower at the surface, and the restoring force is 1 % smaller. The tank is so long that no wave returns from
 its ends before the last reading, even at the speed of the longest waves.
 """

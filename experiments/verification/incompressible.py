@@ -97,7 +97,10 @@ def _impact_rows(report: Report, name: str, layers: int, changes: dict) -> None:
 
 
 def _divergence(solution: js.Solution) -> float:
-    """RMS divergence (1/s) of water more than 3 dx below the still level; velocity gradients are near U/h."""
+    """RMS divergence (1/s) of water more than 3 dx below the still level.
+
+    For comparison: velocity gradients are about U/h, with the speed U and the smoothing length h.
+    """
     model = solution.model
     state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(solution.state)
     deep = np.asarray(state.particles.x[:, 1]) < float(model.depth) - 3.0 * float(model.dx)

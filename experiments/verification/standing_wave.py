@@ -1,8 +1,8 @@
 """Period and decay of a standing wave of small amplitude against linear theory, with both integrators.
 
 With free-slip walls and a viscosity nu the flow stays irrotational except in a layer at the surface. For a
-thin layer the amplitude decays as exp(-2 nu k^2 t) (Lamb, section 348). Here the layer is an eighth of a
-wavelength over 2 pi thick, which reduces the rate by 7 % (section 349).
+thin layer the amplitude decays as exp(-2 nu k^2 t) (Lamb, section 348). Here k times the thickness of
+the layer is an eighth, which reduces the rate by 7 % (section 349).
 
 The one-evaluation scheme (symplectic Euler at Courant 0.5) is the default because it is as accurate here as
 the paper's predictor-corrector (at 0.25), which costs four times as many evaluations.

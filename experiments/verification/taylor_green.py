@@ -68,7 +68,7 @@ def velocity_error(solution: js.Solution) -> float:
 
 
 def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
-    """Runs n by n particles to t1 (s), also without shifting, with another viscosity, and for the order."""
+    """Runs n by n particles to t1 (s), with variants of shifting and viscosity, and two other resolutions."""
     title = f"Taylor-Green vortex at Re = 100, {n} x {n}, to {t1:g} s"
     with Report("taylor_green", title, 1.0 / n) as report:
         good = solved(n, t1)

@@ -1,7 +1,7 @@
 """Water at rest beside a wall of one spacing, with and without `model.background.Background`.
 
-The incompressible scheme has no background: its water is not quite still beside a wall of one spacing, but it
-is still beside a wall as thick as the support of the kernel.
+The incompressible scheme has no background. Its water is not quite at rest beside a wall of one spacing, but
+is at rest beside a wall as thick as the support of the kernel.
 """
 
 from __future__ import annotations

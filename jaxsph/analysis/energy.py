@@ -25,7 +25,8 @@ def energy_budget(
     potential and compression energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, `<name>`
     for every other series `power_<name>` (energy taken from the water, for example `sponge`, `contact`),
     `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work, or to the
-    largest kinetic energy if that is larger). `projection` is negative if it adds energy to the water.
+    largest kinetic energy if that is larger). The entry `projection` of an incompressible flow is negative if
+    the pressure projection adds energy to the water.
 
     `harvested`: names of the power take-offs' series. A series `power_<name>` has means over the interval
     before each sample. A series `loss_<name>` has values at the samples, and is integrated by the

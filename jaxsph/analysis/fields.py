@@ -14,7 +14,7 @@ Real = NDArray[np.floating]
 NEIGHBOURS = {2: 14, 3: 42}
 """Number of nearest particles that a linear fit uses, by the number of dimensions.
 
-For a fit at a particle, this particle is one of them.
+A fit at the position of a particle includes this particle.
 """
 FAR = 1.1
 """Distance to the nearest particle, in spacings, beyond which a point is regarded as outside the water.

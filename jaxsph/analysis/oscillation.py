@@ -38,7 +38,7 @@ def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
     y = y - np.mean(y)
     i = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
     if i.size < 2:
-        raise ValueError(f"{i.size} upward crossings of the mean do not give a period")
+        raise ValueError(f"{i.size} upward crossings of the mean: a period needs at least two")
     crossings = t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
     return float((crossings[-1] - crossings[0]) / (i.size - 1))
 

@@ -68,7 +68,7 @@ def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tup
     index = np.round(t / T * n_bins).astype(int) % n_bins
     count = np.bincount(index, minlength=n_bins)
     if np.any(count == 0):
-        raise ValueError(f"{np.sum(count == 0)} of {n_bins} phase bins are empty: use fewer")
+        raise ValueError(f"{np.sum(count == 0)} of {n_bins} phase bins are empty: use fewer bins")
     mean = np.bincount(index, y, n_bins) / count
     deviation = np.sqrt(np.bincount(index, (y - mean[index]) ** 2, n_bins) / count)
     return np.arange(n_bins) / n_bins, mean, deviation
@@ -112,7 +112,7 @@ def settled_from(values: ArrayLike) -> int:
     Leading periods are left out until the others show neither a linear trend nor a first period that differs
     from the rest. Student's t tests both (the slope of a regression, and a single observation against the
     rest), each at half of `SIGNIFICANT`. Finding the end of a transient from the record itself follows White
-    (1997). From ten settled periods, White's rule (MSER) leaves out a quarter; this rule leaves out 1 %.
+    (1997). Of ten settled periods, White's rule (MSER) leaves out a quarter on average, this rule 1 %.
     A transient smaller than the scatter of the periods is not detected. At least `LEAST_PERIODS` remain.
     """
     values = np.asarray(values, np.float64)

@@ -136,8 +136,9 @@ def two_way_sea(
     spaced gauges few frequencies are left out.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges (m); `t`: times (s),
-    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz), outside which lie
-    bound waves and noise; `bands`: number of neighbouring frequencies averaged into a value of a spectrum.
+    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz); bound waves and
+    noise lie outside this range; `bands`: number of neighbouring frequencies averaged into a value of a
+    spectrum.
 
     **Raises** ValueError for fewer than three gauges, for a record that is too short, and if the gauges
     cannot separate the waves at more than half of the frequencies.

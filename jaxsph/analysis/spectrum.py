@@ -33,7 +33,7 @@ class Spectrum(NamedTuple):
     """Degrees of freedom of every value (-): two for each averaged frequency."""
 
     def moment(self, n: float) -> float:
-        """Moment of order n of the spectrum, m2 Hz^n, without the frequency 0."""
+        """Moment of order n of the spectrum, excluding zero frequency, m2 Hz^n."""
         above = self.f > 0.0
         return float(np.sum(self.f[above] ** n * self.S[above]) * (self.f[1] - self.f[0]))
 
@@ -93,7 +93,7 @@ def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
 
 
 def banded(f: ArrayLike, S: ArrayLike, bands: int = BANDS) -> Spectrum:
-    """Spectrum averaged over `bands` neighbouring frequencies (Daniell), without the frequency 0.
+    """Spectrum averaged over `bands` neighbouring frequencies (Daniell), excluding zero frequency.
 
     Unknown densities (NaN) are left out of the average; a band without any known density gets 0.
     """

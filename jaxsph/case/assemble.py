@@ -42,8 +42,8 @@ time with a skin of 0.3 (`python -m experiments run bench_step`)."""
 
 
 SEARCH = 1.0
-"""Cost of a neighbour search with a regularisation, in time steps. The cost is half a step of the
-incompressible scheme, and one and a half steps of the weakly compressible scheme."""
+"""Assumed cost of a neighbour search and the regularisation that accompanies it, in time steps. The actual
+cost is half a step of the incompressible scheme, and 1.5 steps of the weakly compressible scheme."""
 
 
 def assemble(

@@ -25,7 +25,7 @@ def coarsen(case: Case) -> Case:
     **Raises** CaseError if the case does not pass its checks with any of the `FACTORS`.
     """
     if not isinstance(case, Case):
-        raise CaseError(f"{case!r}: only a case has a coarse form; give a program's own arguments instead")
+        raise CaseError(f"{case!r}: only a case has a coarse form; change the program's arguments instead")
     refusal = ""
     for factor in FACTORS:
         try:

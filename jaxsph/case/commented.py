@@ -86,7 +86,7 @@ def _with_inner(part: Section, name: str) -> str:
 def _section_text(part: Section, name: str) -> str:
     text = ""
     for key in keys_of(Sections if name == "" else type(part)):
-        if key.name == "name":  # a case file is named by its file name
+        if key.name == "name":  # the name of a case is the name of its file
             continue
         text += _comment(key.meaning)
         value = getattr(part, key.name)

@@ -37,7 +37,8 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
     if path.suffix.lower() != ".csv":
         raise CaseError(f"{path}: must be a CSV file whose name ends in .csv")
     rows = _rows(
-        path, read_text(path, "data file", "give the name of a CSV file, from the case's own folder")
+        path,
+        read_text(path, "data file", "give the name of a CSV file; in a case, relative to the case's folder"),
     )
     place, titles = rows[0] if rows else (f"{path}, line 1 (0 characters)", [])
     alone = len(titles) < 2  # the columns are not separated by commas
@@ -83,10 +84,10 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise CaseError(
-            f"{path}: not a text in UTF-8 from byte {error.start} on; save the file as UTF-8"
+            f"{path}: is not UTF-8 text from byte {error.start} on; save the file as UTF-8"
         ) from None
     if "\0" in text:
-        raise CaseError(f"{path}: not a text: it has NUL bytes, from byte {data.index(0)} on")
+        raise CaseError(f"{path}: is not a text file: it has NUL bytes, from byte {data.index(0)} on")
     return text
 
 

@@ -29,7 +29,7 @@ def read_outline(path: Path, scale: float | None) -> Corners:
     **Raises** CaseError if the drawing cannot be read, has no unit while `scale` is None, or does not have
     exactly one closed outline. Messages never show the content of the drawing.
     """
-    text = read_text(path, "drawing", "give the name of a DXF or SVG file, from the case's own folder")
+    text = read_text(path, "drawing", "give the name of a DXF or SVG file, relative to the case's folder")
     read = _DRAWINGS[path.suffix.lower()]
     try:
         outlines, unit = read(text)
@@ -43,8 +43,8 @@ def read_outline(path: Path, scale: float | None) -> Corners:
         raise CaseError(f"{path}: has no unit of length: give scale, in m per drawing unit")
     if len(outlines) != 1:
         raise CaseError(
-            f"{path}: has {len(outlines)} closed outlines: must have one, a single closed polyline, path or "
-            "circle; use a separate drawing for each solid"
+            f"{path}: has {len(outlines)} closed outlines: must have one (a closed polyline, path or "
+            "circle); use a separate drawing for each solid"
         )
     return outlines[0] * (1.0 if unit is None else unit) * (1.0 if scale is None else scale)
 
@@ -104,7 +104,7 @@ def _closed(library: ModuleType, path) -> Iterator[Corners]:
 
 
 def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
-    """Points on a curve with the parameter 0 to 1. The chords between the points deviate from the curve by
+    """Points on a curve whose parameter is 0 to 1. The chords between the points deviate from the curve by
     less than `close`, unless this takes more than `MOST` chords."""
     number = 4
     while True:
@@ -116,7 +116,7 @@ def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
 
 
 MOST = 500
-"""Number of chords beyond which a curve is not refined, as a polygon has at most a thousand corners."""
+"""Number of chords beyond which a curve is not refined, because a polygon has at most a thousand corners."""
 
 
 def _without_repeats(corners: Corners) -> Corners:

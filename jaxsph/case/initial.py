@@ -23,9 +23,9 @@ SURFACE_ROWS: dict[tuple[type[AbstractKernel], int], tuple[float, ...]] = {
     (Gaussian, 2): (0.0003, 0.0186, -0.0058, 0.0018, -0.0008),
     (WendlandC2, 3): (0.0117, 0.0116, -0.0026, 0.0014),
 }
-"""Upward displacement, in spacings, with which each horizontal row of a lattice is at rest in incompressible
-water, from the surface down, by kernel and number of dimensions. Measured in tanks 0.48 m deep at
-dx = 0.04 m, with the kernels' default smoothing lengths (`python -m experiments run still_tank`)."""
+"""Upward displacements, in spacings, at which the horizontal rows of a lattice are at rest in incompressible
+water: values for the rows from the surface down, by kernel and number of dimensions. Measured in tanks 0.48 m
+deep at dx = 0.04 m, with the kernels' default smoothing lengths (`python -m experiments run still_tank`)."""
 
 
 def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> np.ndarray:
@@ -77,10 +77,10 @@ def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
 def outside_body(away: np.ndarray) -> np.ndarray:
     """Mask `[N]` of the particles outside a body; `away` `[N]`: distances from its surface, in spacings.
 
-    The particles inside fill the body's submerged volume, which is computed as the sum of the fractions of
-    all cells that the body covers. A threshold on the distance alone would lower or raise the surface if the
-    body cuts the lattice irregularly. Particles at equal distances, for example at two symmetric faces, are
-    treated alike.
+    The particles inside fill the body's submerged volume, which is computed as the sum, over all cells, of
+    the fraction that the body covers. A threshold on the distance alone would lower or raise the surface if
+    the body cuts the lattice irregularly. Particles at equal distances, for example at two symmetric faces,
+    are treated alike.
     """
     away = np.round(away, 4)
     levels, count = np.unique(away, return_counts=True)

@@ -136,7 +136,7 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
         return "there are several chambers"
     for name, chamber in case.chambers.items():
         if set(chamber.between) != set(DEVICE_WALLS):
-            return f"chamber.{name} is between other walls than a plate and the end wall"
+            return f"chamber.{name} is not between the plate of a device and the end wall"
     if case.device is None:
         return "device is not given"
     if case.solid:

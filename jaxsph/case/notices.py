@@ -96,7 +96,7 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
     reach = GAUGE * case.dx - 1e-9
     return [
         f"probes.gauges[{index}] = {x:g} m: a gauge reads the water up to {reach:.3g} m to either side, but "
-        f"{what} is there, from {low:.4g} to {high:.4g} m: the elevations are mixed or too low"
+        f"{what} is there, from {low:.4g} to {high:.4g} m: the readings mix both sides, or are too low"
         for index, x in enumerate(geometry.gauges)
         for what, low, high in spans
         if low - reach < x < high + reach

@@ -67,7 +67,10 @@ class AbstractWavesSection(Section, abc.ABC):
 
     @abc.abstractmethod
     def sum_of_waves(self, depth: float, g: float) -> Waves:
-        """Amplitudes and frequencies (see `Waves`) of the waves' sinusoidal components, on the depth (m)."""
+        """Amplitudes and frequencies (see `Waves`) of the sinusoidal components of the waves.
+
+        **Arguments**: `depth` of the water (m); acceleration of gravity `g` (m/s2).
+        """
 
     @property
     def repeats(self) -> float | None:
@@ -185,7 +188,10 @@ class _SpectralSection(AbstractWavesSection):
     @model_validator(mode="after")
     def _gamma(self) -> _SpectralSection:
         if self.gamma is not None and self.spectrum != "jonswap":
-            raise ValueError(f'gamma = {self.gamma:g}: only spectrum = "jonswap" has one; remove the key')
+            raise ValueError(
+                f'gamma = {self.gamma:g}: applies to spectrum = "jonswap" only; remove the key, or choose '
+                "this spectrum"
+            )
         return self
 
     @property

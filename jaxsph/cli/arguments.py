@@ -100,7 +100,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 
 
 class Way(enum.StrEnum):
-    """Name of a method for slopes on the command line; the methods are in `jaxsph.study`."""
+    """Method for a slope (the derivative of a result), as named on the command line; see `jaxsph.study`."""
 
     ensemble = enum.auto()
     filtered = enum.auto()

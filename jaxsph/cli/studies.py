@@ -165,7 +165,7 @@ def slope(  # its arguments are the options of the command
     of: Annotated[
         str,
         typer.Option(
-            "--of", help="Result: xi, P_owc or energy_pto; with an ensemble any, such as amplitude_P_a."
+            "--of", help="Result: xi, P_owc or energy_pto; any result with an ensemble, e.g. amplitude_P_a."
         ),
     ] = "xi",
     method: Method = Way.ensemble,
@@ -214,7 +214,7 @@ def optimise(  # its arguments are the options of the command
         str,
         typer.Option(
             "--of",
-            help="Result to maximise: xi, P_owc or energy_pto; with ensembles any, such as amplitude_P_a.",
+            help="Result to maximise: xi, P_owc, energy_pto; any result with ensembles, e.g. amplitude_P_a.",
         ),
     ] = "xi",
     method: Method = Way.ensemble,
@@ -277,7 +277,7 @@ def _compile_as_members() -> None:
 
 
 def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
-    """**Raises** CaseError if the lattice rounds values of a parameter to one, before anything is timed."""
+    """**Raises** CaseError if the lattice rounds two lengths to the same value, before a run is timed."""
     from jaxsph.study.sweep import check_different
 
     for name, values in over.items():

@@ -21,7 +21,7 @@ round; usually two or three rounds suffice."""
 
 
 def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
-    """Polynomial kernel with the least false stress on deformed lattices and a stable undeformed lattice.
+    """Polynomial kernel that keeps a lattice stable, with the least false stress on deformed lattices.
 
     False stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
     minimise the mean square of the false stress under random deformations plus the mean square under pure
@@ -64,8 +64,8 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
 
 def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
     """Slopes (-) of the normalised powers towards the centre, `[100, terms]`, at 100 points from the edge of
-    the support to its centre, without a positive factor that is common to all powers."""
-    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; the power lowest - 1 is common to all slopes
+    the support to its centre, up to a positive factor that all powers share."""
+    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; all slopes share its power lowest - 1
     powers = np.arange(lowest, lowest + terms)
     return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 

@@ -25,7 +25,7 @@ class AbstractKernel(eqx.Module):
     """A radial smoothing kernel of smoothing length h (m) that vanishes for r >= `reach` * h."""
 
     width: eqx.AbstractClassVar[float]
-    """Ratio of the kernel's smoothing length to the smoothing length of a Gaussian of the same width (-)."""
+    """Ratio of the kernel's smoothing length to that of the Gaussian that the kernel replaces (-)."""
     reach: eqx.AbstractVar[float]
     """Support radius in units of h."""
 
@@ -92,9 +92,9 @@ class Semicircle(AbstractKernel):
 
     Source: Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41, for the non-uniform Fourier
     transform. Beyond a given wavenumber the kernel's Fourier transform is nearly the smallest of all kernels
-    with the same support. A lattice of particles therefore resists deformation less than with other kernels
-    that have twice as many neighbours (`lattice.lattice_stress`). h is the smoothing length of the Gaussian
-    with the same second moment.
+    with the same support. With this kernel a particle lattice therefore resists deformation less than with
+    other kernels that have twice as many neighbours (`lattice.lattice_stress`). h is the smoothing length of
+    the Gaussian with the same second moment.
 
     At the edge W is exp(-beta) times W(0), and the slope is infinite. Therefore W and its slope factor are
     constant within 5e-5 R of the edge.

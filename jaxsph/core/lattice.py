@@ -36,7 +36,7 @@ class LatticeStress(NamedTuple):
     neighbours: int
     """Number of neighbours of a particle on the undeformed lattice."""
     width: float
-    """Ratio to the spacing of the smoothing length of the Gaussian with the same second moment (-)."""
+    """Smoothing length of the Gaussian with the same second moment, divided by the spacing (-)."""
     transform: float
     """Ratio of the Fourier transform's minimum to its value at zero (-); particles pair if the ratio is far
     below 0."""
@@ -171,13 +171,13 @@ def shear_stiffness(
 def surface_stiffness(
     kernel: AbstractKernel, h_over_dx: float, dim: int, rows: int = 4, k: float = np.pi
 ) -> NDArray[np.float64]:
-    """Stiffness `[rows]` (-) of rows below a free surface against waves of vertical displacement along it.
+    """Stiffness `[rows]` (-) of the rows below a free surface against vertical displacement waves.
 
-    The stiffness is sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 divided by rho g dx, with the wavenumber `k`
-    in radians per spacing. If all rows move alike, the stiffness times g/dx is the square of a row's angular
-    frequency in still water. Far below the surface the stiffness is `shear_stiffness` times twice the depth
-    in spacings. The first row is stiffer than this relation gives and the second row less stiff, because the
-    missing rows above the surface would have negative pressures.
+    The waves run along the surface with the wavenumber `k`, in radians per spacing. The stiffness is
+    sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 divided by rho g dx. If all rows move alike, the stiffness
+    times g/dx is the square of a row's angular frequency in still water. Far below the surface the stiffness
+    is `shear_stiffness` times twice the depth in spacings. The first row is stiffer than this relation gives
+    and the second row less stiff, because the missing rows above the surface would have negative pressures.
     """
     points = lattice_points("cubic", dim, kernel.reach * h_over_dx)
     near, curvature = _curvature(kernel, h_over_dx, points)

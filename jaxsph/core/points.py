@@ -14,9 +14,9 @@ import numpy as np
 def at_points(law: Callable[[jax.Array], Any], x: np.ndarray, dtype: Any = jnp.float32) -> Any:
     """Values `[N, ...]` of `law`, in the law's unit, at points x `[N]` or `[N, D]` on the host.
 
-    The law is compiled as a whole, once for all N between two powers of two. `law` is a method of a module,
-    or an `eqx.Partial` of a method or function. The arrays in `law` become arguments of the compiled
-    function, and everything else is constant.
+    The law is compiled as a whole, once for all N between two successive powers of two. `law` is a method
+    of a module, or an `eqx.Partial` of a method or function. The arrays in `law` become arguments of the
+    compiled function, and everything else is constant.
     """
     count = len(x)
     padded = np.zeros((1 << max(count - 1, 0).bit_length(), *x.shape[1:]))

@@ -19,7 +19,7 @@ _KEPT = "kept"
 
 
 def keep(tree: Any) -> Any:
-    """Marks arrays that are costly to compute, so that functions under `rematerialise` store them."""
+    """Marks arrays that are costly to compute, so that a function wrapped by `rematerialise` stores them."""
     return jax.tree.map(lambda a: checkpoint_name(a, _KEPT), tree)
 
 

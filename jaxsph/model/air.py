@@ -77,8 +77,8 @@ class AbstractPTO(eqx.Module):
     def pressure(self, q_free: Scalar, compliance: Scalar, t: Scalar) -> Scalar:
         """Gauge pressure P_a (Pa) of the air at the end of a step.
 
-        **Arguments**: `q_free`: flow (m2/s) out of the chamber if P_a were zero over the step;
-        `compliance`: -dq/dP_a of that step (m2/s/Pa), so that q = q_free - compliance P_a; `t`: time, s.
+        **Arguments**: `q_free`: flow (m3/s; m2/s in 2-D) out of the chamber if P_a were zero over the step;
+        `compliance`: -dq/dP_a of that step, so that q = q_free - compliance P_a; `t`: time, s.
         """
 
     def at(self, air: Air, t: Scalar) -> AbstractPTO:
@@ -87,7 +87,7 @@ class AbstractPTO(eqx.Module):
         return self
 
     def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
-        """Parts of the flow q (m2/s) at the pressure P_a (Pa), by the names of `entries`; the parts sum to q.
+        """Parts of the flow q (m3/s; m2/s in 2-D) at P_a (Pa), by the names of `entries`; they sum to q.
 
         The energy of an entry is the energy of the air in the entry's part of the flow. A single entry has
         the whole flow.
@@ -97,10 +97,10 @@ class AbstractPTO(eqx.Module):
         return {name: q}
 
     def divided(self, mean: Scalar, ducted: Scalar) -> tuple[Scalar, Scalar]:
-        """Parts of a step's `mean` flow (m2/s) of incompressible air: through the take-off, and into the
-        ducts.
+        """Parts of a step's `mean` flow of incompressible air, m3/s (m2/s in 2-D): through the take-off, and
+        into the ducts.
 
-        `ducted`: flow into the chamber's ducts by the ducts' laws at the end of the step, m2/s.
+        `ducted`: flow into the chamber's ducts by the ducts' laws at the end of the step, in the same unit.
         """
         return mean - ducted, ducted
 

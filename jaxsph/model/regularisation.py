@@ -91,10 +91,10 @@ class Regularisation(eqx.Module):
     noise and waves. In spray and thin sheets, where particles have too few neighbours for a gradient, the sum
     fades out (`pairs.correctable`).
 
-    **Separation** moves particles apart that an impact has brought nearer than 0.6 spacings:
+    **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
     dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. The velocities change
     with the displacement, u_i += (grad u_i + grad u_j)/2 . dr_ij. Particles farther apart are not affected,
-    neither in a wave nor at a surface. Separation therefore cannot lift a surface.
+    either in a wave or at a surface. Separation therefore cannot lift a surface.
 
     Hyperviscosity and separation conserve the momentum of every pair, and the ledger contains the energies
     that they take. Without gravity the rate sqrt(g/h) is zero, and both have no effect.

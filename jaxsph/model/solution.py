@@ -25,7 +25,7 @@ class Solution(eqx.Module):
     state: State
     """State at the end of the run."""
     case: Any = None
-    """Case of the run, or None for a model built without one."""
+    """Case or other source of the run; None for a model that `march` has run."""
     results: dict[str, float] | None = None
     """Scalars computed from the series, by name: efficiency, powers, reflection (`jaxsph.analysis`)."""
     notices: tuple[str, ...] = eqx.field(static=True, default=())

@@ -46,14 +46,14 @@ class RunReader:
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
-        """Opens an existing file. **Raises** FileError if it is missing, cut short, or not one of jaxsph."""
+        """Opens an existing file. **Raises** FileError if it is missing, cut short, or not from jaxsph."""
         run = cls(path)
         check_signature(run.path)
         with open_file(run.path) as file:
             schema = file.attrs.get("schema")
             if schema is None or "jaxsph_version" not in file.attrs:
                 raise FileError(
-                    f"{path}: is an HDF5 file, but not one of jaxsph; give a file that `jaxsph run` wrote"
+                    f"{path}: is an HDF5 file, but not from jaxsph; give a file that `jaxsph run` wrote"
                 )
             if int(schema) > SCHEMA:
                 raise FileError(

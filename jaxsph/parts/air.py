@@ -177,9 +177,9 @@ class IsentropicAir(AbstractAirLaw):
     def press(self, pto, air, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`.
 
-        The flow at the surface is taken in the middle of the step, so that the spring neither gains nor loses
-        energy. Where the air is too stiff for the step, omega^2 dt^2 = dt compliance / give > 1, the flow is
-        taken nearer to the end of the step, which damps oscillations between steps.
+        For soft air the flow at the surface is taken in the middle of the step, so that the spring neither
+        gains nor loses energy. The larger omega^2 dt^2 = dt compliance / give is, the nearer to the end of
+        the step the flow is taken. This damps oscillations between steps where the air is too stiff for dt.
         """
         P_n = self.pressure(air)
         give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a

@@ -64,10 +64,10 @@ class BodyForceGrip(AbstractGrip):
 class Chamber(AbstractChamber):
     """Water column below trapped air between two walls, upright or leaning, and the air's power take-off.
 
-    A smooth function chi of position weights the air's pressure: it is 1 in the column and fades to 0 above
-    the wall's tip. The flow q = -sum_i f_i.u_i, where f_i is the force on particle i per unit of P_a, is the
-    volume flux averaged over the fading zone. P_a q is then exactly the power that the air's force takes from
-    the particles.
+    A smooth function chi of position weights the air's pressure: it is 1 in the upper part of the column and
+    fades to 0 towards the level of the front wall's tip. The flow q = -sum_i f_i.u_i, where f_i is the force
+    on particle i per unit of P_a, is the volume flux averaged over the fading zone. P_a q is then exactly the
+    power that the air's force takes from the particles.
     """
 
     pto: AbstractPTO

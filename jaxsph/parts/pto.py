@@ -78,11 +78,11 @@ class Constriction(PneumaticPTO):
 
 
 def orifice_damping(area: float, discharge: float, density: float = 1.2) -> float:
-    """Damping coefficient K_dm (kg^0.5 m^-2.5) of an orifice, sqrt(density / 2) / (discharge area).
+    """Damping coefficient K_dm (kg^0.5 m^-2.5) of an orifice, sqrt(density / 2) / (discharge * area).
 
-    From Bernoulli's P_a = (density / 2) (q / (discharge area))^2. **Arguments**: `area`, m2 per metre of the
-    chamber's width; `discharge`: discharge coefficient (-), about 0.6 for a sharp edge; `density`: density
-    of air, kg/m3.
+    Bernoulli's law gives P_a = (density / 2) (q / (discharge * area))^2. **Arguments**: `area`, m2 per metre
+    of the chamber's width; `discharge`: discharge coefficient (-), about 0.6 for a sharp edge; `density`:
+    density of air, kg/m3.
     """
     return float(np.sqrt(0.5 * density) / (discharge * area))
 
@@ -199,9 +199,9 @@ class ControlledPTO(AbstractPTO):
 
 
 class ReliefValve(AbstractPTO):
-    """Relief valve beside a turbine, which keeps the air between two pressures.
+    """Relief valve beside a turbine; the valve keeps the air pressure between two limits.
 
-    The valve lets air out or in at the flow that this requires. In the ledger the energy of the valve's flow
+    The valve lets air out or in at the rate that this requires. In the ledger the energy of the valve's flow
     has a separate entry from the turbine's energy.
     """
 

@@ -34,7 +34,7 @@ class Sides(eqx.Module):
 
     @classmethod
     def of(cls, front: Face, back: Face, low: float, start: float, high: float, dtype: Any) -> Sides:
-        """Builds the sides of two faces, for levels `low` to `high` (m); counts water above `start` (m)."""
+        """Builds the sides from two faces, for levels `low` to `high` (m); counts water above `start` (m)."""
         corners = [np.atleast_2d(np.asarray(f, float)) for f in (front, back) if np.ndim(f)]
         between = [c[(c[:, 1] > low) & (c[:, 1] < high), 1] for c in corners]
         z = np.sort(np.concatenate([[low, start, high], *between]))

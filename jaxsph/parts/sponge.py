@@ -32,7 +32,7 @@ class Sponge(AbstractDamper):
         return u * self.factor(x, dt)[:, None]
 
     def factor(self, x: Float[Array, "N D"], dt: ArrayLike) -> Float[Array, " N"]:
-        """Factor of velocities at x (m) in a step of dt (s), 0 to 1 (-), by Eq. 28; 1 outside x0..x1."""
+        """Factor on the velocities at x (m) in a step of dt (s), 0 to 1 (-), by Eq. 28; 1 outside x0..x1."""
         s = (x[:, 0] - self.x0) / (self.x1 - self.x0)
         inside = (s >= 0.0) & (s <= 1.0)
         damped = jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)

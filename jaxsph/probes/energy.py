@@ -15,8 +15,9 @@ __all__ = ["EnergyProbe", "per_metre"]
 
 
 class EnergyProbe(AbstractProbe):
-    """Probe of stored energies relative to the initial state, powers, largest speed and active limiters.
+    """Probe of energies, powers, largest speed and active limiters.
 
+    Potential and compression energy are relative to the initial state, kinetic energy is not.
     Powers from the ledger are means over all steps since the last sample. The powers of viscosity and density
     diffusion are values at the sample. `PartProbe` gives the power of a power take-off.
     """

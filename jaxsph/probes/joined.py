@@ -26,7 +26,7 @@ def measured(
 
 
 def described(probes: Sequence[AbstractProbe]) -> dict[str, Reading]:
-    """Unit and meaning of all probes' readings, by name, with "time". **Raises** ValueError as `measured`."""
+    """Unit and meaning of all probes' readings, by name, with "time". **Raises** as `measured` does."""
     return _joined({"time": Reading("s", "time")}, probes, (probe.describe() for probe in probes))
 
 

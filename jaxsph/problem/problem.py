@@ -51,12 +51,12 @@ class Problem:
         **more: Any,
     ) -> None:
         """**Arguments**: `model` and `state`, from `assemble` with the same `sample_dt`; `sample_dt`: time
-        between samples, s; `t1`: end of the run, s; `probes`: by default energies, noise and the parts;
-        `results`: results to compute in addition to the energy balance and noise. Also, by name:
+        between samples, s; `t1`: end of the run, s; `probes`: by default those of energies, noise and
+        parts; `results`: results to compute in addition to the energy balance and noise. Also, by name:
         `snapshot_dt`, time between snapshots, s, by default five samples; `name`, used for names of files;
         `description`; `averaging`, part of the record over which means are taken; `mean_of_power`, function
-        from the name of a result that can be differentiated to its `MeanOfRecord`; `remedies`, what to change
-        if a run fails.
+        that takes the name of a differentiable result and returns its `MeanOfRecord`; `remedies`, what to
+        change if a run fails.
         **Raises** CaseError for a time that is not positive, if `sample_dt` is not a whole number of time
         steps, and if two probes have a reading of the same name.
         """
@@ -214,8 +214,8 @@ def summary_of(
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Scalar results of a completed run, and notices about their meaning and about results that failed.
 
-    **Arguments**: wall time `seconds` (s) for the last `steps`; `since`: see `Record`. A result that fails is
-    left out, so that nothing here can prevent a run from completing.
+    **Arguments**: wall time `seconds` (s) of the last `steps` steps; `since`: see `Record`. A result that
+    fails is left out, so that nothing here can prevent a run from completing.
     """
     series = solution.series
     results = {

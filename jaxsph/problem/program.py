@@ -135,7 +135,7 @@ def _arguments(
     for name, one in known.items():
         value = given.get(name, one.default)
         if value is inspect.Parameter.empty:
-            raise CaseError(f"{program.place}: {name}: is missing; give it as {name}=VALUE, or a default")
+            raise CaseError(f"{program.place}: {name}: is missing; give it as {name}=VALUE, or set a default")
         found[name] = _plain(program, name, value, one.default)
     return found
 

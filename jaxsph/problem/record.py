@@ -30,7 +30,8 @@ class Window(NamedTuple):
     periods: int = 0
     """Number of whole periods in the window; 0 if none has settled and the window is the whole record."""
     left_out: int = 0
-    """Number of periods left out before the window: the waves had arrived, but the record had a trend."""
+    """Number of periods left out before the window, in which the waves had arrived but the record still had a
+    trend."""
 
 
 class Record(NamedTuple):

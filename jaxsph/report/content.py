@@ -191,7 +191,7 @@ def panels(
 ) -> list[dict[str, Any]]:
     """Panels over time: title, unit, and lines with their names, times and values.
 
-    **Arguments**: `expected`: levels predicted by linear theory, by series, drawn as dashed lines.
+    **Arguments**: `expected`: values by linear theory, by series, drawn as horizontal dashed lines.
     """
     if len(series.get("time", ())) < 2:
         return []
@@ -282,7 +282,7 @@ def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarr
 def _extremes(
     case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> dict[str, list[float]]:
-    """Levels of linear theory by series: mean power; in regular waves also peaks of level, flow and P_a."""
+    """Values of linear theory by series: mean power; in regular waves also peaks of level, flow and P_a."""
     if case is None or "chamber_level" not in series:
         return {}
     try:
@@ -342,7 +342,7 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
 
 
 def _spectral(title: str, lines: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
-    """Spectrum for a page, up to a frequency slightly above 99.9 % of the variance."""
+    """Spectrum for a page, up to slightly above the frequency below which 99.9 % of the variance lies."""
     top = 0.0
     for line in lines:
         share = np.cumsum(line["S"]) / max(float(np.sum(line["S"])), 1e-300)

@@ -22,7 +22,7 @@ from jaxsph.report.pack import Pack
 MOST = 1_200_000
 """Largest number of particles times frames in a page, about 5 MB."""
 LEAST_FRAMES = 24
-"""Smallest number of frames to which a page is reduced; beyond that it shows fewer particles."""
+"""Smallest number of frames to which a page is reduced; if that is not enough, fewer particles are shown."""
 UNSEEN = 65535
 
 
@@ -113,7 +113,7 @@ class Frames:
         }
 
     def _read(self, index: int, tank: Tank, thinning: int) -> dict[str, Any]:
-        """Particles of a snapshot in the plane of the picture, and their fields; one in `thinning` stays."""
+        """Particles of a snapshot in the plane of the picture, with their fields; keeps one in `thinning`."""
         if index not in self._known:
             snapshot = self.run.snapshot(index)
             x, u, p = (np.asarray(snapshot[name], np.float64) for name in "xup")

@@ -19,7 +19,8 @@ from jaxsph.report.pack import Pack
 MOST_LINEAR = 100
 """Number of members above which linear theory is not evaluated."""
 FIRST = ("P_owc", "xi", "P_pto", "capture_width")
-"""Results to show first, in order of preference: "P_owc" only in a matrix; a problem's own follow "xi"."""
+"""Results to show first, in order of preference. "P_owc" is used only for a power matrix. A result that a
+problem itself defines comes directly after "xi"."""
 
 
 def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:

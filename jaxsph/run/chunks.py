@@ -143,7 +143,7 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
     failed = Failure(int(status.bits))
     top = float(model.walls.high[-1])
     if failed & Failure.THROUGH_WALL and float(status.where[-1]) >= top:
-        return f"a particle has left over the rim of the tank, which is {top:g} m high", Trouble.OVER_RIM
+        return f"a particle has left the tank over its rim, which is {top:g} m high", Trouble.OVER_RIM
     if failed & Failure.THROUGH_WALL:
         if int(status.step) <= EARLY:
             return f"a particle was inside a wall within the first {EARLY} steps", (
@@ -157,7 +157,7 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
         return "a value is no longer finite", Trouble.NOT_FINITE
     if failed & Failure.NOT_CONVERGED:
         residual = float(status.residual)
-        what = f"a linear solution for the pressure did not converge (residual {residual:.2g} of its source)"
+        what = f"a linear solution for the pressure did not converge (relative residual {residual:.2g})"
         return what, Trouble.NOT_CONVERGED
     if int(status.most["halo"]) >= NARROW:
         return (
@@ -168,6 +168,6 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
         # the table of images is the only one whose required size is not counted and which does not grow
         return "water at a wall is too dense for the table of its images", Trouble.TOO_DENSE
     if failed & Failure.STALE_TABLE:
-        # tables are searched at every step by now, and a particle still leaves them within one step
+        # the tables are rebuilt at every step by now, and a particle still outruns them within one step
         return "a particle outruns its neighbour table in a single step", Trouble.TOO_FAST
     return f"the neighbour tables keep overflowing ({failed.name})", Trouble.NO_TABLES

@@ -29,9 +29,9 @@ compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m exp
 """
 
 WORTH_SPARING = 0.1
-"""Number of nodes away from the water, as a fraction of the particles, from which these nodes are omitted.
+"""Smallest number of nodes away from the water, as a fraction of the number of particles, that is omitted.
 
-A run on one device does not become faster if fewer nodes are omitted.
+Omitting fewer nodes does not make a run on one device faster.
 """
 
 
@@ -60,7 +60,7 @@ def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignor
     if count < len(found) and jax.process_count() > 1:
         raise CaseError(
             f"devices = {count}: the {jax.process_count()} processes that share the run have {len(found)} "
-            "devices and must use all: omit the number, or give this one"
+            "devices and must use all of them: omit the number of devices, or give all"
         )
     if len(found) < count:
         raise CaseError(
@@ -87,7 +87,7 @@ def usual_devices(model: Model, state: State) -> int:
         return len(found)
     if _obstacle(model):
         return 1
-    # slabs are at least twice as wide as the particles' reach if the water is even along the tank
+    # slabs are at least twice as wide as the particles' reach if the water is spread evenly along the tank
     most = min(len(found), model.search.grid.shape[0] // (4 * WIDTH))
     if found[0].platform == "cpu":
         most = min(most, len(state.particles.id) // WORTHWHILE)

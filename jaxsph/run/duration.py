@@ -1,4 +1,4 @@
-"""Estimates the wall time of a run on this machine by compiling its program and timing its first steps."""
+"""Estimates the wall time of a run on this machine by compiling the run and timing its first steps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Duration(NamedTuple):
     """Wall time of a run, estimated from its first steps."""
 
     compilation: float
-    """Time until the first step, s; close to 0 once JAX has cached the program."""
+    """Time until the first step, s; close to 0 once JAX has cached the compiled steps."""
     step: float
     """Time of one time step, s."""
     steps: int
@@ -36,9 +36,9 @@ class Duration(NamedTuple):
 def duration(given: Any, devices: int | None = None) -> Duration:
     """Estimates the wall time of a run of a case, a problem or a function on this machine.
 
-    The first steps are timed with the program of the run itself, which JAX compiles and caches. The estimate
-    may be low, because the pressure takes fewer iterations in water at rest than in waves. `devices`: as for
-    `run`. **Raises** CaseError, as `run`.
+    The first steps are timed with the same compiled function as in the run; JAX caches it. The estimate may
+    be low, because the pressure solver takes fewer iterations in water at rest than in waves. `devices`: as
+    for `run`. **Raises** CaseError, as `run`.
     """
     find_devices(devices)
     began = time.perf_counter()

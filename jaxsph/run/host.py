@@ -58,8 +58,8 @@ def run(
     The run is recorded in the file `out`, if given.
 
     An interrupt (Ctrl-C) stops the run at the end of a chunk; a second interrupt stops it at once. `devices`:
-    number of accelerators or CPU cores that share the particles (see `docs/cluster.md`); by default as many
-    as make the run faster.
+    number of accelerators or CPU cores that share the particles (see `docs/cluster.md`); by default the
+    largest number that makes the run faster.
     **Returns** the series as numpy arrays with the last state and scalar results.
     **Raises** CaseError, FileError (the output exists), SimulationError (kind, place and time of the failure,
     and what to change; the file then holds the last good checkpoint).
@@ -92,7 +92,7 @@ def resume(
     number may differ from the previous number. `changes`: values of the case from here on, by dotted name,
     such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then records the
     time of each change. `given`: the function or the problem that was run, unless it was a case; it is needed
-    because code is never imported on behalf of a file. **Raises** FileError, as `restore`; CaseError for a
+    because code that only a file names is never imported. **Raises** FileError, as `restore`; CaseError for a
     change that is not possible during a run.
     """
     file = RunFile.open(path)
@@ -131,17 +131,17 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     source = stored_source(file, given)
     if file.schema != SCHEMA:
         raise FileError(
-            f"{path}: holds a checkpoint of layout {file.schema}, but this version can resume those of "
-            f"layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
+            f"{path}: holds a checkpoint of layout {file.schema}, but this version resumes checkpoints "
+            f"of layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
             "Its series and snapshots can be read as they are"
         )
     saved = file.checkpoint()
     if not saved:
         raise FileError(
-            f"{path}: holds no checkpoint (that of a killed run is beside the file, in "
+            f"{path}: holds no checkpoint (a killed run keeps it beside the file, in "
             f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
-    # the settings of the last chunk are in the progress, as tables may have grown since the first
+    # the progress holds the settings of the last chunk: tables may have grown since the first chunk
     known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
     problem = source.problem()
     model = with_settings(problem.model, {k: int(v) for k, v in known.items()})
@@ -250,13 +250,17 @@ def march(
     Tables that overflow or go stale are resized and the run is replayed, as in `run`. The returned model
     holds the settings that the run needed, and a further call continues from the returned state. The first
     sample is the given state; the last sample is one interval before t1.
-    **Raises** ValueError if t1 is not a sample after the state's time, SimulationError as `run`.
+    **Raises** ValueError if the state is not at a sample, or t1 is not at least one sample later;
+    SimulationError, as `run`.
     """
     sample_every = round(sample_dt / float(model.dt))
     last = round(t1 / sample_dt) * sample_every
     start = int(state.step)
     if last <= start or start % sample_every:
-        raise ValueError(f"t1 = {t1:g} s: must be a sample after the state's {start * float(model.dt):g} s")
+        raise ValueError(
+            f"t1 = {t1:g} s: must be at least one sample after the state, which must itself be at a sample "
+            f"and is at {start * float(model.dt):g} s"
+        )
     bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
     advance = functools.partial(
         simulate_chunk, state=state, probes=tuple(probes), n_steps=last - start, sample_every=sample_every

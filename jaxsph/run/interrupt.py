@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 CODE = 130
-"""Exit status of an interrupted program: 128 and the signal's number."""
+"""Exit status of an interrupted program: 128 plus the signal's number."""
 
 ATTACHED = "JAXSPH_ATTACHED"
 """Name of the environment variable that makes a program end when its standard input closes.

@@ -95,9 +95,10 @@ class Recorder:
 
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:
-    """Checks the end t1 (s) of a run, which already has results if `ended`.
+    """Checks the end t1 (s) of a run.
 
-    **Raises** CaseError if t1 is not finite, before the present time, or equal to this time if `ended`.
+    **Raises** CaseError if t1 is not finite or lies before the present time; also if t1 equals the present
+    time, unless `ended` is false (the run stopped there without results).
     """
     dt = start.problem.sample_dt
     now = int(start.state.step) / start.problem.sample_every * dt

@@ -18,7 +18,7 @@ class FreeSlip(eqx.Module):
     """Free slip at a wall. In the viscous force, ghosts have the water's tangential velocity."""
 
     tangential: float = eqx.field(static=True, default=1.0)
-    """Factor of the tangential velocity that a ghost carries."""
+    """Ratio of a ghost's tangential velocity to the water's, both relative to the wall (-)."""
 
 
 class NoSlip(eqx.Module):
@@ -28,7 +28,7 @@ class NoSlip(eqx.Module):
     """
 
     tangential: float = eqx.field(static=True, default=-1.0)
-    """Factor of the tangential velocity that a ghost carries."""
+    """Ratio of a ghost's tangential velocity to the water's, both relative to the wall (-)."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ SIDES = {
     "open": (False, False),
     "periodic": (False, False),
 }
-"""Kinds of boundary along an axis. The values are whether there is a wall at the low and at the high end."""
+"""Kinds of boundary along an axis. The two values state whether the low and the high end have a wall."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,8 @@ class Box:
     stroke: float = 0.0
     """Largest displacement of the paddle towards negative x, m. The bed extends this far behind `low`."""
     sides: tuple[str, ...] = ()
-    """Kind of boundary along each axis, one of `SIDES`; by default "floor" along the last, else "walls".
+    """Kind of boundary along each axis, one of `SIDES`; by default "floor" along the last axis and "walls"
+    along the others.
 
     At an end without a wall, `low` or `high` is only a limit that the water must not pass.
     """

@@ -32,7 +32,7 @@ SLACK = 0.05
 """Error of a mean height due to the disorder of the particles, in smoothing lengths h."""
 
 TELLS = 0.2
-"""Rise of the mean height, in smoothing lengths h, from which the level is found from the mean height alone.
+"""Rise of the mean height, in smoothing lengths h, above which the mean height alone gives the level.
 
 The rise is the mean height in a full tank minus the mean height with the level at the top of the node's cell.
 If the rise is smaller, the pressure head is used as well.

@@ -89,8 +89,8 @@ def stop_at_solids(
     """Removes from velocities (m/s) the component towards a solid whose contact spring pushes the particle.
 
     Spray that hits a solid therefore stays at the solid; the spring alone would throw it back at the same
-    speed. The removed share grows with the spring's force, and is 1 at least a tenth of a spacing inside the
-    spring's range.
+    speed. The removed share grows with the spring's force, and is 1 for a particle that is a tenth of a
+    spacing or more inside the spring's range.
 
     **Arguments**: velocities `u` (m/s) before the contact; `push`: the result of `spring_acceleration` with
     the same `c0` (m/s).

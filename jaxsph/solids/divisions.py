@@ -2,7 +2,7 @@
 
 Particles on one side of a wall thinner than the kernel must not interact with particles on the other side
 (Zhu et al. 2020, section 2.4.1). Static boolean matrices define which regions and which sets of ghosts each
-region sees. They are packed into bit masks that the neighbour search applies.
+region sees. The matrices are packed into bit masks that the neighbour search applies.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class DiagonalDivision(AbstractDivision):
 
 
 class FivePartDivision(AbstractDivision):
-    """Division (c) into left and right above the tip, and into left, right and a strip under the plate."""
+    """Division (c): left and right above the tip; below the tip left, right and a strip under the plate."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below", "below_left", "below_right")
     water: ClassVar[tuple[str, ...]] = (
@@ -131,8 +131,9 @@ class Regions(eqx.Module):
     The dividers are the plates and the platform. Every plate divides the water by `division`; a platform
     divides the water into the part above its top and the part in front. A region is one combination of these
     parts. Two regions see each other if the divisions of all plates allow this. Whether a region sees
-    the ghosts of a face depends only on the divider of that face. A platform does not separate water from
-    water, but only the water on the side of a face sees the ghosts of that face.
+    the ghosts of a face depends only on the region's part with respect to the divider of that face. A
+    platform does not separate water from water, but only the water in front of a face sees the ghosts of that
+    face.
 
     **Raises** ValueError if the regions and ghost sets need more bits than an integer has.
     """

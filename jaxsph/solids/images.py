@@ -46,7 +46,7 @@ class Plane(NamedTuple):
     at: float
     """Position along the axis, m."""
     side: float
-    """Side of the water: 1 if the water is above the plane along the axis, -1 if it is below."""
+    """Side of the plane on which the water is: 1 towards larger coordinates, -1 towards smaller ones."""
     moves: bool
     """Whether the wall is the paddle."""
     ends: tuple[tuple[int, float, float], ...]
@@ -113,7 +113,7 @@ class Images(eqx.Module):
 
     @classmethod
     def of(cls, box: Box, platforms: Sequence[Platform], dx: float, radius: float) -> Images:
-        """Builds the images of the water in a tank's walls, except the parts of walls behind a platform.
+        """Builds the images of the water in a tank's walls, except in the parts of walls behind a platform.
 
         `radius`: radius of the kernel's support, m.
         """

@@ -26,7 +26,7 @@ LARGEST = 0.1
 """Largest displacement of a particle in an iteration, in spacings."""
 
 SETTLED = 2.0e-3
-"""Largest displacement in an iteration below which the packing has settled, in spacings."""
+"""Bound on the largest displacement in an iteration, in spacings; below it the packing has settled."""
 
 USUAL = 60
 """Least number of iterations; a disc and a tilted box settle in 20 to 60. With the same number of iterations
@@ -82,7 +82,7 @@ def packed(
     origin = np.append(x[free].mean(axis=0)[:-1], level)
     rest = (np.concatenate([x[beside], ghosts]) - origin) / dx
     before, share = (x[free] - origin) / dx, 1.0
-    # a layer across the surface counts with its part below; the mirror image completes it
+    # a cell that the surface cuts counts with its part below; the mirror image completes it
     below = size * np.clip(0.5 - rest[:, -1], 0.0, 1.0)
     # the walls of a long tank are mostly out of reach
     near = np.all((rest > before.min(axis=0) - NEAR) & (rest < before.max(axis=0) + NEAR), axis=1)

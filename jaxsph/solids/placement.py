@@ -90,8 +90,8 @@ def sliding_velocity(
 ) -> np.ndarray:
     """Velocity `[G, D]` of the wall in front of each ghost, m/s, for walls that slide in their own plane.
 
-    **Arguments**: `x`: positions of the ghosts, m; `sliding`: velocities (m/s) by (axis, 0 for the low or 1
-    for the high end).
+    **Arguments**: `x`: positions of the ghosts, m; `sliding`: velocities (m/s) with keys (axis, end), where
+    end is 0 for the low and 1 for the high end.
     **Raises** ValueError if a wall in `sliding` does not exist or has a velocity normal to itself.
     """
     u = np.zeros_like(x)

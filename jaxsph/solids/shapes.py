@@ -19,7 +19,7 @@ from jaxsph.core.points import at_points
 from jaxsph.solids.box import LeaningPlate
 
 SHARP = 0.3
-"""Turning angle of an outline (rad) above which a corner gets a particle; 0.3 for a 21-sided polygon."""
+"""Turning angle of an outline (rad) above which a corner gets a particle; a 21-sided polygon turns by 0.3."""
 
 PARTS = 4
 """Number of subdivisions of a spacing in the search for parts of a shape without dummy particles."""
@@ -29,11 +29,11 @@ ALONE = 0.8
 dummy particle; the corner of a cell is 0.71 spacings from the cell's centre."""
 
 SLIVER = 1e-4
-"""Share of a cell below which a part of a shape is a rounding error and gets no dummy particle."""
+"""Share of a cell below which a part of a shape counts as a rounding error and gets no dummy particle."""
 
 
 def plain_numbers(given: Any) -> Any:
-    """Converts plain numbers to a double-precision array, for a model to cast; keeps JAX arrays unchanged."""
+    """Converts plain numbers to a double-precision array that a model may cast; returns JAX arrays as is."""
     return np.asarray(given, float) if isinstance(given, (float, int, tuple, list)) else given
 
 
@@ -272,7 +272,7 @@ def _cells(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
 
 
 def _apart(x: np.ndarray, distance: float) -> np.ndarray:
-    """Drops points (m) so that all are `distance` (m) or more apart; of two close ones the first is kept."""
+    """Drops points (m) so that all are `distance` (m) or more apart; keeps the first of two close points."""
     keep = np.ones(len(x), bool)
     close = KDTree(x).query_pairs(distance, output_type="ndarray")
     for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:

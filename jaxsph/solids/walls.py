@@ -55,7 +55,7 @@ from jaxsph.solids.placement import (
 from jaxsph.solids.shapes import AbstractShape
 
 AT_WALL = 1e-5
-"""Distance (m) between a solid and a tank's wall up to which they touch, a few float32 rounding errors."""
+"""Distance (m) between a solid and a wall below which they count as touching; a few float32 roundings."""
 
 
 class Ghosts(eqx.Module):
@@ -120,11 +120,12 @@ class Ghosts(eqx.Module):
         """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
         **Arguments**: `dx`: spacing, m; `slip`: slip at the tank's walls and plates; `sliding`: velocities
-        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end), which
-        drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional tank,
-        with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the water,
-        which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's ghosts
-        behind a fixed shape belong to the shape, so that it receives all of the water's force on it.
+        (m/s) of walls that slide in their own plane, with keys (axis, end), where end is 0 for the low and 1
+        for the high end; such a wall drags the water only with `NoSlip`; `platform`: a raised bed at the far
+        end of a two-dimensional tank, with lengths of whole spacings; `filling`: by default `MirrorImages`;
+        `shapes`: solids in the water, which need `DummyParticles`; `fixed_shapes`: further solids, which
+        never move. The tank's ghosts behind a fixed shape belong to the shape, so that the shape receives
+        all of the water's force on it.
         **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
@@ -170,7 +171,7 @@ class Ghosts(eqx.Module):
 
     @property
     def width(self) -> float:
-        """Width of the tank across x and z, m; 1 in two dimensions, where all quantities are per metre."""
+        """Width of the tank, normal to x and z, m; 1 in two dimensions, where quantities are per metre."""
         return float(np.prod([b - a for a, b in zip(self.low[1:-1], self.high[1:-1], strict=True)]))
 
     def solids(self) -> tuple[AbstractSolid, ...]:
@@ -359,7 +360,7 @@ def _with_walls_behind(
 ) -> list[GhostSet]:
     """Moves the tank's ghosts behind a fixed solid that stands at a wall to the ghosts of that solid.
 
-    `parts`: ghosts of the tank first, then of the solids, of the `fixed_shapes` last.
+    `parts`: ghosts of the tank, of the solids that may move, and of the `fixed_shapes`, in this order.
     """
     parts = list(parts)
     for k, shape in enumerate(fixed_shapes, len(parts) - len(fixed_shapes)):

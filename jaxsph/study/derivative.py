@@ -25,7 +25,7 @@ def derivative(
     `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()`, the default, many runs, with a
     standard error.
     **Raises** CaseError if the case or the method does not have the parameter or the result, DerivativeError
-    if the slope would not be that of the flow, SimulationError as `run`.
+    if the slope would not describe the flow, SimulationError as `run`.
     """
     source = source_of(given)
     parameter_value(source, parameter)

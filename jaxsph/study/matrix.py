@@ -52,7 +52,7 @@ class ScatterTable:
             raise CaseError(f"{path}: {kind}: must not be negative, and at least one must be positive")
         if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
             raise CaseError(
-                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; name the column hours for counts"
+                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; for hours name the column hours"
             )
         hours = float(np.sum(weight)) if kind == "hours" else None
         return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)

@@ -245,8 +245,8 @@ def _read(run: Path) -> Ended:
 def _stage(run: Path, source: Source) -> tuple[bool, bool]:
     """Whether a member has a checkpoint to continue from, and whether it has ended.
 
-    An ended member is still here if the sweep stopped before recording the member. **Raises** FileError if
-    the member's file belongs to another problem.
+    An ended member still has its file if the sweep stopped before recording the member. **Raises** FileError
+    if the member's file belongs to another problem.
     """
     try:
         file = RunFile.open(run)

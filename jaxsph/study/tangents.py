@@ -155,7 +155,7 @@ class Filtered(_ThroughLoop):
     def _check(self, parameter, value, t, reach):
         if not reach > 0.0:
             raise DerivativeError(
-                f"the filtered derivative over {parameter} is no longer finite at t = {t:.2f} s.\n"
+                f"the filtered derivative with respect to {parameter} is no longer finite at t = {t:.2f} s.\n"
                 "What to change: a filter of lower order or shorter interval"
             )
 

@@ -42,7 +42,7 @@ class AbstractWaves(eqx.Module):
 
     @abc.abstractmethod
     def paddle_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Displacement X of the paddle at t (s), m; with a ramp it is zero and at rest at t = 0."""
+        """Displacement X of the paddle at t (s), m; with a ramp, X and dX/dt are 0 at t = 0."""
 
     @abc.abstractmethod
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:

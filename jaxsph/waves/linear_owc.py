@@ -81,7 +81,7 @@ class LinearOWC:
     q_pto: NDArray
     """Flow through the turbine per unit width, complex, m2/s; equal to q in incompressible air."""
     eta_max: NDArray
-    """Largest efficiency that any linear turbine reaches behind this air at this period, without lip loss
+    """Largest efficiency that any linear turbine reaches with this air at this period, without lip loss
     (-)."""
 
     @property
@@ -113,7 +113,7 @@ class LinearOWC:
     def xi(self) -> NDArray:
         """Hydrodynamic efficiency xi (-).
 
-        Without lip loss and in incompressible air it is 1 - |Lambda - Z|^2 / |Lambda + Z|^2.
+        Without lip loss and in incompressible air xi is 1 - |Lambda - Z|^2 / |Lambda + Z|^2.
         """
         return self.P_owc / self.P_inc
 
@@ -141,7 +141,8 @@ def linear_response(
 
     `lip_loss` is the coefficient zeta of a head loss Delta p = zeta rho0 |v| v / 2 at the lip of the front
     wall, with the column's mean velocity v = q / b (see the module docstring). Both laws are quadratic in q:
-    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2. Turbine and lip share the pressure drop as these two terms.
+    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2. The pressure drops at turbine and lip are in the ratio of
+    these two terms.
 
     With a linear turbine's resistance r and the air's compliance c in `air`, the turbine's flow is
     q_t = q + i omega c p, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t. Z - i omega c then replaces Z.
@@ -214,9 +215,9 @@ def _resistances(
 def _resistance(drive: NDArray, Z: complex) -> NDArray:
     """Solution r = 1 / Lambda >= 0 (Pa s/m2) of r |1 + Z r| = `drive`; unique because Re Z >= 0.
 
-    With x = r |Z| the left side times |Z| lies between x max(1, x) and x (1 + x), which brackets the root
-    within a factor of 1.3. The logarithm of the left side has a slope between 1 and 2 in log x, so that
-    Newton's method converges.
+    With x = r |Z| the left side times |Z| lies between x max(1, x) and x (1 + x). The first guess, from the
+    lower bound, therefore exceeds the root by a factor of at most 1.62. The logarithm of the left side has a
+    slope between 1 and 2 in log x, so that Newton's method converges.
     """
     size = abs(Z)
     cosine = Z.real / size

@@ -15,7 +15,7 @@ def near_field_ratio(x: float, omega: float, d: float, g: float = GRAVITY) -> fl
 
     Linear theory of a piston U = dX/dt: besides the progressive wave,
     eta = X(t) sum_n C_n exp(-k_n x), C_n = 4 sin^2(k_n d) / (2 k_n d + sin 2 k_n d),
-    with the roots of omega^2 = -g k_n tan(k_n d). C_n > 0: the near field is in phase
+    with the roots of omega^2 = -g k_n tan(k_n d). Since C_n > 0, the near field is in phase
     with the displacement, a quarter period behind the progressive wave at the paddle.
     """
     y = omega**2 * d / g

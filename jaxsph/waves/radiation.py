@@ -5,9 +5,9 @@ draught a at x = b; waves come from x = +inf. Incompressible air of uniform gaug
 chamber's surface. Host numpy in double precision; nothing here is traced.
 
 The time factor is exp(-i omega t), z = 0 is the still water level and K = omega^2 / g. The potential is
-phi_S + (i omega p / (rho g)) phi_R, where phi_S scatters the incident wave in the open chamber and phi_R has
-phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of the chamber per unit width, b times
-the rate at which the column rises:
+phi_S + (i omega p / (rho g)) phi_R. Here phi_S is the incident wave and its scattering by the open chamber,
+and phi_R, the radiation, has phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of the
+chamber per unit width, b times the rate at which the column rises:
 
     q = q_S - Z p,    Z = B - iA = -(i omega / (rho g)) q_R
 
@@ -307,8 +307,8 @@ def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]
 
     n starts at 1, and kappa = n pi ratio. From kappa = `_FAR` on the product is
     (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)). The first part sums to Hurwitz's zeta
-    function. So does the second part under the wall, where 2 kappa is a multiple of 2 pi; elsewhere the
-    second part is summed by parts.
+    function. Under the wall, where 2 kappa is a multiple of 2 pi, the second part does so too; elsewhere it
+    is summed by parts.
     """
     step = np.pi * ratio
     count = int(_FAR / step) + 1

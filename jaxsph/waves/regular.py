@@ -122,7 +122,7 @@ class RegularWaves(AbstractWaves):
         return self.ramp_factor(t) * 0.5 * self.H / self.Phi * jnp.sin(self.omega * t)
 
     def paddle_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Displacement X of the paddle at t (s), m; with a ramp it is zero and at rest at t = 0.
+        """Displacement X of the paddle at t (s), m; with a ramp, X and dX/dt are 0 at t = 0.
 
         X = (S0 / 2) sin(omega t), S0 = H / Phi, plus the correction, both times the ramp.
         """
@@ -132,8 +132,8 @@ class RegularWaves(AbstractWaves):
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
         """Target elevation at x (m) from the paddle's rest position and t (s), m, to second order.
 
-        The wave is in phase with the paddle. It has no ramp: compare it with a simulation
-        only once the front, travelling at the group velocity, has passed x.
+        At x = 0 the linear part is in phase with the paddle's velocity. The elevation has no ramp, so
+        compare it with a simulation only once the front, travelling at the group velocity, has passed x.
         """
         return stokes2_elevation(x, t, self.H, self.T, self.d, self.g)
 

@@ -43,11 +43,11 @@ class WaveSum(eqx.Module):
         return cls(*(jnp.asarray(part, dtype) for part in (a.real, a.imag, omega, k)))
 
     def turned(self) -> WaveSum:
-        """The sum with sines instead of cosines: its integral over the phase of every wave."""
+        """Sum of the waves, each integrated over its phase: a cosine becomes a sine."""
         return WaveSum(self.imag, -self.real, self.omega, self.k)
 
     def at(self, x: ArrayLike, t: ArrayLike, weight: ArrayLike = 1.0) -> Float[Array, "..."]:
-        """Value of the sum at x (m) and t (s), which broadcast; `weight`: factor of every wave."""
+        """Value of the sum at x (m) and t (s), which broadcast; `weight`: factor (-) on each amplitude."""
         angle = self.omega * real(t)[..., None] - self.k * real(x)[..., None]
         return jnp.sum(weight * (self.real * jnp.cos(angle) - self.imag * jnp.sin(angle)), axis=-1)
 

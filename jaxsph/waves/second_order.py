@@ -71,7 +71,7 @@ class _Modes(NamedTuple):
 
 
 def wavenumbers(omega: Real, d: float, g: float) -> Real:
-    """Wavenumbers of linear waves on the depth d (m), rad/m, always in double precision."""
+    """Wavenumbers of linear waves in water of depth d (m), rad/m, always in double precision."""
     y = np.asarray(omega, float) ** 2 * d / g
     kd = y / (-np.expm1(-(y**1.25))) ** 0.4  # Guo (2002)
     for _ in range(4):
@@ -201,7 +201,10 @@ def _forcing(p: _Modes, q: _Modes, g: float) -> Complex:
 
 
 def _wall(q: _Modes, k0: Real, W0: Real, d: float, g: float) -> Complex:
-    """Projection of phi_xx of modes `[M, J]` at the wall on the free wave, m/s."""
+    """Integral over the depth of phi_xx at the wall times the profile of the free wave, m/s.
+
+    The profile is 1 at z = 0. The result `[M]` is summed over the J modes of every wave in `q` `[M, J]`.
+    """
     W, k2, free2 = q.omega**2 / g, q.k**2, k0[:, None] ** 2
     # the free wave of a pair can coincide with a wave of the sea
     same = np.abs(k2 - free2) < 1e-8 * free2
@@ -230,7 +233,7 @@ def _collected(pair, count: int) -> Harmonics:
             half = np.full(len(at), 0.5)
             if sign > 0:
                 half[0] = 0.25  # the pair of a wave with itself has only one order
-            # a negative difference frequency: the conjugate has the positive one
+            # if a difference frequency is negative, the conjugate has the positive frequency
             back = at < 0.0
             found = np.where(back, np.conj(found), found) * half
             amplitudes.append(found)

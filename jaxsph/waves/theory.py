@@ -1,4 +1,4 @@
-"""Theory of water waves on constant depth: linear and second-order Stokes waves, and the transfer function of
+"""Theory of water waves in constant depth: linear and second-order Stokes waves, and the transfer function of
 a piston wavemaker.
 
 Equation numbers refer to Zhu et al. (2020) unless another source is named. SI units. x is measured from the
@@ -25,7 +25,7 @@ _URSELL_LIMIT = 8.0 * np.pi**2 / 3.0
 
 
 def _sech2(x: Array) -> Array:
-    """Square of the hyperbolic secant of x (-); 1 - tanh^2 x would lose its digits to rounding from x = 4."""
+    """Square of the hyperbolic secant of x (-); 1 - tanh^2 x loses digits from about x = 4 on."""
     e = jnp.exp(-2.0 * x)
     return 4.0 * e / (1.0 + e) ** 2
 
@@ -72,7 +72,7 @@ def wavenumber(omega: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[
 
 
 def wavelength(T: ArrayLike, d: ArrayLike, g: ArrayLike = GRAVITY) -> Float[Array, "..."]:
-    """Wavelength lambda of linear waves of period `T` (s) on depth `d` (m), m."""
+    """Wavelength lambda of linear waves of period `T` (s) in water of depth `d` (m), m."""
     return 2.0 * jnp.pi / wavenumber(2.0 * jnp.pi / real(T), d, g)
 
 
@@ -122,7 +122,7 @@ def incident_power(
 def biesel(k: ArrayLike, d: ArrayLike) -> Float[Array, "..."]:
     """Transfer function Phi = H / S0 of a piston wavemaker (-), Eq. 22.
 
-    H is the wave height and S0 the stroke, crest to trough; `k` (rad/m), `d` (m). The form
+    H is the wave height and S0 the stroke (peak to peak); `k` (rad/m), `d` (m). The form
     2 tanh kd / (1 + 2kd / sinh 2kd) of Eq. 22 does not overflow.
     """
     kd = real(k) * d
@@ -198,7 +198,7 @@ def stokes2_velocity(
 
 
 def largest_stroke(d: float) -> float:
-    """Largest stroke, crest to trough, of a piston for waves within `theory_limits` on depth `d` (m), m.
+    """Largest peak-to-peak stroke of a piston for waves within `theory_limits` in depth `d` (m), m.
 
     With the limits H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
     where the first two limits are equal, at kd = 1.007. The largest stroke is 0.684 d.
@@ -224,7 +224,7 @@ def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]
             f"0.142 tanh(kd) = {miche:.3g}: the wave breaks"
         )
     if H / d > 0.78:
-        limits.append(f"H/d = {H / d:.3g} is over 0.78: the wave breaks on this depth")
+        limits.append(f"H/d = {H / d:.3g} is over 0.78: the wave breaks at this depth")
     if ursell > _URSELL_LIMIT:
         limits.append(
             f"Ursell number H lambda^2/d^3 = {ursell:.3g} is over 8 pi^2/3 = "
@@ -233,8 +233,8 @@ def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]
     if kd > np.pi:
         limits.append(
             f"kd = {kd:.3g} is over pi: deep water, where a piston also moves the water "
-            "below the wave and its near field is large"
+            "below the wave, and the piston's near field is large"
         )
     if kd < np.pi / 10.0:
-        limits.append(f"kd = {kd:.3g} is under pi/10 = {np.pi / 10.0:.3g}: shallow water, use cnoidal waves")
+        limits.append(f"kd = {kd:.3g} is under pi/10 = {np.pi / 10.0:.3g}: shallow water, use cnoidal theory")
     return limits

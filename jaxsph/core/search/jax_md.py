@@ -1,5 +1,5 @@
-"""Neighbour search by jax-md (Schoenholz & Cubuk 2020), with `search = "jax_md"` and the extra
-`jaxsph[jax-md]`.
+"""Neighbour search by jax-md (Schoenholz & Cubuk 2020), selected by `search = "jax_md"`; it needs
+the extra `jaxsph[jax-md]`.
 
 jax-md lists the neighbours of every particle within one set of particles. jax-md has no masks, and wraps
 coordinates around at the sides of a box. Here targets and sources are therefore searched as one set, in a box
@@ -51,7 +51,7 @@ class JaxMD(AbstractSearch):
                 "use the default search"
             )
         md = partition()
-        # Two cells at both ends keep all coordinates positive, and particles away from their periodic images.
+        # Two cells at each end keep all coordinates positive, and particles away from their periodic images.
         margin = 2.0 * grid.radius
         low = np.asarray(grid.origin) - margin
         box = np.asarray(grid.shape) * grid.cell + 2.0 * margin

@@ -56,7 +56,7 @@ def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"
         found = [stack(fields[k]) if a.ndim == 2 else fields[k] for k, a in enumerate(leaves)]
         keys = keys[order]
         first, last = (jax.lax.all_gather(k, AXIS) for k in (keys[0], keys[-1]))
-        # no particle was lost or repeated if the sums of keys and of squared keys (which may wrap) are kept
+        # no particle was lost or repeated if the sums of keys and of squared keys (modulo 2^32) are unchanged
         before, after = (jax.lax.psum(jnp.stack([jnp.sum(k), jnp.sum(k * k)]), AXIS) for k in (key, keys))
         return jax.tree.unflatten(structure, found), jnp.any(last[:-1] > first[1:]) | jnp.any(before != after)
 

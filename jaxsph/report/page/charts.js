@@ -1,7 +1,7 @@
 "use strict";
-// Charts over one time: zoom one and all follow. Drawn by Plotly, which the page brings along.
+// Charts over a common time: zooming one zooms all. Drawn by Plotly, which the page contains.
 
-// Okabe and Ito's colours, which the colour-blind tell apart; lighter ones where the page is dark.
+// Okabe and Ito's colours, which colour-blind readers can tell apart; lighter colours on a dark page.
 const PALETTE = {
   light: ["#0072B2", "#D55E00", "#008060", "#A3407C", "#8A6100", "#3A7CA5", "#6B6B1F", "#555555"],
   dark: ["#56B4E9", "#FF9A5C", "#2FD1A0", "#F0A0D0", "#F0C040", "#9AD0F5", "#C9C95A", "#C8C8C8"],
@@ -30,7 +30,7 @@ function axisStyle() {
   return { gridcolor: css("--grid"), zerolinecolor: css("--line"), linecolor: css("--line"), zeroline: true };
 }
 
-// The panels of several runs under one another, over one time; onPick is told the time that is clicked.
+// The panels of several runs, one below the other, over a common time; onPick receives the time that is clicked.
 class Charts {
   constructor(place, groups, onPick) {
     this.place = place;
@@ -89,7 +89,7 @@ class Charts {
           });
         });
       });
-      // of two dashed lines of linear theory one stands in the legend
+      // the legend lists only one of the two dashed lines of linear theory
       const seen = new Set();
       for (const line of lines) { line.showlegend = lines.length > 1 && !seen.has(line.name); seen.add(line.name); line.legendgroup = `${k} ${line.name}`; }
       layout[legend] = { x: narrow ? 1 : 1.005, xanchor: narrow ? "right" : "left", y: top, yanchor: "top",
@@ -99,7 +99,7 @@ class Charts {
     return { traces, layout };
   }
 
-  // The line at the time of the particles.
+  // Moves the line that marks the time of the particles shown.
   mark(t) {
     this.t = t;
     const full = this.plot._fullLayout;
@@ -118,7 +118,7 @@ async function drawSpectra(place, found) {
   if (found.band)
     traces.push(
       { x: found.band.f, y: found.band.low, mode: "lines", line: { width: 0 }, showlegend: false, hoverinfo: "skip" },
-      { x: found.band.f, y: found.band.high, mode: "lines", line: { width: 0 }, fill: "tonexty", name: "band of the incident",
+      { x: found.band.f, y: found.band.high, mode: "lines", line: { width: 0 }, fill: "tonexty", name: "band of the incident waves",
         fillcolor: isDark() ? "rgba(86,180,233,.25)" : "rgba(0,114,178,.2)", hoverinfo: "skip" });
   found.lines.forEach((line, k) => traces.push({
     x: line.f, y: line.S, name: line.name, mode: "lines", hovertemplate: "%{y:.3g}",

@@ -1,5 +1,5 @@
 "use strict";
-// The page: its sections from a record, the clock that all follow, and news of a run that goes on.
+// The page: its sections from a record, the time common to all of them, and updates of a run in progress.
 
 function el(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
@@ -84,7 +84,7 @@ function warnings() {
   return el("ul", { class: "warnings", "aria-label": "Warnings" }, ...all.map((text) => el("li", {}, text)));
 }
 
-// The first result of every run's device, with linear theory's beside it.
+// The first result of every run's device, beside its value by linear theory.
 function answer() {
   const found = page.runs.filter((run) => run.answer);
   if (!found.length) return null;
@@ -97,7 +97,7 @@ function results() {
   for (const run of page.runs) for (const row of run.results) if (!(row.name in rows)) { names.push(row.name); rows[row.name] = row; }
   if (!names.length) return null;
   const several = page.runs.length > 1;
-  const head = el("tr", {}, el("th", { scope: "col" }, "result"), ...page.runs.map((run) => el("th", { scope: "col", class: "value" }, several ? run.label : "value")), el("th", { scope: "col" }, "unit"), el("th", { scope: "col", class: "meaning" }, "what it says"));
+  const head = el("tr", {}, el("th", { scope: "col" }, "result"), ...page.runs.map((run) => el("th", { scope: "col", class: "value" }, several ? run.label : "value")), el("th", { scope: "col" }, "unit"), el("th", { scope: "col", class: "meaning" }, "meaning"));
   const row = (name) => el("tr", { class: rows[name].part ? "part" : "" }, el("th", { scope: "row" }, rows[name].label),
     ...page.runs.map((run) => el("td", { class: "value" }, (run.results.find((one) => one.name === name) || { value: "–" }).value)),
     el("td", {}, rows[name].unit), el("td", { class: "meaning" }, rows[name].meaning));
@@ -130,11 +130,11 @@ function particles() {
     drag(canvas, water);
     return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, canvas, readings(run));
   });
-  const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "Of three dimensions the middle of the tank's width is shown.") : null;
+  const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "Of a three-dimensional run, the picture shows the middle of the tank's width.") : null;
   const thinnest = Math.max(...shown.map((run) => run.player.thinning));
-  const thinned = thinnest > 1 ? el("p", { class: "hint" }, `Of many particles one in ${thinnest} is shown, enlarged.`) : null;
+  const thinned = thinnest > 1 ? el("p", { class: "hint" }, `One particle in ${thinnest} is shown, enlarged.`) : null;
   return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), slice, thinned,
-    el("p", { class: "hint" }, "Keys: space plays, ← and → step, + and − zoom, 0 shows all. Drag moves the picture, Ctrl and the wheel zoom. A click in a chart goes to its time.")));
+    el("p", { class: "hint" }, "Keys: space plays or pauses, ← and → step, + and − zoom, 0 shows the whole tank. Drag to move the picture; Ctrl and the mouse wheel zoom. Click in a chart to go to its time.")));
 }
 
 function readings(run) {
@@ -207,10 +207,10 @@ function overTime() {
   if (!groups.length) return null;
   const place = el("div", {});
   page.charts.push(new Charts(place, groups, (t) => seek(t)));
-  return section("Over time", el("p", { class: "hint" }, "Drag over a chart to zoom, all follow; twice to see all again. A name beside a chart hides and shows its line. Dashed: linear theory."), place, numbers(groups));
+  return section("Over time", el("p", { class: "hint" }, "Drag over a chart to zoom all charts; double-click to see the whole time again. Click a name beside a chart to hide or show its line. Dashed: linear theory."), place, numbers(groups));
 }
 
-// What the charts show, as a table for those who do not see them.
+// What the charts show, as a table for readers who cannot see them.
 function numbers(groups) {
   const rows = groups.flatMap((group) => group.panels.flatMap((panel) => panel.lines.map((line) => {
     let low = Infinity, high = -Infinity, sum = 0;
@@ -234,7 +234,7 @@ function spectra() {
 
 function cases() {
   const all = [...page.runs, ...page.sweeps];
-  return section("Case", el("p", { class: "hint" }, "The whole case as a file that jaxsph run takes."), ...all.map((one) => el("details", {}, el("summary", {}, `${one.label || one.name}.toml`), el("pre", { tabindex: "0" }, one.case))));
+  return section("Case", el("p", { class: "hint" }, "The whole case, as a file for jaxsph run."), ...all.map((one) => el("details", {}, el("summary", {}, `${one.label || one.name}.toml`), el("pre", { tabindex: "0" }, one.case))));
 }
 
 function sweepSections() {
@@ -268,7 +268,7 @@ async function open(sweep, members, place) {
   place.scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
 }
 
-// --- beginning, and news
+// --- start and updates
 
 async function drawCharts() {
   for (const chart of page.charts) await chart.draw();
@@ -284,7 +284,7 @@ async function take(bytes) {
   const parts = [answer(), warnings(), ...sweepSections(), particles(), results(), about(), overTime(), spectra(), cases()];
   document.getElementById("content").replaceChildren(...parts.filter(Boolean));
   const going = page.runs.some((run) => !run.ended);
-  document.getElementById("state").textContent = page.runs.length ? (going ? "The run goes on, or was stopped." : "The run has ended.") : "";
+  document.getElementById("state").textContent = page.runs.length ? (going ? "The run is in progress, or was stopped." : "The run has ended.") : "";
   page.players.forEach((water, k) => { if (kept.views[k] && kept.views[k][1]) { water.resize(); [water.view, water.moved, water.look] = kept.views[k]; } });
   drawLegend();
   show();
@@ -312,7 +312,7 @@ async function follow() {
         if (!going) return;
       } else if (answer.status !== 204) document.getElementById("state").textContent = await answer.text();
     } catch {
-      document.getElementById("state").textContent = "The server of this page was closed; what is shown is the last of it.";
+      document.getElementById("state").textContent = "The server of this page has ended; the page shows its last contents.";
       return;
     }
     await new Promise((done) => setTimeout(done, 1000));
@@ -352,7 +352,7 @@ async function begin() {
     await drawCharts();
     if (!inside) await follow();
   } catch (error) {
-    document.getElementById("state").textContent = `This page could not be shown: ${error.message}. It needs a browser of 2023 or newer.`;
+    document.getElementById("state").textContent = `This page could not be shown: ${error.message}. It needs a browser from 2023 or later.`;
     throw error;
   }
 }

@@ -13,7 +13,7 @@ class Water {
     this.show = this.show.bind(this);
   }
 
-  // Takes the frames of a run, or newer ones of the same.
+  // Takes the frames of a run, or newer frames of the same run.
   take(run) {
     this.player = run.player;
     this.frames = readFrames(run.player);
@@ -73,7 +73,7 @@ class Water {
     const { width, height } = this.canvas, { places } = this.frames, { levels } = this.frames.fields[name];
     const [f, share] = placeAmong(times, t), last = times.length - 1;
     const rows = [Math.max(f - 1, 0), f, Math.min(f + 1, last), Math.min(f + 2, last)];
-    // Catmull and Rom's spline through four frames: between frames waves keep their height
+    // Catmull and Rom's spline through four frames, so that waves keep their height between frames
     const s = share, weights = [
       -0.5 * s + s * s - 0.5 * s * s * s, 1 - 2.5 * s * s + 1.5 * s * s * s,
       0.5 * s + 2 * s * s - 1.5 * s * s * s, -0.5 * s * s + 0.5 * s * s * s];

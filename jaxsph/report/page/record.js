@@ -15,7 +15,7 @@ function bytesOf(text) {
 
 const ARRAYS = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u4: Uint32Array };
 
-// The text of a record, every array in it a typed array.
+// Text of a record, with a typed array in place of every reference to an array.
 async function readRecord(bytes) {
   const buffer = await inflate(bytes);
   const length = new DataView(buffer).getUint32(0, true);
@@ -28,7 +28,7 @@ async function readRecord(bytes) {
   });
 }
 
-// Places and fields of a run's frames from their differences.
+// Positions and fields of a run's frames, from their differences.
 function readFrames(player) {
   const { count, t } = player, frames = t.length;
   const places = new Uint16Array(frames * 2 * count);

@@ -1,5 +1,5 @@
 "use strict";
-// Results of a sweep, a power matrix or a search over what was varied; a click opens a member.
+// Results of a sweep, a power matrix or a search over the varied parameters; a click opens a member.
 
 class Map2 {
   constructor(place, sweep, onOpen) {
@@ -31,7 +31,7 @@ class Map2 {
       xaxis: { ...axisStyle(), title: { text: x }, zeroline: false }, yaxis: { ...axisStyle(), title: { text: y }, zeroline: false } };
   }
 
-  // One parameter, or a search: points over the first parameter, the way of a search with its numbers and slopes.
+  // One parameter, or a search: points over the first parameter; those of a search are numbered, with their slopes.
   lines() {
     const { axes, members, kind } = this.sweep, colours = PALETTE[isDark() ? "dark" : "light"];
     const there = members.filter((one) => this.of in one.results), search = kind === "search";
@@ -73,7 +73,7 @@ class Map2 {
     return { xi: xi_error, P_owc: xi_error * P_inc, P_pto: xi_error * P_inc }[this.of] || 0;
   }
 
-  // Two parameters or more: a cell for every pair of the first two, its members' mean as a number.
+  // Two or more parameters: a cell for every pair of values of the first two, with the mean of its members.
   matrix() {
     const { axes, members } = this.sweep, [first, second] = axes;
     const cells = first.values.map((a) => second.values.map((b) => members.filter((one) => one.at[0] === a && one.at[1] === b)));
@@ -87,7 +87,7 @@ class Map2 {
     const text = z.map((row, i) => row.map((v, j) => {
       if (v === null) return cells[i][j].length ? "failed" : "not yet";
       const values = cells[i][j].map((one) => one.results[this.of]).filter((one) => one !== undefined), count = values.length;
-      // as of js.power_matrix: the larger of what its members differ by and of what each is uncertain by
+      // as in js.power_matrix: the larger of the error from the scatter of the members and the error of their own means
       const between = count > 1 ? Math.sqrt(values.reduce((s, one) => s + (one - v) ** 2, 0) / (count - 1) / count) : 0;
       const within = Math.sqrt(cells[i][j].reduce((s, one) => s + this.within(one) ** 2, 0)) / count;
       const error = Math.max(between, within);
