@@ -31,6 +31,7 @@ _ROOMS = {
     "model.part": ("AbstractPart", "Sampled"),
     "model.probe": ("AbstractProbe",),
     "model.solution": ("Solution",),
+    "model.solids": ("AbstractJoint",),
     "model.state": ("State",),
     "model.tangents": ("TangentFilter",),
     "model.viscosity": (
@@ -45,7 +46,9 @@ _ROOMS = {
     "parts.chamber": ("BodyForceGrip", "Chamber", "SurfaceGrip"),
     "parts.duct": ("Duct",),
     "parts.driven": ("AbstractPath", "DrivenSolid"),
+    "parts.joint": ("PlanarJoint",),
     "parts.paddle": ("AbsorbingMotion", "AbstractGivenMotion", "Paddle", "WaveMotion"),
+    "parts.paths": ("HarmonicPath", "SampledPath"),
     "parts.pto": (
         "AbstractTurbine",
         "CharacteristicCurve",

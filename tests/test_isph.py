@@ -17,6 +17,7 @@ from jaxsph.model import laws
 from jaxsph.model.state import Failure
 from jaxsph.probes.parts import PartProbe
 from jaxsph.report.labels import LABELS
+from jaxsph.schemes.bodies import body_grip
 from jaxsph.schemes.incompressible import ISPH
 from jaxsph.schemes.kernels import NAMED
 from jaxsph.schemes.poisson import BiCGStab, Explicit
@@ -45,7 +46,7 @@ FLAP = {
 }
 
 
-# eagerly every loop of a step would be compiled on its own
+# jitted, because otherwise every loop in a step would be compiled separately
 prepare_ = jax.jit(lambda model, state: model.scheme.prepare(model, state))
 step_ = jax.jit(lambda model, state, tables: model.step(state, tables))
 wet_ = jax.jit(lambda m, s, t: m.scheme.place_ghosts(m, s, t).fit.wet)
@@ -54,7 +55,7 @@ divergence_ = jax.jit(lambda model, state, tables: model.scheme.divergence(model
 
 @pytest.fixture(scope="module")
 def advanced():
-    """Steps of a model, compiled once for each."""
+    """Function that advances a model and compiles its steps once."""
     compiled = {}
 
     def of(name, case, n_blocks):
@@ -70,7 +71,7 @@ def advanced():
 
 @pytest.mark.parametrize("walls", ["mirror", "dummy"])
 def test_water_at_rest_stays_and_its_pressure_is_hydrostatic(advanced, walls):
-    """On forty rows; of rho g d: a fiftieth for where the surface is, and what the particles settle."""
+    """Forty rows. The error, 1/50 of rho g d, is due to the surface's position and to settling particles."""
     case = TANK | {"dx": 0.0125, "tank": TANK["tank"] | {"walls": walls}}
     _model, _, state = advanced(f"fine_{walls}", case, 20)
     p = state.particles
@@ -81,7 +82,7 @@ def test_water_at_rest_stays_and_its_pressure_is_hydrostatic(advanced, walls):
 
 
 def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
-    """Density ratio 0.5: added mass is as large as its own, and a lagged coupling would swing."""
+    """With a density ratio of 0.5, the added mass equals the body's; a lagged coupling would oscillate."""
     _model, _, state = advanced("floating", FLOATING, 20)
     weight = 500.0 * 0.3 * 0.3 * 9.81
     assert int(state.status.bits) == 0
@@ -90,7 +91,7 @@ def test_a_floating_box_stays_and_the_water_carries_its_weight(advanced):
 
 
 def test_dummies_are_told_of_the_level_by_a_mean_of_the_pressure(advanced):
-    """A scatter of the last step's pressure makes none of them wet or dry; a mean that is higher does."""
+    """Scatter in the last step's pressure makes no dummy wet or dry; a higher mean pressure does."""
     model, _, state = advanced("floating", FLOATING, 20)
     state, tables = prepare_(model, state)
     p, cell = state.particles, 9810.0 * float(model.dx)
@@ -107,7 +108,7 @@ def test_dummies_are_told_of_the_level_by_a_mean_of_the_pressure(advanced):
 
 
 def test_a_box_floats_in_weakly_compressible_water_too(advanced):
-    """Over 0.2 s; sound rings in the force, so it is the mean that carries the weight: within 3 %."""
+    """Over 0.2 s. Sound makes the force oscillate; its mean carries the weight within 3 %."""
     case = {k: v for k, v in FLOATING.items() if k != "scheme"}
     model, state = js.build(js.Case.from_dict(case))
     sample = 0.02
@@ -118,8 +119,7 @@ def test_a_box_floats_in_weakly_compressible_water_too(advanced):
 
 
 def test_energy_of_a_swinging_flap_is_accounted_for():
-    """What the projection, the contact and the damping took is all that the kinetic energy lost: within
-    0.02 % when it was written."""
+    """Projection, contact and damping account for all kinetic energy lost (0.02 % when this was written)."""
     case = js.Case.from_dict(TANK | {"body": FLAP, "t1": 0.3, "output": {"sample_dt": 0.02}})
     model, state = js.build(case)
     found = js.march(model, state, 0.3, 0.02, make_probes(case, model, state))
@@ -139,7 +139,7 @@ def test_water_that_touches_a_body_pushes_it(advanced):
 
 
 def test_gauges_read_the_surface_in_three_dimensions():
-    """At rest, and with all of the water lifted by a fifth of a spacing."""
+    """At rest, and with the water lifted by a fifth of a spacing."""
     case = js.Case.from_dict(
         {
             "dx": 0.05,
@@ -160,12 +160,12 @@ def test_gauges_read_the_surface_in_three_dimensions():
         (at_rest,) = gauge.measure(model, state, tables).values()
         (higher,) = gauge.measure(model, lifted, tables).values()
         np.testing.assert_allclose(at_rest, 0.0, atol=0.002)
-        # a gauge of volumes and a wire measure how much water there is, which is as it was
+        # gauges of volumes and wires measure the amount of water, which has not changed
         np.testing.assert_allclose(higher - at_rest, expected, atol=2e-4)
 
 
 def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
-    """Both sums go over the same pairs: they differ by rounding of some ten thousand terms."""
+    """Both sums have the same pairs and differ by the rounding of some ten thousand terms."""
     model, _, state = advanced("floating", FLOATING, 20)
     scheme = model.scheme
     state, tables = prepare_(model, state)
@@ -173,10 +173,9 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
     body = model.bodies[0]
     rows = slice(*body.rows)
     p_ghosts = jnp.zeros_like(ghosts.p).at[rows].set(1000.0)
-    on_body = scheme._body_grip(body, state.parts["body"], ghosts, tables).force(
-        state.particles.p, p_ghosts[rows]
-    )
-    # the water's side, with every other ghost taken away
+    grip = body_grip(scheme, body, state.parts["body"], ghosts, tables)
+    on_body = grip.force(state.particles.p, p_ghosts[rows])
+    # the sum for the water, without all other ghosts
     alone = ghosts._replace(V=jnp.zeros_like(ghosts.V).at[rows].set(ghosts.V[rows]))
     sources = scheme._sources(alone, jnp.zeros_like(ghosts.x))
     sources = sources.adding("p", state.particles.p, p_ghosts)
@@ -191,9 +190,9 @@ def test_force_on_a_body_is_the_negated_sum_of_the_water_s(advanced):
 
 
 def test_projection_takes_the_divergence_out():
-    """Of a field that was made to diverge: each step takes half of what it finds, and three leave an eighth.
+    """The divergence of a made-up field: each step halves it, so that three steps leave an eighth.
 
-    Crowding, where the field has driven the particles together, is then a divergence of its own.
+    In addition, crowded particles, which the field has driven together, need a divergence to spread.
     """
     model, state = js.build(js.Case.from_dict(TANK | {"dx": 0.025}))
     x = state.particles.x
@@ -211,9 +210,9 @@ def test_projection_takes_the_divergence_out():
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
-    """Water of a fiftieth too much mass: one step leaves the divergence that takes it back, whatever dt.
+    """With 2 % too much mass, one step leaves the divergence that spreads the water, whatever dt.
 
-    Its mean over the deep water is off by what the surface above and a tolerance of 0.3 % leave.
+    The surface above and a tolerance of 0.3 % change the mean divergence of the deep water.
     """
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     state = eqx.tree_at(lambda s: s.particles.m, state, 1.02 * state.particles.m)
@@ -227,7 +226,7 @@ def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
 
 
 def _undoing(scheme, filled, edge, dt):
-    """Rate (1/s) of a particle with this sum of the kernel and this slope of it, under gravity."""
+    """Rate (1/s) for a particle with this kernel sum and this slope of the sum, under gravity."""
     frequency = jnp.sqrt(9.81 / scheme.smoothing.h)
     filled, edge = jnp.asarray([filled]), jnp.asarray([edge])
     rate, _ = undoing(filled, edge, scheme.lattice, scheme.relaxation, frequency, dt)
@@ -236,7 +235,7 @@ def _undoing(scheme, filled, edge, dt):
 
 @pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian", "wendland"])
 def test_second_row_is_held_the_firmer_the_longer_the_step(kernel):
-    """At rest it lacks what the lattice above it would give, and the rows about it are as in any water."""
+    """At rest the second row lacks the sum over the missing lattice above; other rows are held as usual."""
     scheme = ISPH.of(0.02, 1.0, dim=2, kernel=NAMED[2][kernel])
     usual = RELAXATION * np.sqrt(9.81 / float(scheme.smoothing.h))
     first, second = map(float, scheme.lattice.edges)
@@ -250,14 +249,14 @@ def test_second_row_is_held_the_firmer_the_longer_the_step(kernel):
     np.testing.assert_allclose(rate(second, 0.005) / rate(second, 0.004), 5.0 / 4.0, rtol=1e-3)
     for edge in (0.0, 0.25 * second, first):
         np.testing.assert_allclose(rate(edge, 0.005), usual, rtol=1e-3)
-    for dt in (0.005, 0.01):  # a step never undoes more than there is
+    for dt in (0.005, 0.01):  # a step never corrects more than the whole error
         assert rate(second, dt) * dt < 1.0
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("kernel", ["polynomial", "semicircle", "gaussian", "wendland"])
 def test_rows_under_a_surface_are_told_by_the_slope_of_the_kernels_sum(kernel, dim):
-    """The second row's is far from the third's and from the first's."""
+    """The slope of the second row differs clearly from those of the first and the third row."""
     scheme = ISPH.of(0.02, 1.0, dim=dim, kernel=NAMED[dim][kernel])
     reach = np.arange(-6.0, 7.0)
     axes = np.meshgrid(*(reach,) * dim)
@@ -271,7 +270,7 @@ def test_rows_under_a_surface_are_told_by_the_slope_of_the_kernels_sum(kernel, d
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_second_row_is_not_crowded_at_rest(dim):
-    """With the default kernels it rests where the lattice has it, and without relaxation nothing holds it."""
+    """With the default kernels it rests at its lattice position; without relaxation nothing holds it."""
     scheme = ISPH.of(0.02, 1.0, dim=dim)
     fill, second = 1.0 - float(scheme.lattice.lacks), float(scheme.lattice.edges[1])
     assert 0.005 < scheme.lattice.lacks < 0.02
@@ -282,7 +281,7 @@ def test_second_row_is_not_crowded_at_rest(dim):
 
 
 def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
-    """Jacobi's sweeps reach the same pressure, slowly: 400 of them from a pressure without the deep half."""
+    """Jacobi's sweeps slowly reach the same pressure: 400 of them reduce the error to a tenth."""
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     state, tables = prepare_(model, state)
 
@@ -300,7 +299,7 @@ def test_explicit_sweeps_end_where_the_krylov_solution_is(advanced):
 
 @pytest.fixture(scope="module")
 def flap_step():
-    """Turning speed of a flap and the water's moment on it after one step, over the PTO's damping."""
+    """Function from the PTO's damping to the flap's velocity (times 1000) and moment after one step."""
     case = TANK | {"dx": 0.06, "tank": {"length": 1.2, "depth": 0.48}, "body": FLAP}
     model, state = js.build(js.Case.from_dict(case))
     state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
@@ -314,26 +313,26 @@ def flap_step():
 
 
 def test_slopes_of_a_step_are_linear_and_those_of_differences(flap_step):
-    """At the default tolerance, as a user has it: tangents are solved to 0.3 % of their own right-hand side.
+    """At the default tolerance: tangents are solved to 0.3 % of their own right-hand side.
 
-    With a tolerance taken from the pressure's right-hand side they were exactly zero.
+    With the tolerance relative to the right-hand side of the pressure, they would be exactly zero.
     """
     at = jnp.float32(10.0)
     push = jax.jit(lambda v: jax.jvp(flap_step, (at,), (v,))[1])
     one, two = push(jnp.float32(1.0)), push(jnp.float32(2.0))
-    # powers of two are exact, iteration for iteration
+    # factors of two are exact in every iteration
     np.testing.assert_array_equal(two, 2.0 * one)
     backward = jax.jit(jax.jacrev(flap_step))(at)
     np.testing.assert_allclose(backward, one, rtol=0.05)
     value = jax.jit(flap_step)
-    # Values are known to 0.3 % of the pressure's right-hand side: a wide step, and the moment to a tenth.
+    # Values are accurate to 0.3 % of the pressure's right-hand side: a wide step, and 10 % for the moment.
     differences = (value(at + 5.0) - value(at - 5.0)) / 10.0
     np.testing.assert_allclose(one[0], differences[0], rtol=0.03)
     np.testing.assert_allclose(one[1], differences[1], rtol=0.1)
 
 
 def test_a_solution_that_does_not_converge_is_a_failure(advanced):
-    """And its residual is kept; the words are those of the driver."""
+    """Its residual is stored; the driver makes the message."""
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     state, tables = prepare_(model, state)
     scheme = dataclasses.replace(model.scheme, solver=BiCGStab(1e-5, iterations=2))
@@ -343,9 +342,9 @@ def test_a_solution_that_does_not_converge_is_a_failure(advanced):
 
 
 def test_solver_begins_afresh_where_it_comes_no_nearer():
-    """A chain of 400 rows takes many cycles of iterations, but no more than there are by default.
+    """A chain of 400 rows needs many cycles of iterations, but fewer than the default maximum.
 
-    Its residual is that of the solution.
+    The residual returned is that of the solution.
     """
     n = 400
 
@@ -359,7 +358,7 @@ def test_solver_begins_afresh_where_it_comes_no_nearer():
     (p, _), residual, converged = jax.jit(lambda b: solver.solve(operator, (b, ()), (0.0 * b, ())))(b)
     left = float(jnp.linalg.norm(b - operator((p, ()))[0]) / jnp.linalg.norm(b))
     assert bool(converged) and float(residual) <= 3.003e-3
-    # pressures are up to n^2 times the right-hand side, and float32 resolves their difference to that
+    # pressures are up to n^2 times the right-hand side, which limits the accuracy of float32
     assert left < 2 * 3e-3
     once = BiCGStab(3e-3, iterations=50)
     assert not bool(once.solve(operator, (b, ()), (0.0 * b, ()))[2])
@@ -367,7 +366,7 @@ def test_solver_begins_afresh_where_it_comes_no_nearer():
 
 @pytest.mark.parametrize(("b", "solvable"), [((1.0, 0.0, 1.0), True), ((1.0, 0.0, 0.0), False)])
 def test_solver_survives_a_product_that_vanishes(b, solvable):
-    """The second iteration divides by zero for one right-hand side, the first for the other."""
+    """One right-hand side leads to a division by zero in the second iteration, the other one in the first."""
     turned = jnp.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     A = jnp.array([[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [1.0, 1.0, 1.0]]) if solvable else turned
 
@@ -383,8 +382,10 @@ def test_solver_survives_a_product_that_vanishes(b, solvable):
 
 
 def test_limiters_are_counted(advanced):
-    """With three tenths too much mass every deep particle is crowded beyond the fifth that is taken back at
-    once; still water bears no tension."""
+    """With 30 % too much mass, every deep particle exceeds the 20 % of crowding that one step corrects.
+
+    Still water has no tension.
+    """
     model, state, end = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     assert float(end.limits["tension"].total) < 0.01 * state.particles.m.size * int(end.step)
     heavy = eqx.tree_at(lambda s: s.particles.m, state, 1.3 * state.particles.m)
@@ -396,7 +397,7 @@ def test_limiters_are_counted(advanced):
 
 @pytest.mark.slow
 def test_slope_of_the_absorbed_energy_is_that_of_differences():
-    """Over the PTO's damping of a flap that was pushed, 0.07 s, float64: the bar is 1e-4."""
+    """Slope with respect to the PTO's damping of a moving flap, over 0.07 s in float64; the bar is 1e-4."""
     case = TANK | {
         "dx": 0.03,
         "precision": "float64",
@@ -430,11 +431,11 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
         ),
         (
             {"body": FLOATING["body"] | {"release": 1.0, "velocity": [0.0, 0.1, 0.0]}},
-            "no initial body.velocity",
+            "no initial velocity",
         ),
         ({"body": FLOATING["body"] | {"disc": {"centre": [0.5, 0.5], "radius": 0.1}}}, "exactly one"),
         ({"body": FLOATING["body"] | {"density": None}}, "density"),
-        ({"body": {"block": {"low": [0.8, 0.3], "high": [1.2, 0.5]}}}, "out of the tank"),
+        ({"body": {"block": {"low": [0.8, 0.3], "high": [1.2, 0.5]}}}, "outside the tank"),
         ({"body": FLOATING["body"] | {"pto": {"damping": 1.0}}}, "pitch"),
     ],
 )
@@ -444,8 +445,8 @@ def test_what_does_not_fit_is_refused(change, message):
         js.Case.from_dict(case)
 
 
-# The bar is 0.1 mm of level; the spacing is 40 mm. Looked at g dt^2/2 too low, a tank rose by 0.3 mm (1 mm in
-# 3-D); started with the surface's rows on the lattice it sinks by 0.05 mm (rises by 0.25 mm).
+# The bar is 0.1 mm of level, at a spacing of 40 mm. With the surface taken g dt^2/2 too low, a tank rose by
+# 0.3 mm (3-D: 1 mm). With surface rows that start on the lattice it sinks by 0.05 mm (3-D: rises by 0.25 mm).
 @pytest.mark.parametrize(
     "width", [{}, pytest.param({"width": 0.16}, marks=pytest.mark.slow)], ids=["2-D", "3-D"]
 )
@@ -460,7 +461,7 @@ def test_still_water_stays_at_its_level_from_the_first_step_on(width):
 
 
 def test_results_have_the_budget_of_the_whole_run_beside_that_of_settled_periods():
-    """Results of a run with waves count its whole energy, whatever part of it has settled."""
+    """The results of a run with waves contain its whole energy, whatever part of the run has settled."""
     waves = {"H": 0.08, "T": 1.0}
     case = js.Case.from_dict(TANK | {"tank": {"length": 2.0, "depth": 0.5}, "waves": waves})
     run = js.run(case, t1=0.2, progress=False)
@@ -473,9 +474,9 @@ def test_results_have_the_budget_of_the_whole_run_beside_that_of_settled_periods
 @pytest.mark.slow
 @pytest.mark.parametrize(("kernel", "dim"), sorted(SURFACE_ROWS, key=str))
 def test_rows_under_a_surface_start_where_they_rest(kernel, dim):
-    """For every kernel of the table, 2 s later: a row's mean height swings by 0.0005 spacings.
+    """For every kernel of the table, after 2 s: the mean height of a row moves by 0.0005 spacings.
 
-    Rows that start on the lattice are off by 0.01 to 0.02.
+    Rows that start on the lattice would move by 0.01 to 0.02 spacings.
     """
     name = next(name for name, one in NAMED[dim].items() if type(one) is kernel)
     tank = {"length": 0.96, "depth": 0.48} | ({"width": 0.4} if dim == 3 else {})

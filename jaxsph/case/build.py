@@ -5,7 +5,7 @@ Everything that determines the shape of an array is fixed here, on the host.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -14,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.assemble import SKIN, assemble
+from jaxsph.case.bodies import make_bodies
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
 from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
 from jaxsph.case.parts import (
     make_background,
-    make_bodies,
     make_chambers,
     make_ducts,
     make_paddle,
@@ -35,8 +35,9 @@ from jaxsph.core.search.base import AbstractSearch
 from jaxsph.core.search.cells import Cells
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
+from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.state import State
-from jaxsph.parts.body import RigidBody
+from jaxsph.parts.body import BodyMotion, RigidBody
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.box import FreeSlip, NoSlip
 from jaxsph.solids.filling import DummyParticles, MirrorImages, MirrorNodes
@@ -75,9 +76,10 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     walls = _walls(case, geometry, scheme)
     bodies = make_bodies(case, geometry, walls, leaf)
     x, volume = water(geometry, case.dx)
-    away = [at_points(eqx.Partial(body.distance, body.start(dtype)), x, dtype) for body in bodies]
+    motions = Mechanism(bodies).start(dtype)
+    away = [at_points(eqx.Partial(body.distance, motions[body.name]), x, dtype) for body in bodies]
     level = geometry.depth if geometry.column == geometry.length else None
-    x, volume = around_solids(x, volume, away, _at_start(walls, bodies), level, case.dx)
+    x, volume = around_solids(x, volume, away, _at_start(walls, bodies, motions), level, case.dx)
     if level is not None and case.scheme.kind == "incompressible":
         x = at_rest(x, level, case.dx, scheme.smoothing.kernel)
     if not len(x):
@@ -115,12 +117,12 @@ _placed = eqx.filter_jit(RigidBody.place)
 """Computes the positions (m) of a body's ghosts and nodes; compiled as one function."""
 
 
-def _at_start(walls: Ghosts, bodies: Iterable[RigidBody]) -> Ghosts:
-    """Ghosts in their initial positions; the ghosts of each body are turned to the body's initial pitch."""
+def _at_start(walls: Ghosts, bodies: Iterable[RigidBody], motions: Mapping[str, BodyMotion]) -> Ghosts:
+    """Ghosts in their initial positions, for the initial `motions` of the bodies by name."""
     x = walls.x
     for body in bodies:
         rows = slice(*body.rows)
-        there, _ = _placed(body, body.start(x.dtype), x[rows], walls.node[rows])
+        there, _ = _placed(body, motions[body.name], x[rows], walls.node[rows])
         x = x.at[rows].set(there)
     return eqx.tree_at(lambda ghosts: ghosts.x, walls, x)
 
@@ -137,7 +139,7 @@ def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -
         dtype=np.dtype(case.precision),
         platform=geometry.platform,
         filling=FILLINGS[walls_of(case)],
-        shapes=() if geometry.solid is None else (geometry.solid,),
+        shapes=tuple(geometry.bodies.values()),
         fixed_shapes=tuple(geometry.solids.values()),
     )
 

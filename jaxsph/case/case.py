@@ -19,7 +19,7 @@ from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
 from jaxsph.case.scheme import remedies
 from jaxsph.case.section import NAME, Section, by_name, kind_of
-from jaxsph.case.sections import DEVICE_CHAMBER, KINDS, Sections
+from jaxsph.case.sections import BODY_KEYS, DEVICE_CHAMBER, KINDS, Sections
 from jaxsph.errors import CaseError
 from jaxsph.problem.problem import Problem
 from jaxsph.problem.record import WholeRecord
@@ -35,9 +35,7 @@ SMOOTH = (
     "scheme.alpha",
     "scheme.delta",
     "sponge.strength",
-    "body.pto.damping",
-    "body.pto.coulomb",
-    "body.pto.spring",
+    *(f"{body}.pto.{key}" for body in BODY_KEYS for key in ("damping", "coulomb", "spring")),
 )
 """Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths are
 excluded, because a changed length changes the lattice."""
@@ -88,7 +86,7 @@ class Case(Sections):
             if value is None:
                 place.pop(last, None)
             else:
-                if path[-1:] == ["pto"] and path != ["body", "pto"] and last in LAWS:
+                if path[-1:] == ["pto"] and path[0] not in ("body", "bodies") and last in LAWS:
                     for gone in place.keys() - {last, *LAWS[last]}:
                         place.pop(gone)
                 place[last] = value

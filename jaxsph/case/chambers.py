@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxsph.case.air_sections import FAR
+from jaxsph.case.sections import ONLY_BODY
 from jaxsph.case.shapes import ends_at
 from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
@@ -138,7 +139,7 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
     if name == FAR:
         return None
     for called in (f"solid.{name}", name):
-        if called in tank.shapes and called != "body":
+        if called in tank.shapes and called != ONLY_BODY:
             return tank.shapes[called]
     solids = [called.removeprefix("solid.") for called in tank.shapes if called.startswith("solid.")]
     allowed = ", ".join([*solids, *(["device"] if "device" in tank.shapes else []), FAR])
@@ -153,7 +154,7 @@ def _check_free(asked: str, ends: tuple[float, float], walls: tuple[str, str], t
         found = ends_at(shape, tank.depth)
         if found is not None and found[0] < ends[1] - 1e-9 and found[1] > ends[0] + 1e-9:
             raise CaseError(
-                f"{asked}: {called} pierces the surface between them, from x = {found[0]:.4g} to "
+                f"{asked}: {called} pierces the surface between these walls, from x = {found[0]:.4g} to "
                 f"{found[1]:.4g} m: choose two walls next to each other"
             )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib.resources
+import itertools
 import math
 import tomllib
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import numpy as np
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.case.drawings import DRAWINGS, read_outline
+from jaxsph.case.sections import BODY_KEYS
 from jaxsph.errors import CaseError
 
 
@@ -106,6 +108,14 @@ def _read_curve(path: Path) -> dict[str, Any]:
     return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
 
 
+def _read_motion(path: Path) -> dict[str, Any]:
+    """Reads the given motion of a body from the columns t (s), and surge (m), heave (m) and pitch (rad)."""
+    units = {"t": "s", "surge": "m", "heave": "m", "pitch": "rad"}
+    motions = [name for name in units if name != "t"]
+    wanted = [{"t", *some} for count in (1, 2, 3) for some in itertools.combinations(motions, count)]
+    return read_columns(path, units, wanted)
+
+
 def _read_polygon(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
     """Reads the corners of a shape, in order along its outline, from columns x and z (m) or from a drawing.
 
@@ -139,7 +149,8 @@ READ: dict[str, Reader] = {
     "pto": Reader(_read_curve),
     "chamber.NAME.pto": Reader(_read_curve),
     "duct.NAME.pto": Reader(_read_curve),
-    "body": Reader(_read_polygon, ("scale", "at")),
+    **{body: Reader(_read_polygon, ("scale", "at")) for body in BODY_KEYS},
+    **{f"{body}.motion": Reader(_read_motion) for body in BODY_KEYS},
     "solid.NAME": Reader(_read_polygon, ("scale", "at")),
 }
 """Sections that may name a file, with the reader of their keys; `NAME` stands for every name."""

@@ -11,13 +11,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between
-from jaxsph.case.sections import DEVICE_CHAMBER, Device, Sections
+from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Device, Sections
 from jaxsph.case.shape_sections import SolidSection
 from jaxsph.case.shapes import (
     Points,
+    carriers,
     check_apart,
     check_inside,
     corners_of,
+    in_order,
     off_lattice,
     shape_of,
     turned,
@@ -65,8 +67,8 @@ class Geometry:
     platform: Platform | None
     stretches: dict[str, Stretch]
     """Stretches of the water surface below chambers, by the chambers' names."""
-    solid: AbstractShape | None
-    """Shape of the body."""
+    bodies: dict[str, AbstractShape]
+    """Shapes of the rigid bodies at rest, by name; a body comes after the body that it is joined to."""
     solids: dict[str, AbstractShape]
     """Shapes of the fixed solids, by name."""
     gauges: tuple[float, ...]
@@ -81,10 +83,10 @@ class Geometry:
     def __init__(self, dx: float) -> None:
         """Empty geometry for the spacing dx (m)."""
         self.dx = dx
-        self.notices, self.rounded, self.solids, self.stretches = [], {}, {}, {}
+        self.notices, self.rounded, self.bodies, self.solids, self.stretches = [], {}, {}, {}, {}
         self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
         self.withdrawal = 0.0
-        self.width = self.plate = self.platform = self.solid = None
+        self.width = self.plate = self.platform = None
         self.gauges = self.surface = self.pressure = self.velocity = ()
 
     @classmethod
@@ -94,7 +96,7 @@ class Geometry:
         geometry._tank(case)
         geometry._column(case)
         geometry._device(case)
-        geometry._body(case)
+        geometry._bodies(case)
         geometry._solids(case)
         geometry._chambers(case)
         geometry._probes(case)
@@ -248,27 +250,31 @@ class Geometry:
             )
         self.platform = Platform(float(np.round(self.length - length, 12)), height)
 
-    def _body(self, case: Sections) -> None:
-        """Sets the shape of the rigid body, which must be inside the tank."""
-        section = case.body
-        if section is None:
-            return
-        if case.device is not None:
-            raise CaseError("body: a tank has either a body or a device: remove one of the two")
-        for index, point in enumerate(section.sensors):
-            if len(point) != case.dim:
-                raise CaseError(f"body.sensors[{index}] = {list(point)}: must have {case.dim} coordinates")
-        self.solid = shape_of(section, "body", case.dim, self.dx)
-        corners = turned(corners_of(section), section)
-        self._heightened(case, corners)
-        # the body's dummy particles are half a spacing inside its surface, and must be in the tank
-        check_inside(corners, "body", self.upper, 0.5 * self.dx)
-        if section.block is not None and not section.angle:
-            self.notices += off_lattice(section.block, "body", self.dx)
+    def _bodies(self, case: Sections) -> None:
+        """Sets the shapes of the rigid bodies, in the order of their joints; they must be inside the tank."""
+        sections = in_order(case)
+        if sections and case.device is not None:
+            raise CaseError("body: a tank has either bodies or a device: remove one of the two")
+        for name, section in sections.items():
+            key = case.body_key(name)
+            for index, point in enumerate(section.sensors):
+                if len(point) != case.dim:
+                    raise CaseError(
+                        f"{key}.sensors[{index}] = {list(point)}: must have {case.dim} coordinates"
+                    )
+            self.bodies[name] = shape_of(section, key, case.dim, self.dx)
+            corners = corners_of(section)
+            for carrier in carriers(sections, name):
+                corners = turned(corners, carrier)
+            self._heightened(case, corners)
+            # a body's dummy particles are half a spacing inside its surface, and must be in the tank
+            check_inside(corners, key, self.upper, 0.5 * self.dx)
+            if section.block is not None and not section.angle:
+                self.notices += off_lattice(section.block, key, self.dx)
 
     def _solids(self, case: Sections) -> None:
         """Sets the shapes of the fixed solids, which must be inside the tank and must not overlap."""
-        if (case.solid or case.body is not None) and case.tank.walls not in (None, "dummy"):
+        if (case.solid or case.every_body) and case.tank.walls not in (None, "dummy"):
             raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
         walls = list(self._moved_walls(case))
         solids = {name: self._solid_with_walls(name, one, walls) for name, one in case.solid.items()}
@@ -324,12 +330,13 @@ class Geometry:
 
     @property
     def shapes(self) -> dict[str, AbstractShape]:
-        """Shapes of the body, as `body`, and of the fixed solids, by name."""
-        return ({} if self.solid is None else {"body": self.solid}) | self.solids
+        """Shapes of the bodies and of the fixed solids, by name."""
+        return self.bodies | self.solids
 
     def named_shapes(self) -> dict[str, AbstractShape]:
         """Shapes of all solids in the tank, by their names in a case."""
-        found = {name if name == "body" else f"solid.{name}": shape for name, shape in self.shapes.items()}
+        found = {name if name == ONLY_BODY else f"bodies.{name}": one for name, one in self.bodies.items()}
+        found |= {f"solid.{name}": shape for name, shape in self.solids.items()}
         if self.plate is not None:
             found["device"] = Block((self.plate.x0, self.plate.tip), (self.plate.x1, self.height))
         if self.platform is not None:
@@ -406,7 +413,7 @@ class Geometry:
 
 def walls_of(case: Sections) -> str:
     """Kind of the walls' ghosts, as a value of `tank.walls`."""
-    return case.tank.walls or ("dummy" if case.body is not None or case.solid else "images")
+    return case.tank.walls or ("dummy" if case.every_body or case.solid else "images")
 
 
 def thin_wall(device: Device | None) -> AbstractThinWall:

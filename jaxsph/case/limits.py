@@ -16,7 +16,7 @@ import shapely
 from jaxsph.case.air_sections import ChamberSection
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
-from jaxsph.case.sections import DEVICE_CHAMBER, Sections
+from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.core.points import at_points
@@ -335,11 +335,11 @@ def _check_ducts(case: Sections) -> None:
 
 def _check_names(case: Sections) -> None:
     """**Raises** CaseError for parts that share a name, or have a reserved name."""
-    named = [
-        (f"{kind}.{name}", name) for kind in ("solid", "chamber", "duct") for name in getattr(case, kind)
-    ]
+    kinds = ("bodies", "solid", "chamber", "duct")
+    named = [(f"{kind}.{name}", name) for kind in kinds for name in getattr(case, kind)]
+    alone = "" if case.body is not None else f"bodies.{ONLY_BODY}"
     for key, name in named:
-        if name in TAKEN and key != f"chamber.{DEVICE_CHAMBER}":
+        if name in TAKEN and key not in (f"chamber.{DEVICE_CHAMBER}", alone):
             raise CaseError(f"{key}: the names {', '.join(TAKEN)} are reserved: give it another name")
         twice = [other for other, one in named if one == name and other != key]
         if twice:
@@ -392,9 +392,9 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
     ]
     if geometry.plate is not None:
         solids = [("the device", geometry.plate.x0, end)]
-    if geometry.solid is not None:
-        low, high = geometry.solid.bounds()
-        solids.append(("the body", low[0], high[0]))
+    for name, shape in geometry.bodies.items():
+        low, high = shape.bounds()
+        solids.append((f"the body {name}" if name != ONLY_BODY else "the body", low[0], high[0]))
     for key, length, first, last in zones:
         for what, low, high in solids:
             if first < high - 1e-9 and last > low + 1e-9:

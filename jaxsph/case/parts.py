@@ -1,4 +1,4 @@
-"""Parts of a model from a case's sections: rigid body, wavemaker, chamber, background pressure and sponge.
+"""Parts of a model from a case's sections: wavemaker, chamber, background pressure and sponge.
 
 `leaf` converts a number to an array of the case's precision.
 """
@@ -12,12 +12,10 @@ import numpy as np
 
 from jaxsph.case.air_sections import AirSection, DuctSection, PTOSection
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
-from jaxsph.case.sections import BodySection, Sections
-from jaxsph.errors import CaseError
+from jaxsph.case.sections import Sections
 from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
-from jaxsph.parts.body import RigidBody
 from jaxsph.parts.chamber import Chamber
 from jaxsph.parts.duct import Duct
 from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
@@ -34,61 +32,12 @@ from jaxsph.parts.pto import (
     orifice_damping,
 )
 from jaxsph.parts.relaxation import FlowMotion, RelaxationZone
-from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge, RotationalPTO
 from jaxsph.parts.sponge import Sponge
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.base import AbstractWaves
 from jaxsph.waves.regular import FirstOrderPiston, RegularWaves, SecondOrderPiston
 from jaxsph.waves.seas import Sea
-
-
-def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
-    """Rigid body of a case, followed by the fixed solids, which are bodies without free motions.
-
-    **Raises** CaseError if the model does not support the motions of the body.
-    """
-    moving = () if case.body is None else (_body(case, case.body, geometry, walls.dummies[0], leaf),)
-    solids = zip(geometry.solids.items(), walls.dummies[len(moving) :], strict=True)
-    fixed = (
-        RigidBody.of(shape, rows, (), density=1.0, name=name, dtype=np.dtype(case.precision))
-        for (name, shape), rows in solids
-    )
-    return (*moving, *fixed)
-
-
-def _body(
-    case: Sections, section: BodySection, geometry: Geometry, rows: tuple[int, int], leaf: Any
-) -> RigidBody:
-    """Rigid body of a case. **Raises** CaseError if the model does not support the body's motions."""
-    solid = geometry.solid
-    area, centroid, second = solid.moments()
-    mass = section.mass if section.density is None else section.density * area
-    centre = np.asarray(centroid if section.centre is None else section.centre)
-    pivot = centre if section.pivot is None else np.asarray(section.pivot)
-    inertia = section.inertia
-    if section.density is not None:
-        inertia = section.density * second + mass * float(np.sum((centre - pivot) ** 2))
-    pto: AbstractRotationalPTO = FreeHinge()
-    if section.pto is not None:
-        pto = RotationalPTO.of(**section.pto.model_dump(), dtype=np.dtype(case.precision))
-    try:
-        body = RigidBody(
-            free=tuple(name in section.free for name in ("surge", "heave", "pitch")),
-            shape=jax.tree.map(leaf, solid),
-            mass=leaf(mass or 1.0),  # a body without free motions needs no mass
-            inertia=leaf(inertia or 1.0),
-            pivot=leaf(pivot),
-            centre=leaf(centre),
-            release=leaf(section.release),
-            pto=pto,
-            rows=rows,
-            initial_velocity=tuple(section.velocity),
-            initial_pitch=section.angle,
-        )
-    except ValueError as error:
-        raise CaseError(f"body.{error}") from None
-    return body
 
 
 def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:

@@ -55,8 +55,10 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     for name in case.probes.run_up:
         crest, _ = crest_of(geometry.solids[name], case.dx)
         found.append(RunUpProbe(jnp.asarray(crest, dtype), model.depth, name))
-    if case.body is not None and case.body.sensors:
-        found.append(BodyPressureProbe(jnp.asarray(case.body.sensors, dtype)))
+    bodies = {body.name: body for body in model.bodies}
+    for name, section in case.every_body.items():
+        if section.sensors:
+            found.append(BodyPressureProbe.of(bodies[name], jnp.asarray(section.sensors, dtype)))
     return tuple(found)
 
 

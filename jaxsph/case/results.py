@@ -33,8 +33,8 @@ FEW = 5
 """Number of averaged periods below which a longer run is advised, if earlier periods were left out."""
 REFLECTING = 0.2
 """Reflection coefficient above which waves that a device sends back affect the device when they return. An
-absorbing paddle reflects a twentieth of these waves, and the power changes by twice this twentieth times the
-coefficient."""
+absorbing paddle reflects a twentieth of their amplitude, and the relative change of the power is then a tenth
+of the coefficient."""
 WHOLE = 0.95
 """Fraction of a focused group's energy that must have reached the device before an efficiency is given."""
 
@@ -156,7 +156,7 @@ def _periods(record: Record) -> Scalars:
 def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
     """Total power (W; W/m in 2-D) of all power take-offs, as means since the previous sample. None if there
     is no power take-off, or if all chambers have a prescribed pressure."""
-    if case.prescribed and not case.turbines and case.body is None:
+    if case.prescribed and not case.turbines and not case.every_body:
         return None
     names = [name for name in harvested(record.solution.model) if name in record.solution.series]
     return np.sum([record[name] for name in names], axis=0) if names else None
@@ -244,13 +244,12 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
 
 def _device_x(case: Sections) -> float:
     """Position at which waves meet a case's device, m from the paddle: the nearest of the plate, the front
-    walls of chambers and the body, or the end of the tank without any of these."""
+    walls of chambers and the bodies, or the end of the tank without any of these."""
     geometry = Geometry.of(case)
     fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
     if geometry.plate is not None:
         fronts.append(geometry.plate.x0)
-    if geometry.solid is not None:
-        fronts.append(geometry.solid.bounds()[0][0])
+    fronts += [shape.bounds()[0][0] for shape in geometry.bodies.values()]
     return float(min(fronts, default=geometry.length))
 
 
@@ -324,13 +323,13 @@ def _free_flume(case: Sections) -> tuple[float, float]:
 
 
 def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
-    """Function that returns how the result `of` follows from the power, for the computation of slopes.
+    """Function from the times and power of a record to the `PowerMean` of the result `of`, for derivatives.
 
     `of` is xi or P_owc (W; W/m in 2-D), which are means over the settled periods, or energy_pto (J).
 
     **Raises** CaseError for a result that the case does not have.
     """
-    if not case.turbines and (case.body is None or case.body.pto is None):
+    if not case.turbines and all(one.pto is None for one in case.every_body.values()):
         raise CaseError(f"of = {of!r} needs a turbine, such as pto.K_dm, or a body with body.pto")
     if of == "energy_pto":
         return energy_of_power(case.output.sample_dt)

@@ -13,6 +13,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from jaxsph.case.air_sections import DEVICE_WALLS, AirSection, ChamberSection, DuctSection, PTOSection
 from jaxsph.case.section import (
     MOST_POINTS,
+    NAME,
     Coordinate,
     Density,
     Length,
@@ -247,6 +248,10 @@ class Output(Section):
     """Number of whole wave periods at the end of the run over which power and efficiency are averaged."""
 
 
+ONLY_BODY = "body"
+"""Name of the body that the section `body` describes."""
+BODY_KEYS = (ONLY_BODY, f"bodies.{NAME}")
+"""Sections of rigid bodies, with `NAME` for the name that a case chooses."""
 DEVICE_CHAMBER = "chamber"
 """Name of the device's chamber."""
 KINDS: dict[str, dict[str, type[Section]]] = {"scheme": SCHEMES, "waves": WAVES}
@@ -280,6 +285,9 @@ class Sections(Section):
     air: AirSection | None = None
     start: StandingWave | None = None
     body: BodySection | None = None
+    """The only rigid body, in short form; its name is body."""
+    bodies: dict[Name, BodySection] = Field({})
+    """Rigid bodies, by name."""
     solid: dict[Name, SolidSection] = Field({})
     """Fixed solids, by name."""
     chamber: dict[Name, ChamberSection] = Field({})
@@ -304,6 +312,15 @@ class Sections(Section):
             return self.chamber
         own = ChamberSection(between=DEVICE_WALLS, pto=self.pto, air=self.air)
         return {DEVICE_CHAMBER: own, **self.chamber}
+
+    @property
+    def every_body(self) -> dict[str, BodySection]:
+        """Rigid bodies by name: `body`, and all sections `bodies.NAME`."""
+        return ({} if self.body is None else {ONLY_BODY: self.body}) | self.bodies
+
+    def body_key(self, name: str) -> str:
+        """Dotted name of the section of a body."""
+        return ONLY_BODY if name == ONLY_BODY and self.body is not None else f"bodies.{name}"
 
     def is_device_chamber(self, name: str) -> bool:
         """Whether a chamber is the device's chamber, given in short form by `pto` and `air`."""

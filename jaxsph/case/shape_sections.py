@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from jaxsph.case.section import (
@@ -15,8 +17,10 @@ from jaxsph.case.section import (
     Duration,
     Inertia,
     Length,
+    Name,
     Point,
     Section,
+    Time,
     Velocity,
 )
 
@@ -101,11 +105,70 @@ class SolidSection(ShapeSection):
     plate: PlateSection | None = None
 
 
+class MotionSection(Section):
+    """A given motion of a body: harmonic, or the columns t, surge, heave and pitch of a CSV file."""
+
+    amplitude: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion."""
+    period: Time | None = None
+    """Period of the harmonic motion, s."""
+    phase: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Phases of surge, heave and pitch in amplitude sin(2 pi t / period + phase), rad."""
+    ramp: Duration | None = None
+    """Time over which a harmonic motion grows to its amplitude, s; by default one period."""
+    t: tuple[Duration, ...] = Field((), max_length=50_000)
+    """Times of a sampled motion, s, from 0 on; between them the motion is interpolated by cubic splines, and
+    after the last time the body keeps its position."""
+    surge: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the surge, m."""
+    heave: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the heave, m."""
+    pitch: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the pitch, rad."""
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> MotionSection:
+        harmonic = self.amplitude is not None and self.period is not None
+        if harmonic == bool(self.t) or (self.amplitude is None) != (self.period is None):
+            raise ValueError(
+                "give either amplitude and period, or a file with the columns t, surge, heave, pitch"
+            )
+        if self.t:
+            sampled = [one for one in (self.surge, self.heave, self.pitch) if one]
+            if not sampled or any(len(one) != len(self.t) for one in sampled):
+                raise ValueError("surge, heave and pitch: give at least one, with as many values as t")
+            if len(self.t) < 4 or self.t[0] != 0.0 or any(a >= b for a, b in itertools.pairwise(self.t)):
+                raise ValueError("t must have at least 4 values that begin with 0 and increase")
+        return self
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Samples `[K, 3]` of surge (m), heave (m) and pitch (rad); zero where they are not given."""
+        still = (0.0,) * len(self.t)
+        return np.stack([one or still for one in (self.surge, self.heave, self.pitch)], axis=1)
+
+    def top_speed(self, arm: float) -> float:
+        """Largest speed of a point of the body at the distance `arm` (m) from its pivot, m/s, roughly."""
+        if self.amplitude is not None and self.period is not None:
+            rates = 2.0 * np.pi / self.period * np.abs(self.amplitude)
+        else:
+            rates = np.abs(np.diff(self.samples, axis=0) / np.diff(self.t)[:, None]).max(axis=0)
+        return float(np.hypot(rates[0], rates[1]) + arm * rates[2])
+
+
 class BodySection(ShapeSection):
     """A rigid body. Give one of block, polygon and disc."""
 
     free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
-    """Motions that the water drives; in the others the body keeps its initial `velocity`."""
+    """Motions that follow the forces: all three for a floating body, "pitch" alone for a hinge, "surge" or
+    "heave" alone for a slider. In the others the body keeps its initial `velocity`."""
+    joined_to: Name | None = None
+    """Name of the body to which this body is joined; by default the tank. All motions are then relative to
+    that body."""
+    incline: float = Field(0.0, ge=-1.6, le=1.6)
+    """Upward inclination of the axis of surge, rad; heave is at right angles to it."""
+    motion: MotionSection | None = None
+    """Given motion, which is added to the free motions."""
     mass: Inertia | None = None
     """Mass, kg (kg/m in 2-D)."""
     inertia: Inertia | None = None
@@ -113,7 +176,7 @@ class BodySection(ShapeSection):
     density: Density | None = None
     """Density of the body, kg/m3; give it instead of mass and inertia, which then follow from the shape."""
     pivot: tuple[Coordinate, Coordinate] | None = None
-    """Position (x, z) of the hinge, m; by default the centre of mass."""
+    """Position (x, z) of the hinge or joint, m; by default the centre of mass."""
     centre: tuple[Coordinate, Coordinate] | None = None
     """Centre of mass (x, z), m; by default the centroid of the shape."""
     velocity: tuple[Velocity, Velocity, Velocity] = (0.0, 0.0, 0.0)
@@ -128,14 +191,17 @@ class BodySection(ShapeSection):
 
     @model_validator(mode="after")
     def _whole(self) -> BodySection:
-        if self.free and (self.density is None) == (self.mass is None):
+        carried = bool(self.free) or self.joined_to is not None
+        if carried and (self.density is None) == (self.mass is None):
             raise ValueError(
-                "a body with free motions needs either body.density or body.mass (and body.inertia for pitch)"
+                "a body that is free or joined to another needs either density, or mass and, if it turns, "
+                "inertia"
             )
-        if "pitch" in self.free and self.density is None and self.inertia is None:
-            raise ValueError("body.free includes pitch: give body.inertia or body.density")
+        turns = "pitch" in self.free or self.joined_to is not None
+        if turns and self.density is None and self.inertia is None:
+            raise ValueError("a body that turns needs inertia or density: give one of them")
         if self.release and (not self.free or any(self.velocity)):
-            raise ValueError("body.release needs a body with free motions and no initial body.velocity")
+            raise ValueError("release needs a body with free motions and no initial velocity")
         if self.pto is not None and "pitch" not in self.free:
-            raise ValueError("body.pto acts on the pitch: add pitch to body.free")
+            raise ValueError("pto acts on the pitch: add pitch to free")
         return self

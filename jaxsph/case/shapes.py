@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from shapely.validation import explain_validity
 
+from jaxsph.case.sections import Sections
 from jaxsph.case.shape_sections import BlockSection, BodySection, PlateSection, ShapeSection, SolidSection
 from jaxsph.errors import CaseError
 from jaxsph.solids.plate import Plate
@@ -62,7 +63,8 @@ def _plate(section: PlateSection, name: str, dx: float) -> Plate:
     if section.thickness < 0.45 * dx:
         raise CaseError(
             f"{name}.plate.thickness = {section.thickness:g} m is less than half a spacing of {dx:g} m: the "
-            f"particles beyond its ends would not see it; use dx of at most {2 * section.thickness:g} m"
+            "particles beyond the plate's ends would not see the plate; use dx of at most "
+            f"{2 * section.thickness:g} m"
         )
     return plate
 
@@ -73,7 +75,9 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
     out = ((corners < -slack) | (corners > np.asarray(upper) + slack)).any(axis=1)
     if out.any():
         at = ", ".join(f"{a:.4g}" for a in corners[out][0])
-        raise CaseError(f"{name}: reaches out of the tank (0 to {list(upper)} m) at ({at})")
+        raise CaseError(
+            f"{name}: extends outside the tank at ({at}) m; the tank extends from 0 to {list(upper)} m"
+        )
 
 
 def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
@@ -99,7 +103,7 @@ def _check_polygon(corners: Points, name: str, dx: float) -> None:
         here = int(lengths.argmin())
         raise CaseError(
             f"{name}.polygon: corners {here} and {(here + 1) % len(corners)} are at the same place, "
-            f"{list(corners[here])}: remove one (the last side closes by itself)"
+            f"{list(corners[here])}: remove one (the outline closes by itself)"
         )
     whole = shapely.Polygon(corners)
     if not whole.is_valid:
@@ -139,6 +143,44 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
     return found
 
 
+def in_order(case: Sections) -> dict[str, BodySection]:
+    """Rigid bodies of a case by name, each after the body that it is joined to.
+
+    **Raises** CaseError if a body is joined to a body that does not exist, or to itself in a circle.
+    """
+    sections, found = case.every_body, {}
+    for name, section in sections.items():
+        if section.joined_to is not None and section.joined_to not in sections:
+            others = ", ".join(other for other in sections if other != name) or "none"
+            raise CaseError(
+                f"{case.body_key(name)}.joined_to = {section.joined_to!r}: there is no such body; there are "
+                f"{others}. Without joined_to the body is joined to the tank"
+            )
+    while len(found) < len(sections):
+        ready = {
+            name: one
+            for name, one in sections.items()
+            if name not in found and (one.joined_to is None or one.joined_to in found)
+        }
+        if not ready:
+            circle = sorted(sections.keys() - found)
+            raise CaseError(
+                f"{', '.join(case.body_key(name) for name in circle)}: joined_to makes a circle: join one of "
+                "these bodies to the tank (remove the key)"
+            )
+        found |= ready
+    return found
+
+
+def carriers(sections: Mapping[str, BodySection], name: str) -> list[BodySection]:
+    """Sections of a body and of the bodies that carry it, from the body to the tank."""
+    found, carrier = [], name
+    while carrier is not None:
+        found.append(sections[carrier])
+        carrier = sections[carrier].joined_to
+    return found
+
+
 def ends_at(shape: AbstractShape, level: float) -> tuple[float, float] | None:
     """First and last x (m) of a shape at a level (m); None if the shape does not reach this level."""
     low, high = shape.bounds()
@@ -169,10 +211,10 @@ def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
     worst = int(off.argmax())
     # the largest spacing that divides all faces, found in whole micrometres
     common = math.gcd(*(round(face * 1e6) for face in faces)) * 1e-6
-    fits = "no dx near this one fits all of its faces"
+    fits = f"no dx close to {dx:g} m fits all faces of the block"
     if common >= 0.25 * dx:
-        fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all of its faces"
+        fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all faces of the block"
     return [
         f"{name}.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-        f"the water's volume is right, but its particles beside the face are not half a spacing away; {fits}"
+        f"the water's volume is right, but particles beside the face are not half a spacing from it; {fits}"
     ]

@@ -12,8 +12,8 @@ from jaxsph.case.shapes import corners_of
 from jaxsph.waves import theory
 
 LEAST = 1e-3
-"""Lower bound of the expected speed, m/s. The interval between neighbour searches is divided by this
-speed, which would be zero for water at rest without gravity."""
+"""Lower bound of the expected speed, m/s. The interval between neighbour searches is inversely proportional
+to this speed, which would be zero for water at rest without gravity."""
 
 
 def wavenumber(T: float, d: float, g: float) -> float:
@@ -28,17 +28,30 @@ def _wavenumber(T: float, d: float, g: float, x64: bool) -> float:
 
 def speed_scale(case: Sections) -> float:
     """Largest expected speed of the water in a case, m/s; never zero."""
-    return max(_speed_scale(case), LEAST)
+    return max(_speed_scale(case), _driven_speed(case), LEAST)
+
+
+def _driven_speed(case: Sections) -> float:
+    """Largest expected speed of water beside bodies with a given motion, m/s: twice that of the bodies."""
+    speeds = [0.0]
+    for section in case.every_body.values():
+        if section.motion is not None:
+            corners = corners_of(section)[:, [0, -1]]
+            pivot = corners.mean(axis=0) if section.pivot is None else section.pivot
+            arm = float(np.hypot(*(corners - pivot).T).max())
+            speeds.append(2.0 * section.motion.top_speed(arm))
+    return max(speeds)
 
 
 def _speed_scale(case: Sections) -> float:
     shallow = float(np.sqrt(case.g * case.tank.depth))
     if case.tank.column is not None:
         return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
-    if case.body is not None and any(case.body.velocity[:2]):
+    falling = max((float(np.hypot(*one.velocity[:2])) for one in case.every_body.values()), default=0.0)
+    if falling:
         # the spray root of a wedge of 30 degrees has the speed pi/2 V/tan(30 degrees),
         # and the jet is twice as fast
-        return 6.0 * float(np.hypot(*case.body.velocity[:2]))
+        return 6.0 * falling
     if case.start is not None:
         return 0.1 * shallow
     if case.waves is None:

@@ -25,6 +25,7 @@ from jaxsph.core.slabs import Chosen, Sources
 from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.forces import FORCES, AbstractForce
 from jaxsph.model.meaning import Entry, Exchange
+from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.part import AbstractPart
 from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Tables
@@ -386,6 +387,11 @@ class Model(eqx.Module):
         return p
 
     @property
+    def mechanism(self) -> Mechanism:
+        """All bodies, as one system of joined bodies."""
+        return Mechanism(self.bodies)
+
+    @property
     def parts(self) -> tuple[AbstractPart, ...]:
         """Parts that exchange energy with the water or have readings."""
         return (*self.moving, *self.bodies, *self.chambers, *self.ducts, *self.dampers, *self.outlets)
@@ -406,8 +412,8 @@ class Model(eqx.Module):
 
 def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
     """States at t = 0 of all parts that evolve, by name."""
-    parts = (*model.moving, *model.bodies, *model.chambers, *model.ducts, *model.outlets)
-    return {part.name: part.start(dtype) for part in parts}
+    parts = (*model.moving, *model.chambers, *model.ducts, *model.outlets)
+    return {part.name: part.start(dtype) for part in parts} | model.mechanism.start(dtype)
 
 
 def check_parts(model: Model) -> None:
@@ -426,12 +432,13 @@ def check_parts(model: Model) -> None:
     if ends:
         raise ValueError(f"ducts end at {', '.join(sorted(ends))}: give names of chambers of the model")
     at_last = jnp.asarray(jnp.inf)
-    afloat = [body.name for body in model.bodies if model.forces and np.any(body.movable(at_last))]
+    afloat = [body.name for body in model.bodies if model.forces and np.any(body.joint.movable(at_last))]
     if afloat:
         raise ValueError(
             f"body forces act only on the water, but {', '.join(afloat)} can move: "
             "remove the body forces, or fix the bodies"
         )
+    model.mechanism.check()
     given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
     needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
     if given != needed:

@@ -20,9 +20,11 @@ from jaxsph.model.state import Particles
 
 __all__ = [
     "AbstractBody",
+    "AbstractJoint",
     "AbstractMovingSolid",
     "AbstractSolid",
     "AbstractWall",
+    "turned",
 ]
 
 
@@ -110,41 +112,110 @@ class AbstractWall(AbstractMovingSolid):
         """Share of each ghost of all solids, at x (m), that is on the water's side of the wall, 0 to 1."""
 
 
-class AbstractBody(AbstractMovingSolid):
-    """A rigid body with three motions in the x-z plane: surge, heave and pitch.
+class AbstractJoint(eqx.Module):
+    """Joint of a body to the tank or to another body: the body's relative pose as a function of coordinates.
 
-    Each motion is free, or has a constant velocity.
+    Velocities and accelerations follow by differentiation.
     """
 
+    parent: eqx.AbstractVar[str]
+    """Name of the body that carries the joint; empty for the tank."""
+    free: eqx.AbstractVar[tuple[bool, ...]]
+    """Whether each of the k coordinates is free, at least from some time on."""
+
+    @property
     @abc.abstractmethod
-    def movable(self, t: Scalar) -> Float[Array, "3"]:
-        """Mask of surge, heave and pitch: 1 for motions that are free at t (s), 0 at constant velocity."""
+    def coordinates(self) -> tuple[tuple[str, str], ...]:
+        """Names and units (m or rad) of the k coordinates."""
+
+    @property
+    def size(self) -> int:
+        """Number k of coordinates."""
+        return len(self.coordinates)
+
+    @property
+    @abc.abstractmethod
+    def moves(self) -> tuple[bool, bool, bool]:
+        """Whether the body can move along x and z, and turn, while its parent is at rest."""
+
+    @property
+    @abc.abstractmethod
+    def driven(self) -> bool:
+        """Whether the joint has a given motion, whose drive does work."""
+
+    @abc.abstractmethod
+    def start(self, dtype: Any) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+        """Coordinates (m, rad) at t = 0, and their rates (m/s, rad/s)."""
+
+    @abc.abstractmethod
+    def pose(self, q: Float[Array, " k"], t: Scalar) -> Float[Array, "3"]:
+        """Displacement of the body's pivot along x and z (m), and pitch (rad), relative to the parent.
+
+        The axes turn with the parent. **Arguments**: `q`: coordinates; `t`: time, s, for given motions.
+        """
+
+    def place(
+        self, above: Float[Array, "3"], arm: Float[Array, "2"], q: Float[Array, " k"], t: Scalar
+    ) -> Float[Array, "3"]:
+        """Displacement of the body's pivot along x and z (m), and pitch (rad), from the position at rest.
+
+        Override it for a closed chain, whose poses depend on the parent's. **Arguments**: `above`: the same
+        for the parent's pivot; `arm`: from the parent's pivot to the body's pivot at rest (x, z), m; `q` and
+        `t` as for `pose`.
+        """
+        pose = self.pose(q, t)
+        shift = above[:2] + turned(arm + pose[:2], above[2]) - arm
+        return jnp.concatenate([shift, above[2:] + pose[2:]])
+
+    @abc.abstractmethod
+    def movable(self, t: Scalar) -> Float[Array, " k"]:
+        """Mask of the coordinates: 1 if a coordinate is free at t (s), 0 if its rate is constant."""
+
+
+class AbstractBody(AbstractMovingSolid):
+    """A rigid body that moves in the x-z plane: its pivot along x and z, and its pitch about the pivot.
+
+    Its state in `State.parts` has the fields `q` and `rates` (coordinates of the joint and their rates),
+    `pose` and `velocity` (displacements of the pivot along x and z, and pitch; m, m, rad and per second),
+    `force` and `contact` (see `external`) and `impulse`.
+    """
+
+    joint: eqx.AbstractVar[AbstractJoint]
+    """Joint to the tank or to another body."""
+    pivot: eqx.AbstractVar[Float[Array, "2"]]
+    """Point (x, z) at rest at which the joint holds the body, and about which moments are taken, m."""
+    centre: eqx.AbstractVar[Float[Array, "2"]]
+    """Centre of mass (x, z) at rest, m."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the body never moves."""
+        return not (self.joint.parent or any(self.joint.moves))
 
     @abc.abstractmethod
     def generalised_mass(self) -> Float[Array, "3"]:
-        """Mass for surge and for heave (kg; kg/m in 2-D), and moment of inertia for pitch (kg m2; kg m
+        """Mass, twice (kg; kg/m in 2-D), and moment of inertia about the centre of mass (kg m2; kg m
         in 2-D)."""
 
     @abc.abstractmethod
     def directions(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
-        """Velocity of the body at points x (m) per unit velocity of surge, heave (-) and pitch (m)."""
+        """Velocity of the body at points x (m) per unit velocity of the pivot along x and z (-), and of the
+        pitch (m)."""
 
     @abc.abstractmethod
     def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Centripetal acceleration of the body at points x (m), m/s2: the part due to constant rotation."""
 
     @abc.abstractmethod
-    def external(self, motion: Any, g: Float[Array, " D"]) -> Float[Array, "3"]:
-        """Forces along x and z (N) and moment (N m) on the body, except from water and linear damping.
-
-        The forces are per metre of width in 2-D; g (m/s2): gravity.
-        """
+    def effort(self, motion: Any) -> Float[Array, " k"]:
+        """Forces (N) and moments (N m) of the power take-off along the joint's coordinates, except linear
+        damping; per metre of width in 2-D."""
 
     @abc.abstractmethod
-    def damping(self) -> Float[Array, "3"]:
-        """Linear damping coefficients of surge, heave (N s/m) and pitch (N m s); per metre of width in 2-D.
+    def damping(self) -> Float[Array, " k"]:
+        """Linear damping coefficients of the joint's coordinates, N s/m or N m s; per metre of width in 2-D.
 
-        The damping force is minus the product of the coefficients and the velocities.
+        The damping force is minus the product of the coefficients and the rates.
         """
 
     @abc.abstractmethod
@@ -169,12 +240,21 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
-        """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D)."""
+        """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D).
+
+        `old`, `new`: motions of the body before and after the step's forces act on it.
+        """
 
     @abc.abstractmethod
     def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:
         """Energies that the body adds to the ledger in a step, by name, J (J/m in 2-D).
 
-        **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given to the body to
-        maintain the constant velocity of motions that are not free.
+        **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given by the drive of the
+        joint's motions that are not free.
         """
+
+
+def turned(r: Float[Array, "2"], angle: Scalar) -> Float[Array, "2"]:
+    """Vector r (x, z), turned by `angle` (rad), positive from z towards x."""
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    return jnp.stack([c * r[0] + s * r[1], c * r[1] - s * r[0]])

@@ -231,8 +231,8 @@ class Pressures(eqx.Module):
     """Pressure of the water, Pa."""
     p_ghosts: Float[Array, " G"]
     """Pressure of the ghosts, Pa."""
-    accelerations: dict[str, Float[Array, "3"]]
-    """Accelerations of surge, heave and pitch (m/s2, m/s2, rad/s2) by the body's name."""
+    accelerations: tuple[Float[Array, " n"], ...]
+    """Accelerations of the bodies' coordinates due to forces, m/s2 or rad/s2; empty without bodies."""
     forces: dict[str, Float[Array, "3"]]
     """Generalised forces on the bodies (N, N, N m; per metre in 2-D) by the body's name."""
 

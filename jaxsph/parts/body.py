@@ -1,8 +1,7 @@
 """Rigid bodies that move in the x-z plane under the water's forces (Yeylaghi et al. 2016, Eq. 18-21).
 
-The generalised coordinates are surge (m), heave (m) and pitch (rad) of the pivot. Surge is positive along x,
-heave upwards, and pitch from z towards x (landward for a flap). The generalised forces are two forces and a
-moment: N, N, N m (per metre in 2-D).
+Surge (m) is positive along x, heave (m) upwards, and pitch (rad) from z towards x (landward for a flap). The
+generalised forces are two forces and a moment about the pivot: N, N, N m (per metre in 2-D).
 """
 
 from __future__ import annotations
@@ -13,30 +12,30 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.core import Tracer
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
-from jaxsph.model.solids import AbstractBody
+from jaxsph.model.solids import AbstractBody, AbstractJoint, turned
 from jaxsph.model.state import Tally
+from jaxsph.parts.joint import MOTIONS, PlanarJoint
 from jaxsph.parts.pose import PosedSolid, turn
 from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge
 from jaxsph.solids.shapes import AbstractShape
 
-__all__ = ["BodyMotion", "RigidBody", "advance_body"]
-
-MOTIONS = ("surge", "heave", "pitch")
-"""Names of a body's motions, in the order of its coordinates."""
+__all__ = ["BodyMotion", "RigidBody"]
 
 
 class BodyMotion(eqx.Module):
-    """Motion of a rigid body at time t in surge, heave and pitch, and the water's force on it."""
+    """Motion of a rigid body at time t, and the water's force on it."""
 
+    q: Float[Array, " k"]
+    """Coordinates of the body's joint, m or rad."""
+    rates: Float[Array, " k"]
+    """Rates of the coordinates, m/s or rad/s."""
     pose: Float[Array, "3"]
-    """Surge (m), heave (m) and pitch (rad) from the position at rest."""
+    """Displacements of the pivot along x and z (m), and pitch (rad), from the position at rest."""
     velocity: Float[Array, "3"]
-    """Velocities of surge, heave and pitch, m/s, m/s, rad/s."""
+    """Velocities of the pivot along x and z, and of the pitch, m/s, m/s, rad/s."""
     force: Float[Array, "3"]
     """Force of the water's pressure in the last step, N, N, N m (per metre in 2-D)."""
     contact: Float[Array, "3"]
@@ -47,55 +46,35 @@ class BodyMotion(eqx.Module):
     impulse: Tally
     """Impulse `[3]` of the water's force, N s, N s, N m s (per metre in 2-D)."""
 
-    @classmethod
-    def at_rest(cls, dtype: Any, velocity: Any = (0.0, 0.0, 0.0), pose: Any = (0.0, 0.0, 0.0)) -> BodyMotion:
-        """Motion with this velocity (m/s, m/s, rad/s) and pose (m, m, rad), and without water forces."""
-        none = jnp.zeros(3, dtype)
-        return cls(
-            jnp.asarray(pose, dtype), jnp.asarray(velocity, dtype), none, none, Tally.zero(dtype, (3,))
-        )
-
 
 class RigidBody(PosedSolid, AbstractBody):
-    """Rigid body whose free motions follow the forces on it; its other motions keep their velocities."""
+    """Rigid body whose free motions follow the forces on it; its joint determines which motions are free."""
 
     shape: AbstractShape
     """Shape in the position at rest."""
     mass: Scalar
     """Mass, kg (kg/m in 2-D)."""
     inertia: Scalar
-    """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
+    """Moment of inertia about the centre of mass, kg m2 (kg m in 2-D)."""
     pivot: Float[Array, "2"]
-    """Pivot (x, z) at rest, m: the hinge, or the centre of mass if pitch and another motion are free."""
+    """Point (x, z) at rest at which the joint holds the body, and about which moments are taken, m."""
     centre: Float[Array, "2"]
     """Centre of mass (x, z) at rest, m."""
-    free: tuple[bool, bool, bool] = eqx.field(static=True)
-    """Whether surge, heave and pitch are free."""
-    release: Scalar
-    """Time at which the free motions are released, s."""
+    joint: AbstractJoint
+    """Joint to the tank or to another body."""
     pto: AbstractRotationalPTO
-    """Power take-off, spring and stops on the pitch; `parts.rotational.FreeHinge` without these."""
+    """Power take-off, spring and stops on the joint's pitch; `parts.rotational.FreeHinge` without these."""
     rows: tuple[int, int] = eqx.field(static=True)
     """Index of the body's first ghost, and of the ghost after its last: an entry of `Ghosts.dummies`."""
-    initial_velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
-    """Velocities of surge, heave and pitch at t = 0, m/s, m/s, rad/s."""
-    initial_pitch: float = eqx.field(static=True, default=0.0)
-    """Pitch at t = 0, rad."""
     name: str = eqx.field(static=True, default="body", kw_only=True)
     usual_name: ClassVar[str] = "body"
-
-    def __check_init__(self) -> None:
-        """Checks the pivot. **Raises** ValueError if the equations of motion do not hold for this pivot."""
-        if self.free[2] and any(self.free[:2]) and not isinstance(self.pivot, Tracer):
-            if not np.allclose(np.asarray(self.pivot, float), np.asarray(self.centre, float)):
-                raise ValueError("pivot: must be the centre of mass if pitch and another motion are free")
 
     @classmethod
     def of(
         cls,
         shape: AbstractShape,
         rows: tuple[int, int],
-        free: Sequence[str],
+        joint: AbstractJoint | Sequence[str],
         *,
         density: float,
         pivot: tuple[float, float] | None = None,
@@ -103,15 +82,13 @@ class RigidBody(PosedSolid, AbstractBody):
         name: str = "body",
         dtype: Any = jnp.float32,
     ) -> RigidBody:
-        """Builds a body of uniform density (kg/m3), at rest.
+        """Builds a body of uniform density (kg/m3).
 
-        **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `free`: any of
-        "surge", "heave" and "pitch"; `pivot`: hinge (x, z), m, by default the centre of mass; `pto`: power
-        take-off on the body's pitch.
+        **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `joint`: a joint, or
+        the free motions of a joint to the tank, any of "surge", "heave" and "pitch"; `pivot`: point of the
+        joint (x, z), m, by default the centre of mass; `pto`: power take-off on the joint's pitch.
         """
         area, centre, second = shape.moments()
-        pivot = centre if pivot is None else pivot
-        arm2 = float(np.sum((np.asarray(centre) - np.asarray(pivot)) ** 2))
 
         def leaf(value: Any) -> Array:
             return jnp.asarray(value, dtype)
@@ -120,23 +97,24 @@ class RigidBody(PosedSolid, AbstractBody):
             shape=jax.tree.map(leaf, shape),
             rows=rows,
             mass=leaf(density * area),
-            inertia=leaf(density * (second + area * arm2)),
-            pivot=leaf(pivot),
+            inertia=leaf(density * second),
+            pivot=leaf(centre if pivot is None else pivot),
             centre=leaf(centre),
-            free=("surge" in free, "heave" in free, "pitch" in free),
-            release=leaf(0.0),
+            joint=joint if isinstance(joint, AbstractJoint) else PlanarJoint.of(joint, dtype=dtype),
             pto=FreeHinge() if pto is None else pto,
             name=name,
         )
 
     def start(self, dtype: Any) -> BodyMotion:
-        """See `AbstractMovingSolid`."""
-        return BodyMotion.at_rest(dtype, self.initial_velocity, (0.0, 0.0, self.initial_pitch))
+        """See `AbstractMovingSolid`: at its position at rest; `Mechanism.start` sets the pose."""
+        q, rates = self.joint.start(dtype)
+        none = jnp.zeros(3, dtype)
+        return BodyMotion(q, rates, none, none, none, none, Tally.zero(dtype, (3,)))
 
     def entries(self):
         """See `AbstractPart`."""
         found = dict(self.pto.entries(self.name))
-        if not self.fixed and not all(self.free):
+        if self.joint.driven:
             found["body_drive"] = Entry(f"work of the imposed motion of the {self.name}", Exchange.GIVEN)
         return {self.called(name): entry for name, entry in found.items()}
 
@@ -155,16 +133,21 @@ class RigidBody(PosedSolid, AbstractBody):
             "body_velocity": Reading(
                 "m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion"
             ),
+            **self._relative(),
         }
         return {self.called(name): reading for name, reading in self._told(motion, forces).items()}
 
     def oscillations(self, dim):
         """See `AbstractPart`."""
         force, moment = ("N/m", "N") if dim == 2 else ("N", "N m")
+        units = dict(zip(MOTIONS, ("m", "m", "rad"), strict=True))
         motion = {
             name: Oscillation(self.called(name), f"{name} of the {self.name}", unit, None, True, True)
-            for name, unit, free in zip(MOTIONS, ("m", "m", "rad"), self.free, strict=True)
-            if free
+            for (name, unit), moves in zip(units.items(), self.joint.moves, strict=True)
+            if moves or self.joint.parent
+        } | {
+            name: Oscillation(self.called(name), reading.long_name, reading.units, None, True, True)
+            for name, reading in self._relative().items()
         }
         (reading,) = self._told({}, {"body_force_mean": None})
         forces = {
@@ -190,13 +173,22 @@ class RigidBody(PosedSolid, AbstractBody):
             "heave": state.pose[1],
             "pitch": state.pose[2],
             "body_velocity": state.velocity,
+            **{
+                f"relative_{name}": value
+                for (name, _), value in zip(self.joint.coordinates, state.q, strict=True)
+                if f"relative_{name}" in self._relative()
+            },
         }
         return {self.called(name): value for name, value in self._told(motion, forces).items()}
 
-    @property
-    def fixed(self) -> bool:
-        """Whether the body does not move: no motion is free, and no initial velocity is given."""
-        return not any((*self.free, *self.initial_velocity))
+    def _relative(self) -> dict[str, Reading]:
+        """Readings of the joint's free coordinates, by short name; none for a joint to the tank."""
+        other = self.joint.parent
+        return {
+            f"relative_{name}": Reading(unit, f"{name} of the {self.name} relative to the {other}")
+            for (name, unit), free in zip(self.joint.coordinates, self.joint.free, strict=True)
+            if other and free
+        }
 
     def _told(self, motion: dict[str, Any], forces: dict[str, Any]) -> dict[str, Any]:
         """Readings of the body by name: `motion` and `forces`, or only `forces` for a fixed body."""
@@ -211,18 +203,14 @@ class RigidBody(PosedSolid, AbstractBody):
         names = {Exchange.HARVESTED: taken, Exchange.GIVEN: driven}
         return {name: names[entry.exchange] for name, entry in self.entries().items()}
 
-    def movable(self, t):
-        """See `AbstractBody`."""
-        return jnp.asarray(self.free, t.dtype) * (t >= self.release).astype(t.dtype)
-
     def generalised_mass(self):
         """See `AbstractBody`."""
         return jnp.stack([self.mass, self.mass, self.inertia])
 
     def halfway(self, old, new, dt):
-        """See `AbstractMovingSolid`: the motion half a step on, with the velocity at the step's beginning."""
-        del new
-        return advance_body(old, jnp.zeros_like(old.velocity), 0.5 * dt)
+        """See `AbstractMovingSolid`: the motion `old`, since the bodies move together (`Mechanism`)."""
+        del new, dt
+        return old
 
     def velocity(self, motion, x):
         """See `AbstractMovingSolid`."""
@@ -239,23 +227,20 @@ class RigidBody(PosedSolid, AbstractBody):
             ]
         )
 
-    def external(self, motion, g):
-        """See `AbstractBody`: weight, friction, spring and stops."""
-        arm = jnp.zeros((1, 2), g.dtype).at[0].set(self.centre - self.pivot)
-        arm = turn(arm, motion.pose[2])[0]
-        weight = self.mass * g[jnp.array([0, -1])]
-        moment = arm[1] * weight[0] - arm[0] * weight[1]
-        moment = moment + self.pto.moment(motion.pose[2], motion.velocity[2])
-        return jnp.stack([weight[0], weight[1], moment])
+    def effort(self, motion):
+        """See `AbstractBody`: friction, spring and stops."""
+        moment = jax.vmap(self.pto.moment)(motion.q[-1:], motion.rates[-1:])
+        return jnp.zeros_like(motion.q).at[-1:].add(moment)
 
     def damping(self):
         """See `AbstractBody`."""
-        zero = jnp.zeros_like(self.mass)
-        return jnp.stack([zero, zero, self.pto.linear_damping(zero)])
+        none = jnp.zeros(self.joint.size, self.mass.dtype)
+        return none.at[-1:].add(jax.vmap(self.pto.linear_damping)(none[-1:]))
 
     def absorbed(self, old, new, dt):
         """See `AbstractBody`."""
-        return self.pto.absorbed(old.velocity[2], new.velocity[2], dt)
+        absorbed = jax.vmap(self.pto.absorbed, in_axes=(0, 0, None))
+        return jnp.sum(absorbed(old.rates[-1:], new.rates[-1:], dt))
 
     def normals(self, motion, x):
         """See `AbstractBody`."""
@@ -267,14 +252,12 @@ class RigidBody(PosedSolid, AbstractBody):
 
     def energy(self, motion, g):
         """See `AbstractBody`."""
-        kinetic = 0.5 * jnp.sum(self.generalised_mass() * motion.velocity**2)
-        arm = turn((self.centre - self.pivot)[None], motion.pose[2])[0] - (self.centre - self.pivot)
-        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * (motion.pose[:2] + arm))
-        return kinetic, potential + self.pto.stored(motion.pose[2])
-
-
-def advance_body(motion: BodyMotion, acceleration: Float[Array, "3"], dt: Scalar) -> BodyMotion:
-    """Motion of a body after dt (s) at the constant `acceleration` (m/s2, m/s2, rad/s2)."""
-    velocity = motion.velocity + dt * acceleration
-    pose = motion.pose + 0.5 * dt * (motion.velocity + velocity)
-    return BodyMotion(pose, velocity, motion.force, motion.contact, motion.impulse)
+        arm = self.centre - self.pivot
+        # the motion of the centre of mass follows from the pivot's
+        moved, moving = jax.jvp(
+            lambda pose: pose[:2] + turned(arm, pose[2]) - arm, (motion.pose,), (motion.velocity,)
+        )
+        speeds = jnp.concatenate([moving, motion.velocity[2:]])
+        kinetic = 0.5 * jnp.sum(self.generalised_mass() * speeds**2)
+        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * moved)
+        return kinetic, potential + jnp.sum(jax.vmap(self.pto.stored)(motion.q[-1:]))

@@ -11,6 +11,7 @@ from jaxsph.core.pairs import nearest_image
 from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Reading
 from jaxsph.model.probe import AbstractProbe, places
+from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import State
 
 
@@ -44,22 +45,32 @@ class BodyPressureProbe(AbstractProbe):
 
     x: Float[Array, "k D"]
     """Positions of the sensors on the body at rest, m."""
-    which: int = eqx.field(static=True, default=0)
-    """Index of the body in `Model.bodies`."""
+    body: str = eqx.field(static=True)
+    """Name of the body."""
+    reading: str = eqx.field(static=True)
+    """Name of the reading."""
+    sensor: str = eqx.field(static=True)
+    """Name of the reading's dimension."""
+
+    @classmethod
+    def of(cls, body: AbstractBody, x: Float[Array, "k D"]) -> BodyPressureProbe:
+        """Builds the sensors of a body at points x (m) on the body at rest."""
+        return cls(x, body.name, body.called("body_pressure"), body.called("body_sensor"))
 
     def measure(self, model, state, tables):
         """See `AbstractProbe.measure`."""
-        body = model.bodies[self.which]
+        (body,) = (body for body in model.bodies if body.name == self.body)
         moved = PressureProbe(body.carry(state.parts[body.name], self.x))
-        return {"body_pressure": moved.measure(model, state, tables)["pressure"]}
+        return {self.reading: moved.measure(model, state, tables)["pressure"]}
 
     def describe(self):
         """See `AbstractProbe.describe`."""
-        return {"body_pressure": Reading("Pa", "gauge pressure at the body's sensor", "body_sensor")}
+        words = f"gauge pressure at the sensor of the {self.body}"
+        return {self.reading: Reading("Pa", words, self.sensor)}
 
     def coordinates(self):
         """See `AbstractProbe.coordinates`."""
-        return places(self.x, "body_sensor", "sensor on the body at rest", _axes(self.x))
+        return places(self.x, self.sensor, "sensor on the body at rest", _axes(self.x))
 
 
 class VelocityProbe(AbstractProbe):

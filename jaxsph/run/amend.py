@@ -14,6 +14,7 @@ import numpy as np
 from jaxsph.case.air_sections import SMOOTH_LAWS, air_keys
 from jaxsph.case.case import Case, any_name, inner
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.sections import BODY_KEYS
 from jaxsph.errors import CaseError
 from jaxsph.model.state import State, map_tallies
 from jaxsph.output.run_file import RunFile
@@ -29,8 +30,7 @@ CHANGEABLE = (
     "output.snapshot_dt",
     "output.periods",
     *air_keys(SMOOTH_LAWS),
-    "body.pto.damping",
-    "body.pto.coulomb",
+    *(f"{body}.pto.{key}" for body in BODY_KEYS for key in ("damping", "coulomb")),
     "sponge.strength",
     "fluid.nu",
     "scheme.alpha",
@@ -49,7 +49,7 @@ REASONS = {
     "dx": "it is the spacing of the existing particles",
     "g": "the energies have been counted with it from the start",
     "precision": "the checkpoint's arrays have the previous precision",
-    "fluid.c0": "the density of the water represents its pressure by this speed of sound",
+    "fluid.c0": "the pressure of the water is stored as a density, with this speed of sound",
     "fluid": "the particles' masses and pressures depend on it",
     "tank": "it moves the walls around the water",
     "waves": "the paddle would jump",
@@ -59,6 +59,7 @@ REASONS = {
     "device": "it moves the walls around the water",
     "solid": "it moves the walls around the water",
     "body": "it changes the place or the mass of a body on which the water acts",
+    "bodies": "it changes the place or the mass of a body on which the water acts",
     "probes": "the series in the file have the columns of the present probes",
     "start": "it describes the initial state",
     "scheme": "the checkpoint's state belongs to the present scheme",
@@ -67,7 +68,7 @@ REASONS = {
 
 
 UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
-"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples, so that averages go on."""
+"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples; averages do not restart."""
 
 
 class Change(NamedTuple):
@@ -105,7 +106,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
     state = _carry_over(start.state, initial)
-    # Energies since the last sample belong to the old interval; a probe divides them by the new interval.
+    # Energies since the last sample belong to the old interval, but a probe divides them by the new interval.
     parts, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.parts, state.ledger))
     limits = map_tallies(lambda tally: tally.over(every / old_every), state.limits)
     # the state counts steps, so convert the time to steps of the new length
@@ -165,7 +166,7 @@ def _check_laws(case: Case, new: Case) -> None:
                 continue
             of = "pto" if case.pto is old else f"{name}: pto"
             if old.is_turbine != now.is_turbine:
-                raise CaseError(f"{of}: cannot change from a turbine to a pressure during a run, nor back")
+                raise CaseError(f"{of}: cannot change between a turbine and a pressure during a run")
             if old.has_relief != now.has_relief:
                 raise CaseError(
                     f"{of}.relief: cannot be added or removed during a run: the energy budget contains it"

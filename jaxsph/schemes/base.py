@@ -4,92 +4,25 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, columns, dot, stack
-from jaxsph.core.pairs import Pair
+from jaxsph.core.arrays import Array, Float, columns, dot, stack
 from jaxsph.core.search.cells import wrap
 from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, water_neighbours
-from jaxsph.core.slabs import Chosen, PointNeighbours, Sources
+from jaxsph.core.slabs import Chosen, Sources
 from jaxsph.core.transforms import any_lane
-from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.regularisation import Regularisation
-from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Failure, Particles, Response, State, Tables
 from jaxsph.schemes.step import GhostFields, Interval, book, drift
 
 __all__ = [
     "AbstractParticleScheme",
-    "BodyCoupling",
-    "BodyGrip",
 ]
-
-
-class BodyGrip(NamedTuple):
-    """Linear map from pressures to the force on a body.
-
-    The map is minus the sum of the pair law that accelerates the water, so that the forces on body and water
-    are equal and opposite.
-    """
-
-    arms: Float[Array, "3 B D"]
-    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit velocity of each motion."""
-    sums: Float[Array, "B D"]
-    """Weight of every dummy's own pressure: the sum of its `weights`."""
-    weights: Components
-    """Weights of the water's pressures around every dummy, one component per axis, by slot of `table`."""
-    table: PointNeighbours
-    """Neighbours of the dummies in the water."""
-
-    def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
-        """Generalised force due to the pressures (Pa) of water and dummies, N, N, N m (per metre in 2-D)."""
-        around = stack([self.table.weighted_sum(w, Sources({"f": p}, {})) for w in self.weights])
-        return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.sums)
-
-
-class BodyCoupling(NamedTuple):
-    """Linear maps between a body's accelerations and the water's pressure around it.
-
-    The pressure of the body's dummies depends instantaneously on the body's acceleration. This part of the
-    added mass is included in the body's mass here; the remainder acts through the water's pressure.
-    """
-
-    grip: BodyGrip
-    """Map from pressures to the force on the body."""
-    slopes: Float[Array, "3 B"]
-    """Pressure (Pa) of the dummies per unit of each of the body's accelerations (m/s2, m/s2, rad/s2)."""
-    inverse: Float[Array, "3 3"]
-    """Accelerations per unit generalised force, with damping over a step; 0 for motions that are not free."""
-    outside: Float[Array, "3"]
-    """Generalised force on the body without the water's pressure, N, N, N m (per metre in 2-D)."""
-    movable: Float[Array, "3"]
-    """Mask of the motions: 1 where the motion is free, 0 where its velocity is constant."""
-    rows: tuple[int, int]
-    """Index of the body's first ghost, and one more than the index of its last ghost."""
-
-    def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration (m/s2, m/s2, rad/s2) due to the pressures (Pa) of the water and the ghosts.
-
-        The pressures of the ghosts exclude the part that the body's acceleration adds (`press`).
-        """
-        return self.inverse @ self.grip.force(p, p_ghosts[slice(*self.rows)])
-
-    def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Acceleration (m/s2, m/s2, rad/s2) due to pressures (Pa), as in `response`, and other forces."""
-        return self.response(p, p_ghosts) + self.inverse @ self.outside
-
-    def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, "3"]) -> Float[Array, " G"]:
-        """Pressures of the ghosts (Pa), with the part due to the body's acceleration added to its dummies."""
-        return p_ghosts.at[slice(*self.rows)].add(acceleration @ self.slopes)
-
-    def force(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Generalised force of the pressures (Pa) on the body, N, N, N m (per metre in 2-D)."""
-        return self.grip.force(p, p_ghosts[slice(*self.rows)])
 
 
 class AbstractParticleScheme(AbstractScheme):
@@ -247,8 +180,8 @@ class AbstractParticleScheme(AbstractScheme):
     ) -> Float[Array, "G D"]:
         """Pressure gradient across the walls at the ghosts, rho0 (f - a_wall), N/m3.
 
-        `parts`: states of the parts by name. Only the centripetal part of a body's acceleration is
-        included; `body_coupling` covers the remainder.
+        `parts`: states of the parts by name. Of a body's acceleration, the part without forces on the bodies
+        is included; `schemes.bodies` covers the remainder.
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
         for field in model.forces:
@@ -258,10 +191,11 @@ class AbstractParticleScheme(AbstractScheme):
             motion = interval.before[wall.name], interval.after[wall.name]
             a_wall = wall.acceleration(*motion, ghosts.x[rows], interval.dt)
             force = force.at[rows].add(-self.rho0 * a_wall)
-        for body in model.bodies:
-            rows = slice(*body.rows)
-            inward = body.centripetal(parts[body.name], ghosts.x[rows])
-            force = force.at[rows].add(-self.rho0 * inward)
+        for body, acceleration in model.mechanism.coasting(parts, interval.middle):
+            rows, motion = slice(*body.rows), parts[body.name]
+            there = jnp.einsum("knd,k->nd", body.directions(motion, ghosts.x[rows]), acceleration)
+            there = there + body.centripetal(motion, ghosts.x[rows])
+            force = force.at[rows].add(-self.rho0 * there)
         return force
 
     def ghost_velocity(
@@ -289,57 +223,6 @@ class AbstractParticleScheme(AbstractScheme):
             mirrored = tuple(a + through * n for a, n in zip(there, normal, strict=True))
             u_ghosts = u_ghosts.at[rows].set(stack(mirrored))
         return ghosts._replace(u=u_ghosts, u_shear=u_shear)
-
-    # ---------------------------------------------------------------- bodies
-
-    def body_coupling(
-        self,
-        model: Model,
-        body: AbstractBody,
-        at: State,
-        interval: Interval,
-        ghosts: GhostFields,
-        tables: Tables,
-    ) -> BodyCoupling:
-        """Coupling of a body to the water over the interval, in the body's pose in the state `at`."""
-        motion, before, dt = at.parts[body.name], interval.before[body.name], interval.dt
-        grip = self._body_grip(body, motion, ghosts, tables)
-        slopes = self._body_slopes(model, body, motion, ghosts)
-        free = body.movable(interval.t)
-        damping = body.damping()
-        mass = jnp.diag(body.generalised_mass() + dt * damping)
-        still = jnp.zeros_like(at.particles.m)
-        mass = mass - jax.vmap(lambda slope: grip.force(still, slope))(slopes).T
-        both = free[:, None] * free
-        inverse = both * jnp.linalg.inv(jnp.where(both > 0, mass, jnp.eye(3, dtype=mass.dtype)))
-        here = eqx.tree_at(lambda b: b.pose, before, motion.pose)
-        outside = body.external(here, model.g) - damping * before.velocity + before.contact
-        return BodyCoupling(grip, slopes, inverse, outside, free, body.rows)
-
-    def _body_slopes(self, model: Model, body: AbstractBody, motion: Any, ghosts: GhostFields) -> jax.Array:
-        """Pressure (Pa) of the body's dummies per unit of each acceleration of the body, `[3, B]`."""
-        rows = slice(*body.rows)
-        fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
-        x, nodes, zero = ghosts.x[rows], ghosts.nodes[rows], jnp.zeros_like(fit.wet)
-
-        def slope(direction):
-            return model.walls.pressure(fit, zero, x, nodes, -self.rho0 * direction)
-
-        return jnp.where(fit.wet > 0, jax.vmap(slope)(body.directions(motion, x)), 0.0)
-
-    def _body_grip(self, body: AbstractBody, motion: Any, ghosts: GhostFields, tables: Tables) -> BodyGrip:
-        """Map from pressures to the force on the body, from the weights of the water around its dummies."""
-        rows = slice(*body.rows)
-        x = ghosts.x[rows]
-
-        def law(pair: Pair, i, j):
-            w = tuple(-laws.volume(j) * pair.F * r for r in pair.r)
-            return w, w
-
-        table = tables.around[body.name]
-        summed, weights = table.weights(law, self.smoothing, {"x": columns(x)}, ghosts.water)
-        arms = body.directions(motion, x) * ghosts.V[rows, None]
-        return BodyGrip(arms, stack(summed), weights, table)
 
     # ---------------------------------------------------------------- failures
 

@@ -22,10 +22,10 @@ from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisati
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, Pressures, Response, State, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
-from jaxsph.parts.body import advance_body
 from jaxsph.parts.chamber import BodyForceGrip
 from jaxsph.schemes.air import couple_airs, finish_airs, meet_laws, water_line
 from jaxsph.schemes.base import AbstractParticleScheme
+from jaxsph.schemes.bodies import couple_bodies, push_bodies
 from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, LatticeSums, lattice_sums, usual_length
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.schemes.projection import (
@@ -43,7 +43,6 @@ from jaxsph.schemes.step import (
     GhostFields,
     Interval,
     at_rest,
-    body_work,
     book,
     damp,
     drift,
@@ -234,7 +233,8 @@ class ISPH(AbstractParticleScheme):
             u_new = airs[name].push(u_new + missing * response.u, dt * missing)
             ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         changes = Changes(u_new, pressed, touched, damped)
-        parts, ledger = self._exchange(model, state, tables, ghosts, interval, pressures, changes)
+        projected = projected._replace(pressures=pressures)
+        parts, ledger = self._exchange(model, state, at, tables, ghosts, interval, projected, changes)
         flows = {name: (air.flow(p.u), air.flow(u_new)) for name, air in airs.items()}
         finished, taken = finish_airs(model, state.parts, laws_met, flows, dt)
         parts, ledger = parts | finished, book(ledger, taken)
@@ -258,8 +258,9 @@ class ISPH(AbstractParticleScheme):
         The velocities of the state are u (m/s).
         """
         dt, parts = interval.dt, dict(state.parts)
-        for solid in (*model.moving, *model.bodies):
-            parts[solid.name] = solid.halfway(parts[solid.name], interval.after[solid.name], dt)
+        for wall in model.moving:
+            parts[wall.name] = wall.halfway(parts[wall.name], interval.after[wall.name], dt)
+        parts |= model.mechanism.drifted(parts, interval.t, 0.5 * dt)
         particles = eqx.tree_at(lambda p: p.u, drift(state.particles, 0.5 * dt * drifting), u)
         return eqx.tree_at(lambda s: (s.particles, s.parts), state, (particles, parts))
 
@@ -267,34 +268,33 @@ class ISPH(AbstractParticleScheme):
         self,
         model: Model,
         state: State,
+        at: State,
         tables: Tables,
         ghosts: GhostFields,
         interval: Interval,
-        pressures: Pressures,
+        projected: Projection,
         changes: Changes,
     ) -> tuple[dict[str, Any], dict[str, Tally]]:
-        """States of the parts after the step, and the ledger with the step's energies (J, J/m in 2-D)."""
+        """States of the parts after the step, and the ledger with the step's energies (J, J/m in 2-D).
+
+        `at`: state in the middle of the step, on which the projected pressures act.
+        """
         p, dt, parts = state.particles, interval.dt, dict(interval.after)
         amounts = dict(changes.damped)
         work = wall_work(self, model, interval.after, tables, ghosts, dt)
         amounts |= work
-        given = -sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressure
-        given_touching = jnp.zeros_like(dt)
+        done = push_bodies(model, at.parts, interval.middle, dt, projected.couplings, projected.pressures)
+        amounts |= done.amounts
         for body in model.bodies:
-            old, force = state.parts[body.name], pressures.forces[body.name]
-            contact = touch_force(model, body, old, p, changes.touched, dt)
-            new = advance_body(interval.before[body.name], pressures.accelerations[body.name], dt)
-            new = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
-            parts[body.name], exchanged, by_pressure, by_touch = body_work(
-                model, body, old, new, interval.t, dt
-            )
-            amounts |= exchanged
-            given, given_touching = given + by_pressure, given_touching + by_touch
+            contact = touch_force(model, body, state.parts[body.name], p, changes.touched, dt)
+            parts[body.name] = eqx.tree_at(lambda b: b.contact, done.motions[body.name], contact)
+        parts |= model.mechanism.drifted(parts, interval.middle, 0.5 * dt)
+        given = done.by_pressure - sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressure
         mean = 0.5 * (changes.u + p.u)
         contact, lost = (
             -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)
         )
-        amounts |= {"contact": contact - given_touching, "projection": lost - given}
+        amounts |= {"contact": contact - done.by_touch, "projection": lost - given}
         return parts, book(state.ledger, amounts)
 
     def _sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
@@ -369,9 +369,7 @@ class ISPH(AbstractParticleScheme):
         force = self.wall_force(model, at.parts, ghosts, interval)
         nowhere = jnp.zeros_like(ghosts.p)
         beyond = walls.pressure(ghosts.fit, nowhere, ghosts.x, ghosts.nodes, force)
-        couplings = {
-            body.name: self.body_coupling(model, body, at, interval, ghosts, tables) for body in model.bodies
-        }
+        couplings = couple_bodies(self, model, at.parts, interval.middle, interval.dt, ghosts, tables)
         return PressureEquation(
             poisson,
             self.carrier(model, ghosts, tables),
@@ -399,7 +397,7 @@ class ISPH(AbstractParticleScheme):
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
         # complete from the limited pressure, so that a body feels no tension that the water cannot bear
         limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
-        return Projection(equation.complete(pressure), residual, converged, limited)
+        return Projection(equation.complete(pressure), equation.couplings, residual, converged, limited)
 
     def _poisson(
         self, model: Model, p: Particles, ghosts: GhostFields, sources: Sources, tables: Tables

@@ -14,14 +14,13 @@ from jaxsph.core.slabs import Sources
 from jaxsph.model.air import Air
 from jaxsph.model.interfaces import Model
 from jaxsph.model.shifting import Shifting
-from jaxsph.model.state import Particles, State, Tables
-from jaxsph.parts.body import advance_body
+from jaxsph.model.state import Particles, Pressures, State, Tables
 from jaxsph.schemes.air import WaterLine, couple_airs, finish_airs, meet_laws
 from jaxsph.schemes.base import AbstractParticleScheme
+from jaxsph.schemes.bodies import BodyWork, couple_bodies, push_bodies
 from jaxsph.schemes.step import (
     GhostFields,
     Interval,
-    body_work,
     book,
     damp,
     drift,
@@ -98,9 +97,12 @@ class SymplecticEuler(AbstractIntegrator):
     def step(self, scheme, model, state, tables):
         """See `AbstractIntegrator.step`."""
         p, dt = state.particles, model.dt
-        interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, state, state, tables, dt)
+        started = {body.name: state.parts[body.name] for body in model.bodies}
+        interval, ghosts, rates, u, bodies, airs, taken = _accelerate(
+            scheme, model, state, state, tables, started, dt
+        )
         # the continuity equation uses the velocities of the solids after the step
-        after = _with_velocities(model, state.parts, interval.after, bodies)
+        after = _with_velocities(model, state.parts, interval.after, bodies.motions)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
         # positions in the middle of the drift, as in the leapfrog scheme; with positions at its start, the
         # density of water in waves would drift by dt |grad u|^2
@@ -109,17 +111,14 @@ class SymplecticEuler(AbstractIntegrator):
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)
         rho = p.rho + dt * rate
         work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
-        bodies, exchanged = _with_body_work(model, interval, bodies)
-        for body in model.bodies:
-            # the body moves with its velocity after the step, like the water
-            pose = state.parts[body.name].pose + dt * bodies[body.name].velocity
-            bodies[body.name] = eqx.tree_at(lambda b: b.pose, bodies[body.name], pose)
+        # the bodies move with their velocities after the step, like the water
+        moved = model.mechanism.drifted(bodies.motions, interval.t, dt)
         dx = dt * u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
         new = drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
-        parts = {**interval.after, **bodies, **airs}
-        ledger = book(state.ledger, taken | work | exchanged | force_work(model, p, new, interval))
+        parts = {**interval.after, **moved, **airs}
+        ledger = book(state.ledger, taken | work | bodies.amounts | force_work(model, p, new, interval))
         limits = book(state.limits, rates.limited)
         state = State(new, parts, ledger, limits, state.step + 1, state.status)
         return scheme.check(model, state, tables, p.x, new.x)
@@ -144,19 +143,23 @@ class PredictorCorrector(AbstractIntegrator):
     ) -> State:
         """State after dt (s) from `start`, with the rates of the state `at`."""
         p0, p = start.particles, at.particles
-        interval, ghosts, rates, u, bodies, airs, taken = _accelerate(scheme, model, start, at, tables, dt)
+        t, mechanism = model.time(start), model.mechanism
+        halfway = mechanism.drifted(start.parts, t, 0.5 * dt)
+        interval, ghosts, rates, u, bodies, airs, taken = _accelerate(
+            scheme, model, start, at, tables, halfway, dt
+        )
+        moved = mechanism.drifted(bodies.motions, t + 0.5 * dt, 0.5 * dt)
         sources = scheme.sources(ghosts, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
         work = wall_work(scheme, model, at.parts, tables, ghosts, dt)
-        bodies, exchanged = _with_body_work(model, interval, bodies)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # positions move with the velocity of `at`: in the full step this is the midpoint rule
         dx = dt * p.u
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
         new = drift(new, dx)
-        parts = {**interval.after, **bodies, **airs}
-        ledger = book(start.ledger, taken | work | exchanged | force_work(model, p0, new, interval))
+        parts = {**interval.after, **moved, **airs}
+        ledger = book(start.ledger, taken | work | bodies.amounts | force_work(model, p0, new, interval))
         limits = book(start.limits, rates.limited)
         return State(new, parts, ledger, limits, start.step, start.status)
 
@@ -170,8 +173,8 @@ class _Accelerated(NamedTuple):
     rates: Rates
     u: Float[Array, "N D"]
     """Velocities, m/s."""
-    bodies: dict[str, Any]
-    """Motions of the bodies, by name."""
+    bodies: BodyWork
+    """Motions of the bodies after the forces acted on them, and the energies that they exchanged."""
     airs: dict[str, Air]
     """Air of the chambers and ducts, by name."""
     taken: dict[str, Scalar]
@@ -179,13 +182,22 @@ class _Accelerated(NamedTuple):
 
 
 def _accelerate(
-    scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
+    scheme: AbstractRateScheme,
+    model: Model,
+    start: State,
+    at: State,
+    tables: Tables,
+    moving: Mapping[str, Any],
+    dt: Scalar,
 ) -> _Accelerated:
-    """Water, solids and air dt (s) after `start`, under all forces on the water in the state `at`."""
+    """Water, solids and air dt (s) after `start`, under all forces on the water in the state `at`.
+
+    `moving`: motions of the bodies by name, whose velocities the forces change.
+    """
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
     push = spring_acceleration(model, at.parts, p, scheme.c0)
-    ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push)
+    ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push, moving)
     ghosts = scheme.ghost_velocity(model, at.parts, tables, ghosts)
     sources = scheme.sources(ghosts, ghosts.u_shear)
     rates = scheme.momentum(model, p, sources, tables)
@@ -203,23 +215,31 @@ def _with_bodies(
     tables: Tables,
     interval: Interval,
     push: Float[Array, "N D"],
-) -> tuple[GhostFields, dict[str, Any]]:
-    """Ghosts for the water of the state `at`, and the bodies' motions at the end of the interval, by name.
+    moving: Mapping[str, Any],
+) -> tuple[GhostFields, BodyWork]:
+    """Ghosts for the water of the state `at`, and the bodies after its pressure acted on them.
 
-    The bodies move under the pressure of that water. `push`: acceleration (m/s2) of the water due to the
-    contact springs of the solids.
+    `push`: acceleration (m/s2) of the water due to the contact springs of the solids; `moving`: motions of
+    the bodies by name, whose velocities the forces change.
     """
-    ghosts, bodies = scheme.ghosts(model, at, tables, interval), {}
+    ghosts = scheme.ghosts(model, at, tables, interval)
     p, dt = scheme.pressure(at.particles), interval.dt
-    for body in model.bodies:
-        coupling = scheme.body_coupling(model, body, at, interval, ghosts, tables)
-        acceleration = coupling.acceleration(p, ghosts.p)
+    held = {
+        name: eqx.tree_at(lambda m: (m.rates, m.contact), at.parts[name], (motion.rates, motion.contact))
+        for name, motion in moving.items()
+    }
+    couplings = couple_bodies(scheme, model, held, interval.t, dt, ghosts, tables)
+    accelerations = tuple(coupling.acceleration(p, ghosts.p) for coupling in couplings)
+    forces: dict[str, Array] = {}
+    for coupling, acceleration in zip(couplings, accelerations, strict=True):
         ghosts = ghosts._replace(p=coupling.press(ghosts.p, acceleration))
-        new = advance_body(interval.before[body.name], acceleration, dt)
-        force = coupling.force(p, ghosts.p)
+        forces = coupling.forces(p, ghosts.p)
+    pressures = Pressures(p, ghosts.p, accelerations, forces)
+    done = push_bodies(model, moving, interval.t, dt, couplings, pressures)
+    for body in model.bodies:
         contact = touch_force(model, body, at.parts[body.name], at.particles, dt * push, dt)
-        bodies[body.name] = eqx.tree_at(lambda b: (b.force, b.contact), new, (force, contact))
-    return ghosts, bodies
+        done.motions[body.name] = eqx.tree_at(lambda b: b.contact, done.motions[body.name], contact)
+    return ghosts, done
 
 
 def _with_velocities(
@@ -232,18 +252,6 @@ def _with_velocities(
         for body in model.bodies
     }
     return {**parts, **moved, **turned}
-
-
-def _with_body_work(
-    model: Model, interval: Interval, bodies: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, Scalar]]:
-    """Motions of the bodies with the impulse of the water's force added, and energies exchanged, by name."""
-    booked, exchanged = {}, {}
-    for body in model.bodies:
-        old, new = interval.before[body.name], bodies[body.name]
-        booked[body.name], amounts, *_ = body_work(model, body, old, new, interval.t, interval.dt)
-        exchanged |= amounts
-    return booked, exchanged
 
 
 def _with_air(

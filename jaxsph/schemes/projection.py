@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model.state import Failure, Pressures, State, Status
-from jaxsph.schemes.base import BodyCoupling
+from jaxsph.schemes.bodies import BodiesCoupling
 from jaxsph.schemes.kernels import LatticeSums
 from jaxsph.schemes.poisson import AbstractSolver, Unknown
 
@@ -102,6 +102,8 @@ class Projection(NamedTuple):
 
     pressures: Pressures
     """Pressures of water and ghosts, and the accelerations of the bodies due to them."""
+    couplings: tuple[BodiesCoupling, ...]
+    """Coupling of the bodies to the water, at most one."""
     residual: Scalar
     """Residual of the linear solution, relative to its right-hand side (-)."""
     converged: Array
@@ -119,14 +121,14 @@ class PressureEquation(NamedTuple):
     """Function that gives the pressures of the ghosts (Pa) from those of the water."""
     beyond: Float[Array, " G"]
     """Pressure difference from nodes to ghosts, due to forces and the walls' accelerations, Pa."""
-    couplings: dict[str, BodyCoupling]
-    """Couplings of the bodies by name."""
+    couplings: tuple[BodiesCoupling, ...]
+    """Coupling of the bodies to the water, at most one."""
     unit: Scalar
     """Factor that scales accelerations to pressures for the residual, Pa per m/s2."""
 
     def unforced(self) -> PressureEquation:
         """The equation without forces on walls and bodies; its solution is due to the source alone."""
-        free = {n: c._replace(outside=jnp.zeros_like(c.outside)) for n, c in self.couplings.items()}
+        free = tuple(c._replace(outside=jnp.zeros_like(c.outside)) for c in self.couplings)
         return self._replace(beyond=jnp.zeros_like(self.beyond), couplings=free)
 
     def solve(
@@ -142,10 +144,7 @@ class PressureEquation(NamedTuple):
         # only if the mean of the right-hand side, weighted by the diagonal, is zero.
         mean = jnp.sum(poisson.diagonal * b) / jnp.sum(poisson.diagonal)
         b = b - jnp.where(poisson.closed(), mean, 0.0)
-        b_bodies = {
-            name: self.unit * coupling.acceleration(nothing, self.beyond)
-            for name, coupling in self.couplings.items()
-        }
+        b_bodies = tuple(self.unit * c.acceleration(nothing, self.beyond) for c in self.couplings)
         begin = (poisson.free * start, jax.tree.map(jnp.zeros_like, b_bodies))
         (solved, _), residual, converged = solver.solve(self._operator, (b, b_bodies), begin)
         return poisson.free * solved, residual, converged
@@ -153,10 +152,12 @@ class PressureEquation(NamedTuple):
     def complete(self, pressure: Float[Array, " N"]) -> Pressures:
         """Pressures of ghosts, and accelerations and forces of bodies, for the water's pressures (Pa)."""
         p_ghosts = self.at_walls(self.poisson.shown(pressure)) + self.beyond
-        accelerations = {n: c.acceleration(pressure, p_ghosts) for n, c in self.couplings.items()}
-        for name, coupling in self.couplings.items():
-            p_ghosts = coupling.press(p_ghosts, coupling.movable * accelerations[name])
-        forces = {name: coupling.force(pressure, p_ghosts) for name, coupling in self.couplings.items()}
+        accelerations, forces = [], {}
+        for coupling in self.couplings:
+            accelerations.append(coupling.acceleration(pressure, p_ghosts))
+            p_ghosts = coupling.press(p_ghosts, accelerations[-1])
+            forces = coupling.forces(pressure, p_ghosts)
+        accelerations = tuple(accelerations)
         return Pressures(pressure, p_ghosts, accelerations, forces)
 
     def _operator(self, unknown: Unknown) -> Unknown:
@@ -165,11 +166,11 @@ class PressureEquation(NamedTuple):
         q, accelerations = poisson.free * unknown[0], unknown[1]
         near = poisson.shown(q)
         q_ghosts = both = self.at_walls(near)
-        driven = {}
-        for name, coupling in self.couplings.items():
-            both = coupling.press(both, coupling.movable * (accelerations[name] / self.unit))
-            driven[name] = accelerations[name] - self.unit * coupling.response(q, q_ghosts)
-        return q - poisson.neighbour_mean(near, both) + (1.0 - poisson.free) * q, driven
+        driven = []
+        for coupling, acceleration in zip(self.couplings, accelerations, strict=True):
+            both = coupling.press(both, acceleration / self.unit)
+            driven.append(acceleration - self.unit * coupling.response(q, q_ghosts))
+        return q - poisson.neighbour_mean(near, both) + (1.0 - poisson.free) * q, tuple(driven)
 
 
 def checked_solution(state: State, projected: Projection) -> Status:

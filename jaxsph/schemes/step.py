@@ -15,7 +15,6 @@ from jaxsph.model import laws
 from jaxsph.model.forces import FORCES
 from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.meaning import Exchange
-from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Particles, State, Tables, Tally
 from jaxsph.solids.filling import NodeFit
 
@@ -24,7 +23,6 @@ __all__ = [
     "GhostFields",
     "Interval",
     "at_rest",
-    "body_work",
     "book",
     "damp",
     "drift",
@@ -174,21 +172,3 @@ def wall_work(
         velocity = columns(wall.velocity(parts[wall.name], ghosts.x[rows]))
         work[wall.name] = -dt * jnp.sum(dot(velocity, force) * ghosts.V[rows])
     return work
-
-
-def body_work(
-    model: Model, body: AbstractBody, old: Any, new: Any, t: Scalar, dt: Scalar
-) -> tuple[Any, Mapping[str, Scalar], jax.Array, jax.Array]:
-    """Energies that a body exchanges in a step of dt (s) from its motion `old` to `new`, J (J/m in 2-D).
-
-    **Returns** a tuple: `new` with the impulse of the water's force added; the energies, by name, that the
-    power take-off takes and that the drive of the motions that are not free gives; the work of the pressure
-    on the body; and the work of the water in contact with the body.
-    """
-    moved = 0.5 * dt * (old.velocity + new.velocity)
-    force = new.force + old.contact  # the forces that acted on the body in this step
-    driven = -jnp.sum((1.0 - body.movable(t)) * force * moved)
-    taken = body.absorbed(old, new, dt)
-    amounts = body.exchanges(taken, driven)
-    new = eqx.tree_at(lambda b: b.impulse, new, new.impulse.add(dt * force))
-    return new, amounts, jnp.sum(new.force * moved), jnp.sum(old.contact * moved)

@@ -1,0 +1,248 @@
+"""Motion of rigid bodies that are joined to the tank and to each other, as one multibody system.
+
+The generalised coordinates are the coordinates of all joints, followed by the time once for every joint. As a
+coordinate the time has the constant rate 1, and a given motion is a function of it. A motion that is not free
+is a coordinate with a constant rate, too. The equations of motion are
+
+    M q'' + c = sum over bodies of J^T F + forces along the joints,
+
+with the mass matrix M = sum J_c^T m J_c, the inertial forces c = sum J_c^T m (dJ_c/dt) q', and the Jacobians
+J of the bodies' poses and J_c of the poses of their centres of mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.model.solids import AbstractBody, turned
+
+__all__ = ["Kinematics", "Mechanism", "inverse_where"]
+
+
+class Kinematics(NamedTuple):
+    """Positions, velocities and accelerations of all bodies at one time, by the n generalised coordinates.
+
+    The first axis of `poses`, `ways` and `bias` distinguishes the bodies' pivots (0) and centres of mass (1).
+    """
+
+    rates: Float[Array, " n"]
+    """Rates of the coordinates, m/s, rad/s, or s/s."""
+    poses: Float[Array, "2 B 3"]
+    """Displacements along x and z (m) and pitch (rad) from the positions at rest."""
+    ways: Float[Array, "2 B 3 n"]
+    """Derivatives of the poses by the coordinates."""
+    bias: Float[Array, "2 B 3"]
+    """Accelerations at constant rates of the coordinates, m/s2, m/s2, rad/s2."""
+    mass: Float[Array, "B 3"]
+    """Mass (kg; kg/m in 2-D), twice, and moment of inertia about the centre of mass (kg m2; kg m in 2-D)."""
+    movable: Float[Array, " n"]
+    """Mask of the coordinates: 1 where the coordinate is free, 0 where its rate is constant."""
+
+    @property
+    def velocities(self) -> Float[Array, "2 B 3"]:
+        """Velocities of pivots and centres of mass, m/s, m/s, rad/s."""
+        return self.ways @ self.rates
+
+    @property
+    def mass_matrix(self) -> Float[Array, "n n"]:
+        """Mass matrix of the coordinates, in kg, kg m or kg m2 (per metre in 2-D)."""
+        ways = self.ways[1]
+        return jnp.einsum("bki,bk,bkj->ij", ways, self.mass, ways)
+
+    @property
+    def coasting(self) -> Float[Array, " n"]:
+        """Accelerations of the coordinates without any force on the bodies, m/s2 or rad/s2."""
+        inertial = jnp.einsum("bki,bk,bk->i", self.ways[1], self.mass, self.bias[1])
+        return -inverse_where(self.movable, self.mass_matrix) @ inertial
+
+    def accelerations(self, change: Float[Array, " n"]) -> Float[Array, "2 B 3"]:
+        """Accelerations of pivots and centres of mass, m/s2, m/s2, rad/s2.
+
+        `change`: accelerations (m/s2 or rad/s2) of the coordinates in addition to `coasting`.
+        """
+        return self.ways @ (self.coasting + change) + self.bias
+
+
+class Mechanism(NamedTuple):
+    """The bodies of a model as one multibody system; a body comes after the body that it is joined to."""
+
+    bodies: Sequence[AbstractBody]
+    """All bodies."""
+
+    def check(self) -> None:
+        """**Raises** ValueError if a body is joined to a body that does not come before it."""
+        known = {""}
+        for body in self.bodies:
+            if body.joint.parent not in known:
+                before = ", ".join(sorted(known - {""})) or "none"
+                raise ValueError(
+                    f"{body.name} is joined to {body.joint.parent}, which is not among the bodies before it "
+                    f"({before}): give every body after the body that it is joined to"
+                )
+            known.add(body.name)
+
+    def start(self, dtype: Any) -> dict[str, Any]:
+        """Motions of the bodies at t = 0, by name."""
+        parts = {body.name: body.start(dtype) for body in self.bodies}
+        return self.placed(parts, jnp.zeros((), dtype))
+
+    def placed(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Any]:
+        """Motions of the bodies by name, with poses and velocities that follow from the joints at t (s).
+
+        `parts`: states of the parts by name, with coordinates and rates of the joints.
+        """
+        if not self.bodies:
+            return {}
+        z, rates = self._gathered(parts, t)
+        return self._spread(parts, z, rates)
+
+    def kinematics(self, parts: Mapping[str, Any], t: Scalar) -> Kinematics:
+        """Kinematics of the bodies at the time t (s); `parts`: states of the parts by name."""
+        return self._at(*self._gathered(parts, t), self._movable(t))
+
+    def coasting(self, parts: Mapping[str, Any], t: Scalar) -> list[tuple[AbstractBody, Float[Array, "3"]]]:
+        """Bodies that move, and their accelerations without forces on them, m/s2, m/s2, rad/s2.
+
+        These are the accelerations of pivot and pitch by given motions and by the inertia of joined bodies.
+        """
+        if all(body.fixed for body in self.bodies):
+            return []
+        kinematics = self.kinematics(parts, t)
+        own = kinematics.accelerations(jnp.zeros_like(kinematics.rates))[0]
+        return [(body, a) for body, a in zip(self.bodies, own, strict=True) if not body.fixed]
+
+    def drifted(self, parts: Mapping[str, Any], t: Scalar, dt: Scalar) -> dict[str, Any]:
+        """Motions of the bodies by name dt (s) after t (s), without forces on the bodies.
+
+        `parts`: states of the parts by name at the time t.
+        """
+        if not self.bodies:
+            return {}
+        z, rates = self._gathered(parts, t)
+        movable = self._movable(t)
+
+        def coasting(z, rates):
+            return self._at(z, rates, movable).coasting
+
+        # Runge-Kutta of fourth order: the energy of the free motion is kept to rounding errors
+        a = coasting(z, rates)
+        b = coasting(z + 0.5 * dt * rates, rates + 0.5 * dt * a)
+        c = coasting(z + 0.5 * dt * rates + 0.25 * dt**2 * a, rates + 0.5 * dt * b)
+        d = coasting(z + dt * rates + 0.5 * dt**2 * b, rates + dt * c)
+        z = z + dt * rates + dt**2 / 6.0 * (a + b + c)
+        return self._spread(parts, z, rates + dt / 6.0 * (a + 2.0 * (b + c) + d))
+
+    def kicked(self, parts: Mapping[str, Any], t: Scalar, change: Float[Array, " n"]) -> dict[str, Any]:
+        """Motions of the bodies by name after a sudden `change` (m/s or rad/s) of the coordinates' rates.
+
+        `parts`: states of the parts by name at the time t (s).
+        """
+        if not self.bodies:
+            return {}
+        z, rates = self._gathered(parts, t)
+        return self._spread(parts, z, rates + change)
+
+    def pulls(
+        self, kinematics: Kinematics, parts: Mapping[str, Any], g: Float[Array, " D"]
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Generalised forces on the coordinates without the water, and their linear damping coefficients.
+
+        The forces are those of weight, power take-offs with their damping, and the water's contact in the
+        last step, N or N m. **Arguments**: `parts`: states of the parts by name; `g`: gravity, m/s2.
+        """
+        damping = self.along({body.name: body.damping() for body in self.bodies})
+        efforts = self.along({body.name: body.effort(parts[body.name]) for body in self.bodies})
+        weight = kinematics.mass[:, :2] * g[jnp.array([0, -1])]
+        contact = jnp.stack([parts[body.name].contact for body in self.bodies])
+        forces = efforts - damping * kinematics.rates + jnp.einsum("bki,bk->i", kinematics.ways[0], contact)
+        return forces + jnp.einsum("bki,bk->i", kinematics.ways[1, :, :2], weight), damping
+
+    def given(
+        self, kinematics: Kinematics, acceleration: Float[Array, " n"], others: Float[Array, " n"]
+    ) -> dict[str, Scalar]:
+        """Power that the drive of every body's joint gives to the bodies, by the body's name, W (W/m in 2-D).
+
+        The drive moves the coordinates with constant rates, among them the time. **Arguments**:
+        `acceleration`: accelerations of the coordinates in addition to `Kinematics.coasting`; `others`:
+        generalised forces on the coordinates except those of the drives.
+        """
+        moved = kinematics.accelerations(acceleration)[1]
+        inertial = jnp.einsum("bki,bk,bk->i", kinematics.ways[1], kinematics.mass, moved)
+        power = (1.0 - kinematics.movable) * kinematics.rates * (inertial - others)
+        return {name: jnp.sum(own) + at_time for name, (own, at_time) in self.split(power).items()}
+
+    def along(self, by_body: Mapping[str, Float[Array, " k"]]) -> Float[Array, " n"]:
+        """Values of all coordinates from those of each body's joint, by the body's name; 0 for the times."""
+        values = [by_body[body.name] for body in self.bodies]
+        return jnp.concatenate([*values, jnp.zeros(len(self.bodies), values[0].dtype)])
+
+    def split(self, values: Float[Array, " n"]) -> dict[str, tuple[Float[Array, " k"], Scalar]]:
+        """Values of the coordinates of each body's joint, and of its time, by the body's name."""
+        found, first = {}, 0
+        for index, body in enumerate(self.bodies):
+            last = first + body.joint.size
+            found[body.name] = values[first:last], values[index - len(self.bodies)]
+            first = last
+        return found
+
+    def _gathered(self, parts: Mapping[str, Any], t: Scalar) -> tuple[Array, Array]:
+        """Coordinates and rates of all joints, each followed by those of the times."""
+        motions = [parts[body.name] for body in self.bodies]
+        times = jnp.broadcast_to(t, (len(motions),))
+        z = jnp.concatenate([*(motion.q for motion in motions), times])
+        return z, jnp.concatenate([*(motion.rates for motion in motions), jnp.ones_like(times)])
+
+    def _spread(self, parts: Mapping[str, Any], z: Array, rates: Array) -> dict[str, Any]:
+        """Motions of the bodies by name, with these coordinates and rates."""
+        poses, velocities = jax.jvp(lambda z: self._places(z)[0], (z,), (rates,))
+        q, q_rates = self.split(z), self.split(rates)
+        return {
+            body.name: eqx.tree_at(
+                lambda m: (m.q, m.rates, m.pose, m.velocity),
+                parts[body.name],
+                (q[body.name][0], q_rates[body.name][0], pose, velocity),
+            )
+            for body, pose, velocity in zip(self.bodies, poses, velocities, strict=True)
+        }
+
+    def _movable(self, t: Scalar) -> Float[Array, " n"]:
+        """Mask of all coordinates at t (s)."""
+        return self.along({body.name: body.joint.movable(t) for body in self.bodies})
+
+    def _places(self, z: Float[Array, " n"]) -> Float[Array, "2 B 3"]:
+        """Poses of pivots and centres of mass for the coordinates z."""
+        found: dict[str, Array] = {}
+        pivots = {body.name: body.pivot for body in self.bodies}
+        centres = []
+        q = self.split(z)
+        for body in self.bodies:
+            above, arm = jnp.zeros(3, z.dtype), body.pivot
+            if body.joint.parent:
+                above, arm = found[body.joint.parent], body.pivot - pivots[body.joint.parent]
+            pose = body.joint.place(above, arm, *q[body.name])
+            found[body.name] = pose
+            arm = body.centre - body.pivot
+            centres.append(jnp.concatenate([pose[:2] + turned(arm, pose[2]) - arm, pose[2:]]))
+        return jnp.stack([jnp.stack(list(found.values())), jnp.stack(centres)])
+
+    def _at(self, z: Array, rates: Array, movable: Array) -> Kinematics:
+        """Kinematics for coordinates, rates and the mask of the coordinates."""
+
+        def velocities(z):
+            return jax.jvp(self._places, (z,), (rates,))[1]
+
+        poses, bias = self._places(z), jax.jvp(velocities, (z,), (rates,))[1]
+        mass = jnp.stack([body.generalised_mass() for body in self.bodies])
+        return Kinematics(rates, poses, jax.jacfwd(self._places)(z), bias, mass, movable)
+
+
+def inverse_where(mask: Float[Array, " n"], matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Inverse of the rows and columns of a matrix where the mask is 1; zero elsewhere."""
+    both = mask[:, None] * mask
+    return both * jnp.linalg.inv(jnp.where(both > 0, matrix, jnp.eye(len(mask), dtype=matrix.dtype)))

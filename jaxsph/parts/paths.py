@@ -1,0 +1,60 @@
+"""Given motions of solids as functions of time: harmonic, and interpolated between samples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.parts.driven import AbstractPath
+
+__all__ = ["HarmonicPath", "SampledPath"]
+
+
+class HarmonicPath(AbstractPath):
+    """Harmonic motion, amplitude sin(omega t + phase), which grows smoothly over the `ramp`."""
+
+    amplitude: Float[Array, "3"]
+    """Amplitudes of surge (m), heave (m) and pitch (rad)."""
+    omega: Scalar
+    """Angular frequency, rad/s."""
+    phase: Float[Array, "3"]
+    """Phases of surge, heave and pitch, rad."""
+    ramp: Scalar
+    """Time over which the motion grows to its amplitude, s; positive."""
+
+    def pose(self, t):
+        """See `AbstractPath`."""
+        s = jnp.clip(t / self.ramp, 0.0, 1.0)
+        # the first two derivatives vanish at both ends, so that the acceleration has no jump
+        grown = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        return grown * self.amplitude * jnp.sin(self.omega * t + self.phase)
+
+
+class SampledPath(AbstractPath):
+    """Motion interpolated by cubic splines between samples; at rest before the first and after the last."""
+
+    t: Float[Array, " K"]
+    """Times of the samples, s."""
+    coefficients: Float[Array, "4 K-1 3"]
+    """Coefficients of surge (m), heave (m) and pitch (rad) in falling powers of the time since a sample."""
+
+    @classmethod
+    def of(cls, t: np.ndarray, poses: np.ndarray, dtype: Any = jnp.float32) -> SampledPath:
+        """Builds the path through `poses` `[K, 3]` (m, m, rad) at increasing times t (s).
+
+        The motion begins and ends with zero velocity.
+        """
+        spline = CubicSpline(t, poses, bc_type="clamped")
+        return cls(jnp.asarray(t, dtype), jnp.asarray(spline.c, dtype))
+
+    def pose(self, t):
+        """See `AbstractPath`."""
+        within = jnp.clip(t, self.t[0], self.t[-1])
+        piece = jnp.clip(jnp.searchsorted(self.t, within, side="right") - 1, 0, len(self.t) - 2)
+        a, b, c, d = self.coefficients[:, piece]
+        s = within - self.t[piece]
+        return ((a * s + b) * s + c) * s + d

@@ -1,0 +1,216 @@
+"""Coupling of rigid bodies to the water in a step, and the energies that the bodies exchange."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
+from jaxsph.core.pairs import Pair
+from jaxsph.core.slabs import PointNeighbours, Sources
+from jaxsph.model import laws
+from jaxsph.model.interfaces import AbstractScheme, Model
+from jaxsph.model.mechanism import inverse_where
+from jaxsph.model.solids import AbstractBody
+from jaxsph.model.state import Pressures, Tables
+from jaxsph.schemes.step import GhostFields
+
+__all__ = ["BodiesCoupling", "BodyGrip", "BodyHold", "BodyWork", "body_grip", "couple_bodies", "push_bodies"]
+
+
+class BodyGrip(NamedTuple):
+    """Linear map from pressures to the force on a body.
+
+    The map is minus the sum of the pair law that accelerates the water, so that the forces on body and water
+    are equal and opposite.
+    """
+
+    arms: Float[Array, "3 B D"]
+    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit velocity of each motion."""
+    sums: Float[Array, "B D"]
+    """Weight of every dummy's own pressure: the sum of its `weights`."""
+    weights: Components
+    """Weights of the water's pressures around every dummy, one component per axis, by slot of `table`."""
+    table: PointNeighbours
+    """Neighbours of the dummies in the water."""
+
+    def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
+        """Generalised force due to the pressures (Pa) of water and dummies, N, N, N m (per metre in 2-D)."""
+        around = stack([self.table.weighted_sum(w, Sources({"f": p}, {})) for w in self.weights])
+        return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.sums)
+
+
+class BodyHold(NamedTuple):
+    """Linear maps between a body's accelerations, the pressure of its dummies, and the force on it."""
+
+    grip: BodyGrip
+    """Map from pressures to the force on the body."""
+    slopes: Float[Array, "3 B"]
+    """Pressure (Pa) of the dummies per unit of each of the body's accelerations (m/s2, m/s2, rad/s2)."""
+    ways: Float[Array, "3 n"]
+    """Velocity of the body's pivot and pitch per unit rate of each coordinate of the bodies."""
+    rows: tuple[int, int]
+    """Index of the body's first ghost, and one more than the index of its last ghost."""
+
+    def force(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
+        """Generalised force of the pressures (Pa) on the body, N, N, N m (per metre in 2-D)."""
+        return self.grip.force(p, p_ghosts[slice(*self.rows)])
+
+
+class BodiesCoupling(NamedTuple):
+    """Linear maps between the accelerations of all bodies and the water's pressure around them.
+
+    The unknowns are the accelerations of the n coordinates of the bodies (`Mechanism`) due to forces. The
+    pressure of the dummies depends instantaneously on these accelerations. This part of the added mass is
+    included in the mass matrix here; the remainder acts through the water's pressure.
+    """
+
+    holds: dict[str, BodyHold]
+    """Maps of every body, by name."""
+    inverse: Float[Array, "n n"]
+    """Accelerations of the coordinates per unit generalised force, with damping over a step; 0 for
+    coordinates that are not free."""
+    outside: Float[Array, " n"]
+    """Generalised force without the water's pressure, N or N m (per metre in 2-D)."""
+    movable: Float[Array, " n"]
+    """Mask of the coordinates: 1 where the coordinate is free, 0 where its rate is constant."""
+
+    def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
+        """Accelerations (m/s2 or rad/s2) due to the pressures (Pa) of the water and the ghosts.
+
+        The pressures of the ghosts exclude the part that these accelerations add (`press`).
+        """
+        return self.inverse @ sum(h.ways.T @ h.force(p, p_ghosts) for h in self.holds.values())
+
+    def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
+        """Accelerations (m/s2 or rad/s2) due to pressures (Pa), as in `response`, and other forces."""
+        return self.response(p, p_ghosts) + self.inverse @ self.outside
+
+    def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, " n"]) -> Float[Array, " G"]:
+        """Pressures of the ghosts (Pa), with the part due to the accelerations added to the dummies."""
+        for hold in self.holds.values():
+            added = (hold.ways @ (self.movable * acceleration)) @ hold.slopes
+            p_ghosts = p_ghosts.at[slice(*hold.rows)].add(added)
+        return p_ghosts
+
+    def forces(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> dict[str, Float[Array, "3"]]:
+        """Generalised forces of the pressures (Pa) on the bodies by name, N, N, N m (per metre in 2-D)."""
+        return {name: hold.force(p, p_ghosts) for name, hold in self.holds.items()}
+
+
+def couple_bodies(
+    scheme: AbstractScheme,
+    model: Model,
+    parts: Mapping[str, Any],
+    t: Scalar,
+    dt: Scalar,
+    ghosts: GhostFields,
+    tables: Tables,
+) -> tuple[BodiesCoupling, ...]:
+    """Coupling of the bodies to the water for a step of dt (s), at most one.
+
+    **Arguments**: `parts`: states of the parts by name, with the bodies in their poses at the time t (s) of
+    the `ghosts`, and with the velocities that the step changes.
+    """
+    if not model.bodies:
+        return ()
+    mechanism, kinematics = model.mechanism, model.mechanism.kinematics(parts, t)
+    outside, damping = mechanism.pulls(kinematics, parts, model.g)
+    mass, holds = kinematics.mass_matrix + dt * jnp.diag(damping), {}
+    still = jnp.zeros_like(tables.x[:, 0])
+    for body, way in zip(model.bodies, kinematics.ways[0], strict=True):
+        motion = parts[body.name]
+        grip = body_grip(scheme, body, motion, ghosts, tables)
+        slopes = _slopes(scheme, model, body, motion, ghosts)
+        holds[body.name] = BodyHold(grip, slopes, way, body.rows)
+        if not body.fixed:
+            added = jax.vmap(lambda slope, grip=grip: grip.force(still, slope))(slopes).T
+            mass = mass - way.T @ added @ way
+    movable = kinematics.movable
+    return (BodiesCoupling(holds, inverse_where(movable, mass), outside, movable),)
+
+
+def body_grip(
+    scheme: AbstractScheme, body: AbstractBody, motion: Any, ghosts: GhostFields, tables: Tables
+) -> BodyGrip:
+    """Map from pressures to the force on a body, from the weights of the water around its dummies."""
+    rows = slice(*body.rows)
+    x = ghosts.x[rows]
+
+    def law(pair: Pair, i, j):
+        w = tuple(-laws.volume(j) * pair.F * r for r in pair.r)
+        return w, w
+
+    table = tables.around[body.name]
+    summed, weights = table.weights(law, scheme.smoothing, {"x": columns(x)}, ghosts.water)
+    arms = body.directions(motion, x) * ghosts.V[rows, None]
+    return BodyGrip(arms, stack(summed), weights, table)
+
+
+def _slopes(
+    scheme: AbstractScheme, model: Model, body: AbstractBody, motion: Any, ghosts: GhostFields
+) -> jax.Array:
+    """Pressure (Pa) of a body's dummies per unit of each acceleration of its pivot and pitch, `[3, B]`."""
+    rows = slice(*body.rows)
+    fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
+    x, nodes, zero = ghosts.x[rows], ghosts.nodes[rows], jnp.zeros_like(fit.wet)
+
+    def slope(direction):
+        return model.walls.pressure(fit, zero, x, nodes, -scheme.rho0 * direction)
+
+    return jnp.where(fit.wet > 0, jax.vmap(slope)(body.directions(motion, x)), 0.0)
+
+
+class BodyWork(NamedTuple):
+    """Bodies after the forces of a step changed their velocities, and the energies that they exchanged."""
+
+    motions: dict[str, Any]
+    """Motions of the bodies by name, with the impulse of the water's force added."""
+    amounts: dict[str, Scalar]
+    """Energies taken by power take-offs and given by drives, by ledger name, J (J/m in 2-D)."""
+    by_pressure: Scalar
+    """Work of the water's pressure on the bodies, J (J/m in 2-D)."""
+    by_touch: Scalar
+    """Work on the bodies of the water that touches them, J (J/m in 2-D)."""
+
+
+def push_bodies(
+    model: Model,
+    before: Mapping[str, Any],
+    t: Scalar,
+    dt: Scalar,
+    couplings: tuple[BodiesCoupling, ...],
+    pressures: Pressures,
+) -> BodyWork:
+    """Bodies after the forces of a step of dt (s) changed their velocities at constant poses.
+
+    **Arguments**: `before`: states of the parts by name at the time t (s) of the forces; `pressures`: with
+    the accelerations and forces of the bodies that result from `couplings`. The contact forces of the
+    previous step act in this step.
+    """
+    nothing, forces = jnp.zeros_like(dt), pressures.forces
+    done = BodyWork({}, {}, nothing, nothing)
+    for coupling, acceleration in zip(couplings, pressures.accelerations, strict=True):
+        after = model.mechanism.kicked(before, t, dt * acceleration)
+        others = coupling.outside + sum(h.ways.T @ forces[name] for name, h in coupling.holds.items())
+        kinematics = model.mechanism.kinematics(before, t)
+        given = model.mechanism.given(kinematics, acceleration, others)
+        for body in model.bodies:
+            old, new = before[body.name], after[body.name]
+            moved = 0.5 * dt * (old.velocity + new.velocity)
+            both = forces[body.name] + old.contact
+            motion = eqx.tree_at(
+                lambda m: (m.force, m.impulse), new, (forces[body.name], new.impulse.add(dt * both))
+            )
+            taken = body.absorbed(old, new, dt)
+            done = BodyWork(
+                done.motions | {body.name: motion},
+                done.amounts | dict(body.exchanges(taken, dt * given[body.name])),
+                done.by_pressure + jnp.sum(forces[body.name] * moved),
+                done.by_touch + jnp.sum(old.contact * moved),
+            )
+    return done
