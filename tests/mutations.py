@@ -17,7 +17,10 @@ CASES = {
 KEYS = key_names(Case)
 SMALL = {
     "beach": {"dx": 0.05, "tank.length": 5.0, "solid.beach.polygon": [[3.0, 0.0], [5.0, 0.5], [5.0, 0.0]]},
+    "box_in_waves": {"dx": 0.05, "tank.length": 5.0, "sponge.length": 1.2},
+    "box_moored": {"dx": 0.05, "tank.length": 5.0, "sponge.length": 1.2},
     "breakwater": {"dx": 0.05, "probes.gauges": []},
+    "buoy_heave": {"dx": 0.05, "tank.length": 5.0, "sponge.length": 1.2},
     "dam_break": {"dx": 0.1, "tank.length": 2.4},
     "dam_break_column": {"dx": 0.06, "tank.layer": None, "tank.width": 0.6, "tank.length": 1.2},
     "flap_2d": {"dx": 0.06, "tank.length": 8.1},
@@ -31,6 +34,14 @@ SMALL = {
         "solid.front.polygon": [[5.82, 0.36], [5.94, 0.36], [6.24, 0.76], [6.12, 0.76]],
     },
     "owc_two_chambers": {"dx": 0.05, "solid.front.block.low": [4.57, 0.28]},
+    "raft": {
+        "dx": 0.04,
+        "tank.length": 5.6,
+        "sponge.length": 1.2,
+        "bodies.fore.block": {"low": [3.0, 0.36], "high": [3.48, 0.44]},
+        "bodies.aft.block": {"low": [3.56, 0.36], "high": [4.04, 0.44]},
+        "bodies.aft.pivot": [3.52, 0.4],
+    },
     "section_fixed": {"dx": 0.08, "tank.length": 8.5},
     "owc": {"dx": 0.04, "tank.length": 2.4, "device.wall_thickness": 0.04, "probes": {}},
     "vessel": {"dx": 0.04, "device.wall_thickness": 0.04},

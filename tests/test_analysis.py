@@ -61,6 +61,16 @@ def test_reflection_ignores_noise():
     assert found == pytest.approx(0.2, abs=0.012)
 
 
+def test_a_drift_and_an_oscillation_do_not_disturb_each_other():
+    """Over three periods, the sine of a harmonic and a straight line are far from orthogonal."""
+    t = np.linspace(0.0, 3.6, 181)
+    y = 0.3 + 0.02 * t + 0.05 * np.sin(2 * np.pi / 1.2 * t + 0.4) + 0.01 * np.cos(4 * np.pi / 1.2 * t)
+    rate = analysis.drift_rate(t, y, 1.2)
+    assert rate == pytest.approx(0.02, rel=1e-9)
+    assert abs(analysis.fundamental(t, y - rate * t, 1.2)) == pytest.approx(0.05, rel=1e-9)
+    assert abs(abs(analysis.fundamental(t, y, 1.2)) - 0.05) > 0.003
+
+
 def test_fundamental_of_several_series():
     t = np.linspace(0.0, 3 * T, 361)  # whole periods: mean and harmonics are orthogonal to the wave
     B = np.array([[2.0 + 1.0j, -0.3j], [0.0, -1.0]])

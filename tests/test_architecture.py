@@ -121,7 +121,8 @@ def test_leaf_and_facade_import_no_room():
 @pytest.mark.parametrize(
     ("name", "owners"),
     [
-        ("scan", {"core.loop", "core.pairs"}),  # over time, and over the slots of a table
+        # over time, over the slots of a table, and over the stages of a Runge-Kutta step
+        ("scan", {"core.loop", "core.pairs", "model.mechanism"}),
         # over a number of blocks of the time loop, over the candidates of a line of cells, and over Newton's
         # steps for laws of several chambers
         ("fori_loop", {"core.loop", "core.search.cells", "schemes.air"}),

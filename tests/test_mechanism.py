@@ -8,197 +8,44 @@ import pytest
 from conftest import enable_x64
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 import jaxsph as js
-from jaxsph.model.mechanism import Mechanism, inverse_where
-from jaxsph.model.solids import AbstractJoint
-from jaxsph.parts.body import RigidBody
+from experiments.linkages import body, double_pendulum
+from experiments.verification import joints
+from jaxsph.model.mechanism import Mechanism
 from jaxsph.parts.joint import MOTIONS, PlanarJoint
-from jaxsph.parts.paths import HarmonicPath, SampledPath
-
-G = 9.81
-
-
-def body(name, shape, joint, pivot, dtype):
-    return RigidBody.of(shape, (0, 0), joint, density=500.0, pivot=pivot, name=name, dtype=dtype)
-
-
-def march(bodies, t1, n, dtype, every=1):
-    """Motions of the bodies at every `every`-th of n steps to t1, with the kicks and drifts of the scheme."""
-    mechanism, dt = Mechanism(bodies), jnp.asarray(t1 / n, dtype)
-    g = jnp.asarray([0.0, -G], dtype)
-
-    def step(carry, k):
-        parts, done = carry
-        t = k * dt
-        parts = mechanism.drifted(parts, t, 0.5 * dt)
-        kinematics = mechanism.kinematics(parts, t + 0.5 * dt)
-        forces, damping = mechanism.pulls(kinematics, parts, g)
-        mass = kinematics.mass_matrix + dt * jnp.diag(damping)
-        change = inverse_where(kinematics.movable, mass) @ forces
-        power = mechanism.given(kinematics, change, forces)
-        parts = mechanism.kicked(parts, t + 0.5 * dt, dt * change)
-        parts = mechanism.drifted(parts, t + 0.5 * dt, 0.5 * dt)
-        return (parts, done + dt * sum(power.values())), None
-
-    def block(carry, k):
-        carry, _ = jax.lax.scan(step, carry, k)
-        parts, done = carry
-        energy = sum(sum(one.energy(parts[one.name], g)) for one in bodies)
-        return carry, ({one.name: parts[one.name].pose for one in bodies}, energy, done)
-
-    start = mechanism.start(dtype)
-    steps = jnp.arange(n).reshape(-1, every)
-    _, found = jax.jit(lambda s: jax.lax.scan(block, (s, jnp.zeros((), dtype)), steps))(start)
-    return found
-
-
-def double_pendulum(dtype, angles=(0.7, -0.4)):
-    """Two bars of 1 and 0.8 m, hinged at (0, 0) and at the end of the first; upright bars hang downwards."""
-    upper, lower = js.Block((-0.05, -1.0), (0.05, 0.0)), js.Block((-0.05, -1.8), (0.05, -1.0))
-    joints = [
-        PlanarJoint.of(["pitch"], position=(0.0, 0.0, angle), parent=parent, dtype=dtype)
-        for angle, parent in zip(angles, ("", "upper"), strict=True)
-    ]
-    return (
-        body("upper", upper, joints[0], (0.0, 0.0), dtype),
-        body("lower", lower, joints[1], (0.0, -1.0), dtype),
-    )
-
-
-def pendulum_equations(t, y, lengths=(1.0, 0.8), width=0.1):
-    """Lagrange's equations of the double pendulum in absolute angles a, b from the vertical."""
-    a, b, va, vb = y
-    (l1, l2), m1, m2 = lengths, 500.0 * width * lengths[0], 500.0 * width * lengths[1]
-    i1, i2 = (m * (long * long + width * width) / 12.0 for m, long in ((m1, l1), (m2, l2)))
-    c, s = np.cos(a - b), np.sin(a - b)
-    mass = [
-        [i1 + m1 * l1**2 / 4 + m2 * l1**2, m2 * l1 * l2 / 2 * c],
-        [m2 * l1 * l2 / 2 * c, i2 + m2 * l2**2 / 4],
-    ]
-    force = [
-        -m2 * l1 * l2 / 2 * s * vb**2 - (m1 / 2 + m2) * G * l1 * np.sin(a),
-        m2 * l1 * l2 / 2 * s * va**2 - m2 * G * l2 / 2 * np.sin(b),
-    ]
-    return [va, vb, *np.linalg.solve(mass, force)]
+from jaxsph.parts.paths import SampledPath
 
 
 def test_double_pendulum_follows_lagrange_s_equations():
-    """Over 3 s, or two periods, with steps of 0.5 ms: errors of second order, 4e-6 rad when written."""
+    """Over 3 s, or two periods, with steps of 0.5 ms: errors of second order, 2e-6 rad when written."""
     with enable_x64():
-        poses, *_ = march(double_pendulum(jnp.float64), 3.0, 6000, jnp.float64, 100)
-    exact = solve_ivp(pendulum_equations, (0, 3), [0.7, 0.3, 0, 0], rtol=1e-10, atol=1e-12, dense_output=True)
-    t = np.linspace(0.05, 3.0, 60)
-    for name, angle in zip(("upper", "lower"), exact.sol(t)[:2], strict=True):
-        np.testing.assert_allclose(poses[name][:, 2], angle, atol=1e-4)
+        _, found, exact = joints.pendulum()
+    np.testing.assert_allclose(found, exact, atol=1e-4)
 
 
 @pytest.mark.slow
 def test_double_pendulum_keeps_its_energy_over_a_hundred_periods():
     """Kicks and drifts are symplectic, so that the error oscillates and does not grow."""
     with enable_x64():
-        _, energy, _ = march(double_pendulum(jnp.float64), 190.0, 190_000, jnp.float64, 1000)
-    swing = 0.5 * G * (500.0 * 0.1 * (0.5 + 0.8) * (1 - np.cos(0.7)))
-    late = np.abs(np.asarray(energy) - float(energy[0]))
-    assert late.max() < 1e-5 * swing
+        late = np.abs(joints.change_of_energy())
+    assert late.max() < 5e-6
     assert late[-50:].mean() < 3.0 * late[:50].mean()
-
-
-class Rod(AbstractJoint):
-    """Connecting rod of a crank: its far end stays on the line z = 0, so that it has no coordinate."""
-
-    parent: str = eqx.field(static=True, default="crank")
-    length: float = eqx.field(static=True, default=1.0)
-    free = ()
-    coordinates = ()
-    moves = (True, True, True)
-    driven = False
-
-    def start(self, dtype):
-        return jnp.zeros(0, dtype), jnp.zeros(0, dtype)
-
-    def pose(self, q, t):
-        raise NotImplementedError
-
-    def place(self, above, arm, q, t):
-        pin = jnp.stack(
-            [
-                jnp.cos(above[2]) * arm[0] + jnp.sin(above[2]) * arm[1],
-                jnp.cos(above[2]) * arm[1] - jnp.sin(above[2]) * arm[0],
-            ]
-        )
-        return jnp.stack([*(pin - arm), jnp.arcsin(pin[1] / self.length)])
-
-    def movable(self, t):
-        return jnp.zeros(0, t.dtype)
-
-
-class Piston(Rod):
-    """Piston at the far end of the rod."""
-
-    parent: str = eqx.field(static=True, default="rod")
-
-    def place(self, above, arm, q, t):
-        end = above[0] + self.length * (jnp.cos(above[2]) - 1.0)
-        return jnp.stack([end, 0.0 * end, 0.0 * end])
-
-
-def crank_equation(t, y, r=0.3, length=1.0):
-    """Equation of a crank with rod and piston in the angle from the x axis, upwards, by Lagrange."""
-    m = {"crank": 500.0 * 0.1 * 0.3, "rod": 500.0 * 0.1 * 1.0, "piston": 500.0 * 0.04}
-    i_crank = m["crank"] * ((0.3**2 + 0.1**2) / 12 + 0.15**2)
-    i_rod = m["rod"] * (1.0 + 0.1**2) / 12
-
-    def parts(a):
-        """Mass and height by the angle a."""
-        b = np.arcsin(r / length * np.sin(a))
-        db = r / length * np.cos(a) / np.cos(b)
-        rod = np.array([-r * np.sin(a) - length / 2 * np.sin(b) * db, r * np.cos(a) / 2])
-        piston = -r * np.sin(a) - length * np.sin(b) * db
-        mass = i_crank + i_rod * db**2 + m["rod"] * rod @ rod + m["piston"] * piston**2
-        return mass, G * (m["crank"] * 0.5 * r + m["rod"] * 0.5 * r) * np.sin(a)
-
-    a, v = y
-    (mass, _), h = parts(a), 1e-5
-    slope, pull = ((np.array(parts(a + h)) - np.array(parts(a - h))) / (2 * h)).tolist()
-    return [v, (-pull - 0.5 * slope * v**2) / mass]
 
 
 def test_a_closed_chain_in_closed_form_follows_lagrange_s_equation():
     """Slider-crank: joints without coordinates that depend on the pose of the body that carries them."""
     with enable_x64():
-        f = jnp.float64
-        bodies = (
-            body("crank", js.Block((0.0, -0.05), (0.3, 0.05)), PlanarJoint.of(["pitch"], dtype=f), (0, 0), f),
-            body("rod", js.Block((0.3, -0.05), (1.3, 0.05)), Rod(), (0.3, 0.0), f),
-            body("piston", js.Block((1.2, -0.1), (1.4, 0.1)), Piston(), (1.3, 0.0), f),
-        )
-        poses, *_ = march(bodies, 3.0, 6000, f, 100)
-    exact = solve_ivp(crank_equation, (0, 3), [0.0, 0.0], rtol=1e-9, atol=1e-11, dense_output=True)
-    t = np.linspace(0.05, 3.0, 60)
-    np.testing.assert_allclose(-poses["crank"][:, 2], exact.sol(t)[0], atol=1e-4)
+        _, found, exact = joints.crank()
+    np.testing.assert_allclose(found, exact, atol=1e-4)
 
 
 def test_a_drive_gives_what_the_bodies_gain():
     """A pendulum on a carriage with a given motion: work of the drive against the energy of both."""
     with enable_x64():
-        f = jnp.float64
-        path = HarmonicPath(*(jnp.asarray(a, f) for a in ([0.2, 0.05, 0.1], 7.0, [0.0, 0.5, 1.0], 0.5)))
-        bodies = (
-            body("cart", js.Block((-0.2, -0.1), (0.2, 0.1)), PlanarJoint.of(path=(path,), dtype=f), None, f),
-            body(
-                "bob",
-                js.Block((-0.05, -0.8), (0.05, 0.0)),
-                PlanarJoint.of(["pitch"], parent="cart", dtype=f),
-                (0.0, 0.0),
-                f,
-            ),
-        )
-        _, energy, given = march(bodies, 2.0, 8000, f, 100)
-    gained = np.asarray(energy - energy[0])
+        work, gained = joints.work_and_gain()
     assert np.ptp(gained) > 10.0
-    np.testing.assert_allclose(given - given[0], gained, atol=1e-3 * np.ptp(gained))
+    np.testing.assert_allclose(work, gained, atol=1e-3 * np.ptp(gained))
 
 
 @pytest.fixture(scope="module")

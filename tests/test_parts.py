@@ -13,7 +13,6 @@ import jaxsph as js
 from jaxsph import analysis
 from jaxsph.model.meaning import Exchange
 from jaxsph.model.state import Tally
-from jaxsph.parts.rotational import RotationalPTO
 from jaxsph.probes.gauges import WaveGauge
 from jaxsph.probes.joined import described, measured
 from jaxsph.probes.parts import PartProbe
@@ -153,6 +152,11 @@ def test_readings_that_share_a_name_are_refused(hydrostatic):
     assert set(described(probes[:1])) == {"time", "eta"}
 
 
+def _take_off(name, body):
+    law = js.Damper(jnp.float32(1.0), jnp.float32(0.0))
+    return js.Link(js.AlongJoint(body), law, harvests=True, name=name)
+
+
 def test_a_chamber_and_a_body_have_readings_of_their_own():
     """A body without a power take-off has no power, and does not take over the chamber's."""
     chamber = js.Chamber.of(
@@ -160,9 +164,10 @@ def test_a_chamber_and_a_body_have_readings_of_their_own():
     )
     block = js.Block((0.4, 0.28), (0.64, 0.52))
     bodies = [js.RigidBody.of(block, (0, 1), ("heave",), density=500.0)]
-    hinge = RotationalPTO.of(damping=1.0)
-    bodies.append(js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="2"))
-    probes = [PartProbe.of(part, jnp.float32(0.01), 2) for part in (chamber, *bodies)]
+    bodies.append(js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, name="2"))
+    probes = [
+        PartProbe.of(part, jnp.float32(0.01), 2) for part in (chamber, *bodies, _take_off("pto_2", "2"))
+    ]
     powers = [name for name in described(probes) if name.startswith("power_")]
     assert powers == ["power_pto", "power_pto_2"]
 
@@ -172,12 +177,12 @@ def test_a_chamber_and_a_body_have_readings_of_their_own():
 )
 def test_amounts_of_two_dimensions_are_per_metre_of_width(dim, force, flow):
     """No quantity of a device has the unit of the other number of dimensions."""
-    hinge = RotationalPTO.of(damping=1.0)
     block = js.Block((0.4, 0.28), (0.64, 0.52))
-    body = js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, pto=hinge, name="b")
+    body = js.RigidBody.of(block, (0, 1), ("pitch",), density=500.0, name="b")
+    link = _take_off("pto_b", "b")
     pto = js.PneumaticPTO(jnp.float32(100.0))
     chamber = js.Chamber.of(pto, between=(1.0, 1.2), tip=0.2, level=0.4, dx=0.04)
-    found = described([PartProbe.of(part, jnp.float32(0.01), dim) for part in (body, chamber)])
+    found = described([PartProbe.of(part, jnp.float32(0.01), dim) for part in (body, link, chamber)])
     assert found["body_force_b"].units == found["body_force_mean_b"].units == force
     assert found["flow"].units == found["flow_mean"].units == flow
     assert found["chamber_volume"].units == ("m2" if dim == 2 else "m3")

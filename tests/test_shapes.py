@@ -1,7 +1,5 @@
 """Shapes of solids: distances, dummies, moments; and motions of a rigid body."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2
+from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.state import Tally
 from jaxsph.output.plot.tank import move
 from jaxsph.parts.body import BodyMotion, RigidBody
-from jaxsph.parts.rotational import FreeHinge, RotationalPTO
+from jaxsph.parts.joint import MOTIONS, PlanarJoint
 from jaxsph.solids import brim
 from jaxsph.solids.composed import Difference, Placed, Union
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon, _along, _apart
 
 SQUARE = ((0.1, 0.2), (0.5, 0.2), (0.5, 0.4), (0.1, 0.4))
-FREE = FreeHinge()
 L_SHAPE = Union((Block((0.1, 0.1), (0.5, 0.25)), Block((0.1, 0.1), (0.25, 0.5))))
 RING = Difference(Disc((0.3, 0.3), 0.2), Disc((0.3, 0.3), 0.1))
 TILTED = Placed(Polygon(SQUARE), by=(0.02, -0.01), angle=0.4, about=(0.3, 0.3))
@@ -194,18 +192,22 @@ def test_a_polygon_that_crosses_itself_is_refused():
         Polygon(((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)))
 
 
-def _body(free=(True, True, True), pto=FREE, pivot=(0.3, 0.3)):
+def _body(free=MOTIONS, pivot=(0.3, 0.3), release=0.0):
     return RigidBody(
-        free=free,
         shape=BLOCK,
         mass=jnp.float32(2.0),
         inertia=jnp.float32(0.5),
         pivot=jnp.array(pivot),
         centre=jnp.array([0.3, 0.3]),
-        pto=pto,
-        release=jnp.float32(0.0),
+        joint=PlanarJoint.of(free, release=release),
         rows=(0, 0),
     )
+
+
+def _moving(pose, velocity=(0.0, 0.0, 0.0)):
+    pose, velocity = jnp.asarray(pose, jnp.float32), jnp.asarray(velocity, jnp.float32)
+    none = jnp.zeros(3)
+    return BodyMotion(pose, velocity, pose, velocity, none, none, Tally.zero(jnp.float32, (3,)))
 
 
 POSES = st.tuples(*(st.floats(-1.0, 1.0, width=32) for _ in range(3)))
@@ -217,11 +219,10 @@ def test_velocities_are_the_rate_of_positions(pose, velocity):
     """Distances are kept, and carrying points back is the inverse motion."""
     body, x = _body(), jnp.asarray(BLOCK.dummies(0.1, 1)[0], jnp.float32)
     pose, velocity = jnp.asarray(pose, jnp.float32), jnp.asarray(velocity, jnp.float32)
-    none, no_impulse = jnp.zeros(3), Tally.zero(jnp.float32, (3,))
-    state = BodyMotion(pose, velocity, none, none, no_impulse)
+    state = _moving(pose, velocity)
 
     def at(t):
-        return body.carry(BodyMotion(pose + t * velocity, velocity, none, none, no_impulse), x)
+        return body.carry(_moving(pose + t * velocity, velocity), x)
 
     there, rate = jax.jvp(at, (0.0,), (1.0,))
     np.testing.assert_allclose(body.velocity(state, there), rate, atol=2e-6)
@@ -231,41 +232,26 @@ def test_velocities_are_the_rate_of_positions(pose, velocity):
     np.testing.assert_allclose(body.centripetal(state, there), second, atol=2e-5)
 
 
-def test_a_pivot_off_the_centre_allows_pitch_alone():
-    with pytest.raises(ValueError, match="pivot"):
-        _body((True, False, True), pivot=(0.3, 0.2))
-
-
 def test_weight_turns_a_leaning_flap_further():
     """The centre of mass is above and landward of the hinge: a landward moment of M g times the arm."""
-    body = _body((False, False, True), pivot=(0.3, 0.2))
-    leaning = BodyMotion.at_rest(jnp.float32, pose=(0.0, 0.0, 0.2))
-    moment = body.external(leaning, jnp.array([0.0, -9.81]))[2]
-    np.testing.assert_allclose(moment, 2.0 * 9.81 * 0.1 * np.sin(0.2), rtol=1e-6)
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.floats(-2.0, 2.0, width=32), st.floats(-1.0, 1.0, width=32))
-def test_a_rotational_pto_only_takes(omega, angle):
-    pto = RotationalPTO.of(damping=3.0, coulomb=0.4, spring=5.0, stop=0.5, stop_stiffness=100.0)
-    body = _body((False, False, True), pto)
-    old = BodyMotion.at_rest(jnp.float32, (0.0, 0.0, omega), (0.0, 0.0, angle))
-    assert float(body.absorbed(old, old, jnp.float32(0.01))) >= 0.0
-    assert float(pto.restoring(jnp.float32(angle))) * angle <= 0.0
+    body = _body(("pitch",), pivot=(0.3, 0.2))
+    mechanism, parts = Mechanism((body,)), {"body": _moving((0.0, 0.0, 0.2))}
+    t = jnp.float32(0.0)
+    forces, _ = mechanism.pulls(mechanism.kinematics(parts, t), parts, t, jnp.array([0.0, -9.81]))
+    np.testing.assert_allclose(forces[2], 2.0 * 9.81 * 0.1 * np.sin(0.2), rtol=1e-5)
 
 
 def test_pictures_draw_the_body_where_it_is():
     body, pose = _body(), np.array([0.1, -0.2, 0.4])
     corners = np.asarray(SQUARE)
-    state = BodyMotion.at_rest(jnp.float32, pose=pose)
-    moved = body.carry(state, jnp.asarray(corners, jnp.float32))
+    moved = body.carry(_moving(pose), jnp.asarray(corners, jnp.float32))
     np.testing.assert_allclose(move(corners, np.asarray(body.pivot), pose), moved, atol=1e-6)
 
 
 def test_a_body_is_held_until_its_release():
-    body = dataclasses.replace(_body((False, True, False)), release=jnp.float32(0.5))
+    joint = _body(("heave",), release=0.5).joint
     for t, expected in ((0.4, [0, 0, 0]), (0.5, [0, 1, 0])):
-        np.testing.assert_array_equal(body.movable(jnp.float32(t)), expected)
+        np.testing.assert_array_equal(joint.movable(jnp.float32(t)), expected)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -16,7 +16,7 @@ from jaxsph.analysis.periods import (
     settled_from,
     whole_periods,
 )
-from jaxsph.analysis.reflection import Reflection, TwoWaySea, fundamental, reflection, two_way_sea
+from jaxsph.analysis.reflection import Reflection, TwoWaySea, drift_rate, fundamental, reflection, two_way_sea
 from jaxsph.analysis.spectrum import (
     Mean,
     Spectrum,
@@ -37,6 +37,7 @@ __all__ = [
     "TwoWaySea",
     "ZeroCrossingWaves",
     "decay_per_wavelength",
+    "drift_rate",
     "efficiency",
     "energy_budget",
     "extrema",

@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
 
-from jaxsph.analysis.periods import checked, whole_periods
+from jaxsph.analysis.periods import Series, checked, whole_periods
 from jaxsph.analysis.spectrum import BANDS, TAPER, Spectrum, banded, even_step
 from jaxsph.waves import theory
 
@@ -39,12 +39,28 @@ def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
     The angle of B1 / B2 is the phase lead of the first series over the second.
     """
     t, y = checked(t, y)
+    solution = np.linalg.lstsq(_harmonics(t, T), y.reshape(-1, t.size).T, rcond=None)[0]
+    return (solution[1] - 1j * solution[2]).reshape(y.shape[:-1])
+
+
+def drift_rate(t: ArrayLike, y: ArrayLike, T: float) -> float:
+    """Rate at which the mean of a series that oscillates with the period T (s) changes, per second.
+
+    y ~ mean + rate t + first and second harmonic. A straight line through the series alone would be tilted by
+    the oscillation, and harmonics alone by the drift.
+    """
+    t, y = checked(t, y)
+    basis = np.column_stack([_harmonics(t, T), t - np.mean(t)])
+    return float(np.linalg.lstsq(basis, y, rcond=None)[0][-1])
+
+
+def _harmonics(t: Series, T: float) -> Series:
+    """Columns 1, and cosine and sine of the first and second harmonic at times t (s)."""
     phase = 2.0 * np.pi / T * t
     columns = [np.ones_like(t)]
     for n in (1, 2):  # over nearly whole periods, a harmonic that is fitted too does not leak into B
         columns += [np.cos(n * phase), np.sin(n * phase)]
-    solution = np.linalg.lstsq(np.stack(columns, axis=-1), y.reshape(-1, t.size).T, rcond=None)[0]
-    return (solution[1] - 1j * solution[2]).reshape(y.shape[:-1])
+    return np.stack(columns, axis=-1)
 
 
 def reflection(

@@ -18,15 +18,15 @@ from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, grid_over
 from jaxsph.model.air import AbstractDuct
+from jaxsph.model.consistency import check_parts, part_states
 from jaxsph.model.interfaces import (
     AbstractChamber,
     AbstractDamper,
     AbstractForce,
     ExactTangents,
     Model,
-    check_parts,
-    part_states,
 )
+from jaxsph.model.links import Link
 from jaxsph.model.solids import AbstractBody, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Status, Tally
 from jaxsph.parts.rim import Rim
@@ -59,6 +59,7 @@ def assemble(
     g: Sequence[float] | np.ndarray | None = None,
     moving: Sequence[AbstractWall] = (),
     bodies: Sequence[AbstractBody] = (),
+    links: Sequence[Link] = (),
     chambers: Sequence[AbstractChamber] = (),
     ducts: Sequence[AbstractDuct] = (),
     dampers: Sequence[AbstractDamper] = (),
@@ -76,7 +77,8 @@ def assemble(
     `p` `[N]`: gauge pressure (Pa), by default 0. `volume` of each particle (m3; m2 in 2-D), by default dx^D.
     `walls`: ghosts from `Ghosts.build` of a `Box`; the scheme's smoothing must have the same `period`.
     `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (driven solids, and the paddle if the box has a
-    paddle); `bodies`; `chambers`; `ducts` between chambers; `dampers`; `forces` in addition to g.
+    paddle); `bodies` and `links` between them; `chambers`; `ducts` between chambers; `dampers`; `forces` in
+    addition to g.
     `sample_dt`: time between samples (s), a multiple of the time step. `dt_most`: largest time step (s), by
     default the largest stable step. `speed`: largest expected speed (m/s), which determines how often
     neighbours are searched; by default the largest speed in `u`, or for a fluid at rest 0.3 times the largest
@@ -110,6 +112,7 @@ def assemble(
         solids=walls.solids(),
         moving=tuple(moving),
         bodies=tuple(bodies),
+        links=tuple(links),
         chambers=tuple(chambers),
         ducts=tuple(ducts),
         dampers=tuple(dampers),

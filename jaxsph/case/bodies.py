@@ -1,4 +1,4 @@
-"""Rigid bodies of a model, with their joints and given motions, from a case's sections."""
+"""Rigid bodies of a model with their joints, given motions and links, from a case's sections."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.sections import Sections
-from jaxsph.case.shape_sections import BodySection, MotionSection
+from jaxsph.case.sections import TANK, Sections
+from jaxsph.case.shape_sections import BodySection, LinkSection, MotionSection
+from jaxsph.case.shapes import inertia_of
 from jaxsph.errors import CaseError
+from jaxsph.model.links import AbstractEnds, AbstractLaw, Link
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.driven import AbstractPath
-from jaxsph.parts.joint import PlanarJoint
+from jaxsph.parts.joint import MOTIONS, PlanarJoint
+from jaxsph.parts.links import AlongJoint, BetweenPoints, Damper, EndStops, Friction, Latch, Laws, Spring
 from jaxsph.parts.paths import HarmonicPath, SampledPath
-from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge, RotationalPTO
 from jaxsph.solids.shapes import AbstractShape
 from jaxsph.solids.walls import Ghosts
 
@@ -24,8 +26,7 @@ from jaxsph.solids.walls import Ghosts
 def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
     """Rigid bodies of a case, followed by the fixed solids, which are bodies without free motions.
 
-    `leaf` converts a number to an array of the case's precision. **Raises** CaseError for a moment of inertia
-    that no body has.
+    `leaf` converts a number to an array of the case's precision.
     """
     sections, rows = case.every_body, iter(walls.dummies)
     moving = tuple(
@@ -43,24 +44,7 @@ def _body(
 ) -> RigidBody:
     """Rigid body of a case."""
     dtype = np.dtype(case.precision)
-    area, centroid, second = shape.moments()
-    centre = np.asarray(centroid if section.centre is None else section.centre)
-    pivot = centre if section.pivot is None else np.asarray(section.pivot)
-    # a body that only follows a given motion needs neither mass nor inertia
-    mass, inertia = section.mass or 0.0, 0.0
-    if section.density is not None:
-        mass, inertia = section.density * area, section.density * second
-    if section.inertia is not None:
-        shifted = mass * float(np.sum((centre - pivot) ** 2))
-        inertia = section.inertia - shifted
-        if inertia <= 0.0:
-            raise CaseError(
-                f"{case.body_key(name)}.inertia = {section.inertia:g}: the moment of inertia about the pivot "
-                f"must be more than mass times the squared distance from the centre of mass, {shifted:.4g}"
-            )
-    pto: AbstractRotationalPTO = FreeHinge()
-    if section.pto is not None:
-        pto = RotationalPTO.of(**section.pto.model_dump(), dtype=dtype)
+    found = inertia_of(section, shape, case.body_key(name))
     joint = PlanarJoint.of(
         section.free,
         dtype=dtype,
@@ -73,15 +57,81 @@ def _body(
     )
     return RigidBody(
         shape=jax.tree.map(leaf, shape),
-        mass=leaf(mass),
-        inertia=leaf(inertia),
-        pivot=leaf(pivot),
-        centre=leaf(centre),
+        mass=leaf(found.mass),
+        inertia=leaf(found.about_centre),
+        pivot=leaf(found.pivot),
+        centre=leaf(found.centre),
         joint=joint,
-        pto=pto,
         rows=rows,
         name=name,
     )
+
+
+FRICTION_SCALE = 0.01
+"""Rate over which Coulomb friction builds up, m/s or rad/s."""
+
+
+def make_links(case: Sections, leaf: Any) -> tuple[Link, ...]:
+    """Links of a case: those of the bodies' power take-offs, and those of its sections `link`.
+
+    `leaf` converts a number to an array of the case's precision. **Raises** CaseError for a link to a body
+    that does not exist.
+    """
+    found = []
+    for name, section in case.every_body.items():
+        pto = section.pto
+        if pto is None:
+            continue
+        laws = [Damper(leaf(pto.damping), leaf(0.0)), Friction(leaf(pto.coulomb), leaf(FRICTION_SCALE))]
+        laws.append(Spring(leaf(pto.spring), leaf(0.0)))
+        laws.append(EndStops(leaf(-pto.stop), leaf(pto.stop), leaf(pto.stop_stiffness)))
+        called = case.pto_names[name]
+        found.append(Link(AlongJoint(name), Laws(tuple(laws)), harvests=True, name=called))
+    for name, section in case.link.items():
+        found.append(
+            Link(_ends(case, name, section, leaf), _laws(section, leaf), harvests=section.take_off, name=name)
+        )
+    return tuple(found)
+
+
+def _ends(case: Sections, name: str, section: LinkSection, leaf: Any) -> AbstractEnds:
+    """What a link connects."""
+    named = [section.body] if section.between is None else [one for one in section.between if one != TANK]
+    for body in named:
+        if body not in case.every_body:
+            there = ", ".join(case.every_body) or "none"
+            asked = f"link.{name}.{'body' if section.between is None else 'between'}"
+            raise CaseError(f"{asked}: there is no body {body!r}; there are {there}")
+    if section.body is not None and section.motion is not None:
+        free = case.every_body[section.body].free
+        if section.motion not in free:
+            raise CaseError(
+                f"link.{name}.motion = {section.motion!r}: the body {section.body} is not free in it; it is "
+                f"free in {', '.join(free) or 'no motion'}"
+            )
+        return AlongJoint(section.body, MOTIONS.index(section.motion))
+    assert section.between is not None and section.at is not None
+    first, second = ("" if one == TANK else one for one in section.between)
+    rest = float(np.hypot(*np.subtract(*section.at))) if section.rest is None else section.rest
+    a, b = section.at
+    return BetweenPoints(first, second, leaf(a), leaf(b), leaf(rest))
+
+
+def _laws(section: LinkSection, leaf: Any) -> Laws:
+    """Laws of a link's force."""
+    laws: list[AbstractLaw] = []
+    if section.stiffness or section.pretension:
+        laws.append(Spring(leaf(section.stiffness), leaf(section.pretension)))
+    if section.damping or section.quadratic:
+        laws.append(Damper(leaf(section.damping), leaf(section.quadratic)))
+    if section.friction:
+        laws.append(Friction(leaf(section.friction), leaf(FRICTION_SCALE)))
+    if section.stops is not None:
+        low, high = section.stops
+        laws.append(EndStops(leaf(low), leaf(high), leaf(section.stop_stiffness)))
+    if section.latch is not None:
+        laws.append(Latch(leaf(section.latch), leaf(section.latch_damping)))
+    return Laws(tuple(laws))
 
 
 def _path(section: MotionSection, dtype: np.dtype) -> AbstractPath:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.assemble import SKIN, assemble
-from jaxsph.case.bodies import make_bodies
+from jaxsph.case.bodies import make_bodies, make_links
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
 from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
@@ -101,6 +101,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         g=g,
         moving=paddles,
         bodies=bodies,
+        links=make_links(case, leaf),
         chambers=make_chambers(case, geometry, leaf),
         ducts=make_ducts(case, leaf),
         dampers=make_zones(case, geometry, leaf) + make_sponges(case, geometry, leaf),

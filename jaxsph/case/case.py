@@ -36,6 +36,7 @@ SMOOTH = (
     "scheme.delta",
     "sponge.strength",
     *(f"{body}.pto.{key}" for body in BODY_KEYS for key in ("damping", "coulomb", "spring")),
+    *(f"link.{NAME}.{key}" for key in ("stiffness", "pretension", "damping", "quadratic", "friction")),
 )
 """Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths are
 excluded, because a changed length changes the lattice."""

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxsph.case.air_sections import FAR
-from jaxsph.case.sections import ONLY_BODY
 from jaxsph.case.shapes import ends_at
 from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
@@ -139,7 +138,7 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
     if name == FAR:
         return None
     for called in (f"solid.{name}", name):
-        if called in tank.shapes and called != ONLY_BODY:
+        if called in tank.shapes and called.startswith(("solid.", "device")):  # no body that moves
             return tank.shapes[called]
     solids = [called.removeprefix("solid.") for called in tank.shapes if called.startswith("solid.")]
     allowed = ", ".join([*solids, *(["device"] if "device" in tank.shapes else []), FAR])

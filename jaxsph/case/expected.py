@@ -11,10 +11,19 @@ _MESH = (
     "with x and z); surface meshes are not available"
 )
 _MOORING = (
-    "moorings are not available; a body turns about a hinge with `body.pivot`, `body.free` and "
-    "`body.pto.spring`, or is free in surge, heave and pitch"
+    "springs and dampers between a body and the tank are links, [link.NAME] with `link.NAME.between` and "
+    "`link.NAME.at`, as in the built-in case `box_moored`; catenaries are not available"
 )
-_LINK = "joints and several bodies are not available; one body may be free in surge, heave and pitch"
+_LINK = (
+    "a spring, damper, end stop or latch is a link, [link.NAME] with `link.NAME.stiffness`, "
+    "`link.NAME.damping` or other keys, along one motion of a body or between two points; with "
+    "`link.NAME.take_off` it is a power take-off"
+)
+_JOINT = (
+    'a joint is described by its body: `body.free` is ["pitch"] for a hinge at `body.pivot`, and '
+    '["surge"] or ["heave"] for a slider; among several bodies, [bodies.NAME], '
+    "`bodies.NAME.joined_to` names the body to which a body is joined"
+)
 _DIRECTION = (
     "waves travel along the tank, from its paddle; oblique and short-crested seas are not available. In "
     "three dimensions give `tank.width`"
@@ -29,8 +38,10 @@ _PERIOD = "regular waves have the period `waves.T`, s, and a sea its peak period
 EXPECTED = {
     **dict.fromkeys(("slope", "bed", "bathymetry", "bottom", "beach", "bed_slope"), _BED),
     **dict.fromkeys(("stl", "mesh", "obj", "geometry", "vtk"), _MESH),
-    **dict.fromkeys(("mooring", "moorings", "catenary", "anchor", "anchors", "tether"), _MOORING),
-    **dict.fromkeys(("bodies", "joint", "joints", "link", "links", "constraint", "hinge"), _LINK),
+    **dict.fromkeys(("mooring", "moorings", "catenary", "anchor", "anchors", "tether", "cable"), _MOORING),
+    **dict.fromkeys(("joint", "joints", "constraint", "hinge", "slider"), _JOINT),
+    **dict.fromkeys(("link", "links", "spring", "springs", "damper", "dampers", "end_stops"), _LINK),
+    **dict.fromkeys(("latching", "power_take_off", "linear_pto"), _LINK),
     **dict.fromkeys(("direction", "heading", "directions", "spreading", "angle_of_incidence"), _DIRECTION),
     **dict.fromkeys(("current", "currents"), "currents are not available"),
     **dict.fromkeys(("wind",), "wind is not available"),

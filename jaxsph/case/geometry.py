@@ -20,6 +20,7 @@ from jaxsph.case.shapes import (
     check_inside,
     corners_of,
     in_order,
+    inertia_of,
     off_lattice,
     shape_of,
     turned,
@@ -263,13 +264,14 @@ class Geometry:
                         f"{key}.sensors[{index}] = {list(point)}: must have {case.dim} coordinates"
                     )
             self.bodies[name] = shape_of(section, key, case.dim, self.dx)
-            corners = corners_of(section)
-            for carrier in carriers(sections, name):
+            inertia_of(section, self.bodies[name], key)  # raises an error for an inertia that no body has
+            corners, carried_by = corners_of(section), carriers(sections, name)
+            for carrier in carried_by:
                 corners = turned(corners, carrier)
             self._heightened(case, corners)
             # a body's dummy particles are half a spacing inside its surface, and must be in the tank
             check_inside(corners, key, self.upper, 0.5 * self.dx)
-            if section.block is not None and not section.angle:
+            if section.block is not None and not any(carrier.angle for carrier in carried_by):
                 self.notices += off_lattice(section.block, key, self.dx)
 
     def _solids(self, case: Sections) -> None:

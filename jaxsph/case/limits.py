@@ -16,7 +16,7 @@ import shapely
 from jaxsph.case.air_sections import ChamberSection
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.scheme import shortest_limit, stable_time_step
-from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Sections
+from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, TANK, Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.core.points import at_points
@@ -41,7 +41,7 @@ STANDING_BREAKING = 0.218
 """Largest ratio of the height of a standing wave to its wavelength (Penney and Price 1952)."""
 
 
-TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone")
+TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone", TANK, "contact", "projection")
 """Reserved names: the program itself gives these names to parts, and a case must not give them to others."""
 
 
@@ -335,8 +335,11 @@ def _check_ducts(case: Sections) -> None:
 
 def _check_names(case: Sections) -> None:
     """**Raises** CaseError for parts that share a name, or have a reserved name."""
-    kinds = ("bodies", "solid", "chamber", "duct")
+    kinds = ("bodies", "link", "solid", "chamber", "duct")
     named = [(f"{kind}.{name}", name) for kind in kinds for name in getattr(case, kind)]
+    named += [(f"{case.body_key(body)}.pto", name) for body, name in case.pto_names.items()]
+    if case.body is not None and ONLY_BODY in case.bodies:
+        raise CaseError(f"bodies.{ONLY_BODY}: is the same body as [{ONLY_BODY}]: give one of the two")
     alone = "" if case.body is not None else f"bodies.{ONLY_BODY}"
     for key, name in named:
         if name in TAKEN and key not in (f"chamber.{DEVICE_CHAMBER}", alone):

@@ -329,8 +329,10 @@ def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
 
     **Raises** CaseError for a result that the case does not have.
     """
-    if not case.turbines and all(one.pto is None for one in case.every_body.values()):
-        raise CaseError(f"of = {of!r} needs a turbine, such as pto.K_dm, or a body with body.pto")
+    if not case.turbines and not case.has_take_off:
+        raise CaseError(
+            f"of = {of!r} needs a turbine, such as pto.K_dm, a body with body.pto, or a link with take_off"
+        )
     if of == "energy_pto":
         return energy_of_power(case.output.sample_dt)
     if of not in ("xi", "P_owc"):

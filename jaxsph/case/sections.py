@@ -24,7 +24,7 @@ from jaxsph.case.section import (
     Time,
     kind_of,
 )
-from jaxsph.case.shape_sections import BodySection, SolidSection
+from jaxsph.case.shape_sections import BodySection, LinkSection, SolidSection
 from jaxsph.case.wave_sections import WAVES, WavesSection
 from jaxsph.core.kernels import AbstractKernel, Gaussian
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION
@@ -250,6 +250,8 @@ class Output(Section):
 
 ONLY_BODY = "body"
 """Name of the body that the section `body` describes."""
+TANK = "tank"
+"""Name of the tank in `link.NAME.between`."""
 BODY_KEYS = (ONLY_BODY, f"bodies.{NAME}")
 """Sections of rigid bodies, with `NAME` for the name that a case chooses."""
 DEVICE_CHAMBER = "chamber"
@@ -288,6 +290,8 @@ class Sections(Section):
     """The only rigid body, in short form; its name is body."""
     bodies: dict[Name, BodySection] = Field({})
     """Rigid bodies, by name."""
+    link: dict[Name, LinkSection] = Field({})
+    """Springs, dampers, take-offs and other forces on bodies, by name."""
     solid: dict[Name, SolidSection] = Field({})
     """Fixed solids, by name."""
     chamber: dict[Name, ChamberSection] = Field({})
@@ -317,6 +321,19 @@ class Sections(Section):
     def every_body(self) -> dict[str, BodySection]:
         """Rigid bodies by name: `body`, and all sections `bodies.NAME`."""
         return ({} if self.body is None else {ONLY_BODY: self.body}) | self.bodies
+
+    @property
+    def has_take_off(self) -> bool:
+        """Whether a body has a power take-off, as `pto` or as a link."""
+        return any(one.pto is not None for one in self.every_body.values()) or any(
+            one.take_off for one in self.link.values()
+        )
+
+    @property
+    def pto_names(self) -> dict[str, str]:
+        """Names of the links that the bodies' power take-offs are, by the body's name."""
+        with_pto = (name for name, one in self.every_body.items() if one.pto is not None)
+        return {name: "pto" if name == ONLY_BODY else f"pto_{name}" for name in with_pto}
 
     def body_key(self, name: str) -> str:
         """Dotted name of the section of a body."""

@@ -66,6 +66,71 @@ class RotationalPTOSection(Section):
     """Stiffness of the end stops, N m/rad."""
 
 
+class LinkSection(Section):
+    """A force between two points of bodies or the tank, or along one motion of a body's joint. The forces of
+    all keys add up; in two dimensions they are per metre of width."""
+
+    body: Name | None = None
+    """Body along whose joint the link acts; give it together with `motion`."""
+    motion: Literal["surge", "heave", "pitch"] | None = None
+    """Motion of the body, relative to what it is joined to, along which the link acts. With "pitch" forces
+    are moments (N m), lengths angles (rad), and speeds rad/s."""
+    between: tuple[Name, Name] | None = None
+    """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
+    at: tuple[tuple[Coordinate, Coordinate], tuple[Coordinate, Coordinate]] | None = None
+    """Positions (x, z) of the link's ends with all bodies at rest, m."""
+    rest: Length | None = None
+    """Length at which the link between two points is not extended, m; by default its length at rest."""
+    stiffness: Coefficient = 0.0
+    """Stiffness of a spring, N/m."""
+    pretension: float = Field(0.0, ge=-1e12, le=1e12)
+    """Tension of the spring without extension, N."""
+    damping: Coefficient = 0.0
+    """Linear damping, N s/m."""
+    quadratic: Coefficient = 0.0
+    """Quadratic damping, N s2/m2."""
+    friction: Coefficient = 0.0
+    """Force of Coulomb friction, N."""
+    stops: tuple[Coordinate, Coordinate] | None = None
+    """Least and largest extension before the end stops act, m; give it together with `stop_stiffness`."""
+    stop_stiffness: Coefficient = 0.0
+    """Stiffness of the end stops, N/m."""
+    latch: Duration | None = None
+    """Time for which a latch holds the link whenever its motion reverses, s; needs `latch_damping`."""
+    latch_damping: Coefficient = 0.0
+    """Linear damping by which the latch holds, N s/m; large compared with the mass over a time step."""
+    take_off: bool = False
+    """Whether the energy that the link takes is the device's power."""
+
+    @model_validator(mode="after")
+    def _whole_link(self) -> LinkSection:
+        along = self.body is not None and self.motion is not None
+        between = self.between is not None and self.at is not None
+        parts = (self.body, self.motion), (self.between, self.at)
+        if along == between or any((a is None) != (b is None) for a, b in parts):
+            raise ValueError("give either body and motion, or between and at")
+        if self.rest is not None and not between:
+            raise ValueError("rest needs between and at: a motion of a joint has no length")
+        if self.between is not None and self.between[0] == self.between[1]:
+            raise ValueError("between: the two ends must be on different bodies, or one on the tank")
+        if (self.stops is None) != (self.stop_stiffness == 0.0) or (
+            self.stops is not None and self.stops[0] >= self.stops[1]
+        ):
+            raise ValueError("give both stops, an increasing pair, and stop_stiffness")
+        if (self.latch is None) != (self.latch_damping == 0.0):
+            raise ValueError("a latch needs both latch, the time it holds, and latch_damping")
+        if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
+            raise ValueError("the link has no force: give stiffness, damping, friction or another key")
+        if self.take_off and not any(self.losses):
+            raise ValueError("take_off needs a force that takes energy, such as damping")
+        return self
+
+    @property
+    def losses(self) -> tuple[float, ...]:
+        """Coefficients of all forces that take energy."""
+        return self.damping, self.quadratic, self.friction, self.latch_damping
+
+
 class ShapeSection(Section):
     """A shape in its position at rest: a block, a polygon or a disc."""
 
@@ -133,9 +198,12 @@ class MotionSection(Section):
             raise ValueError(
                 "give either amplitude and period, or a file with the columns t, surge, heave, pitch"
             )
+        sampled = any((self.surge, self.heave, self.pitch))
+        if (harmonic and sampled) or (self.t and (any(self.phase) or self.ramp is not None)):
+            raise ValueError("phase and ramp belong to amplitude and period; surge, heave and pitch to t")
         if self.t:
-            sampled = [one for one in (self.surge, self.heave, self.pitch) if one]
-            if not sampled or any(len(one) != len(self.t) for one in sampled):
+            given = [one for one in (self.surge, self.heave, self.pitch) if one]
+            if not given or any(len(one) != len(self.t) for one in given):
                 raise ValueError("surge, heave and pitch: give at least one, with as many values as t")
             if len(self.t) < 4 or self.t[0] != 0.0 or any(a >= b for a, b in itertools.pairwise(self.t)):
                 raise ValueError("t must have at least 4 values that begin with 0 and increase")

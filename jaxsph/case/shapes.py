@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -129,18 +130,54 @@ def corners_of(body: ShapeSection) -> np.ndarray:
 
 
 def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
-    """Corners `[K, D]` (m) of a body, turned to its initial angle about its pivot in the x-z plane."""
-    if not body.angle or body.disc is not None:
-        return corners
+    """Corners `[K, D]` (m), turned with a body to its initial angle about its pivot in the x-z plane.
+
+    The corners are those of the body itself, or of a body that it carries.
+    """
+    own = corners_of(body)
     pivot = body.pivot or body.centre
+    if not body.angle or (body.disc is not None and pivot is None and np.array_equal(corners, own)):
+        return corners
     if pivot is None:  # the middle of the corners approximates the centre of mass of the shape
-        pivot = 0.5 * (corners.min(axis=0) + corners.max(axis=0))[[0, -1]]
+        pivot = 0.5 * (own.min(axis=0) + own.max(axis=0))[[0, -1]]
     c, s = math.cos(body.angle), math.sin(body.angle)
     r = corners[:, [0, -1]] - pivot
     found = corners.copy()
     found[:, 0] = pivot[0] + c * r[:, 0] + s * r[:, 1]
     found[:, -1] = pivot[1] + c * r[:, 1] - s * r[:, 0]
     return found
+
+
+class Inertia(NamedTuple):
+    """Inertia of a body."""
+
+    mass: float
+    """Mass, kg (kg/m in 2-D); 0 for a body that only follows a given motion."""
+    about_centre: float
+    """Moment of inertia about the centre of mass, kg m2 (kg m in 2-D)."""
+    centre: np.ndarray
+    """Centre of mass (x, z), m."""
+    pivot: np.ndarray
+    """Position of the joint (x, z), m."""
+
+
+def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
+    """Inertia of the body of a section `key`. **Raises** CaseError for an inertia that no body has."""
+    area, centroid, second = shape.moments()
+    centre = np.asarray(centroid if section.centre is None else section.centre)
+    pivot = centre if section.pivot is None else np.asarray(section.pivot)
+    if section.density is not None:
+        return Inertia(section.density * area, section.density * second, centre, pivot)
+    mass, inertia = section.mass or 0.0, 0.0
+    if section.inertia is not None:
+        shifted = mass * float(np.sum((centre - pivot) ** 2))
+        inertia = section.inertia - shifted
+        if inertia <= 0.0:
+            raise CaseError(
+                f"{key}.inertia = {section.inertia:g}: the moment of inertia about the pivot must be more "
+                f"than mass times the squared distance of the centre of mass from the pivot, {shifted:.4g}"
+            )
+    return Inertia(mass, inertia, centre, pivot)
 
 
 def in_order(case: Sections) -> dict[str, BodySection]:

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Chosen, Sources
 from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.forces import FORCES, AbstractForce
+from jaxsph.model.links import Link
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.part import AbstractPart
@@ -290,6 +290,8 @@ class Model(eqx.Module):
     """Walls whose motion is given."""
     bodies: tuple[AbstractBody, ...]
     """Rigid bodies."""
+    links: tuple[Link, ...]
+    """Forces between bodies, or between a body and the tank."""
     chambers: tuple[AbstractChamber, ...]
     """Chambers of trapped air."""
     ducts: tuple[AbstractDuct, ...]
@@ -388,13 +390,21 @@ class Model(eqx.Module):
 
     @property
     def mechanism(self) -> Mechanism:
-        """All bodies, as one system of joined bodies."""
-        return Mechanism(self.bodies)
+        """All bodies and links, as one system of joined bodies."""
+        return Mechanism(self.bodies, self.links)
 
     @property
     def parts(self) -> tuple[AbstractPart, ...]:
         """Parts that exchange energy with the water or have readings."""
-        return (*self.moving, *self.bodies, *self.chambers, *self.ducts, *self.dampers, *self.outlets)
+        return (
+            *self.moving,
+            *self.bodies,
+            *self.links,
+            *self.chambers,
+            *self.ducts,
+            *self.dampers,
+            *self.outlets,
+        )
 
     def entries(self) -> dict[str, Entry]:
         """Meaning of every energy of the ledger, by name."""
@@ -408,41 +418,3 @@ class Model(eqx.Module):
     def time(self, state: State) -> Scalar:
         """Physical time t0 + step dt of a state, s."""
         return self.t0 + state.step.astype(self.dt.dtype) * self.dt
-
-
-def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
-    """States at t = 0 of all parts that evolve, by name."""
-    parts = (*model.moving, *model.chambers, *model.ducts, *model.outlets)
-    return {part.name: part.start(dtype) for part in parts} | model.mechanism.start(dtype)
-
-
-def check_parts(model: Model) -> None:
-    """Checks that the parts of a model are consistent.
-
-    **Raises** ValueError if parts share a name or an energy, a duct ends at no chamber, a model with body
-    forces has a movable body, or the ghosts of moving solids do not match those of the walls.
-    """
-    names = [part.name for part in model.parts]
-    energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
-    for given, what in ((names, "names"), (energies, "energies in the ledger")):
-        twice = sorted({name for name in given if given.count(name) > 1})
-        if twice:
-            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
-    ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
-    if ends:
-        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: give names of chambers of the model")
-    at_last = jnp.asarray(jnp.inf)
-    afloat = [body.name for body in model.bodies if model.forces and np.any(body.joint.movable(at_last))]
-    if afloat:
-        raise ValueError(
-            f"body forces act only on the water, but {', '.join(afloat)} can move: "
-            "remove the body forces, or fix the bodies"
-        )
-    model.mechanism.check()
-    given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
-    needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
-    if given != needed:
-        raise ValueError(
-            f"moving walls and bodies have the ghosts {given}, but the walls need {needed}: add a paddle if "
-            "the box has one, and a body or a driven solid for each of the walls' shapes (`dummies`)"
-        )

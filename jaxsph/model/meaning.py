@@ -64,6 +64,8 @@ class Oscillation(NamedTuple):
     """Whether the mean is also a result, for example a drift force."""
     over_waves: bool = False
     """Whether the ratio of the amplitude to the amplitude of the incident waves is also a result (an RAO)."""
+    drifts: bool = False
+    """Whether the mean may change steadily; the change in a period is then also a result."""
 
 
 class Group(enum.StrEnum):

@@ -18,11 +18,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.model.links import Link, Places, Pull
 from jaxsph.model.solids import AbstractBody, turned
 
 __all__ = ["Kinematics", "Mechanism", "inverse_where"]
+
+
+RUNGE_KUTTA = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
+"""Time of every stage of the Runge-Kutta method of fourth order, over the step, and its weight."""
 
 
 class Kinematics(NamedTuple):
@@ -74,9 +80,11 @@ class Mechanism(NamedTuple):
 
     bodies: Sequence[AbstractBody]
     """All bodies."""
+    links: Sequence[Link] = ()
+    """Forces between bodies, or between a body and the tank."""
 
     def check(self) -> None:
-        """**Raises** ValueError if a body is joined to a body that does not come before it."""
+        """**Raises** ValueError if a body is joined to one that is not before it, or a link to no body."""
         known = {""}
         for body in self.bodies:
             if body.joint.parent not in known:
@@ -86,11 +94,28 @@ class Mechanism(NamedTuple):
                     f"({before}): give every body after the body that it is joined to"
                 )
             known.add(body.name)
+        for link in self.links:
+            for name in link.ends.bodies:
+                if name not in known:
+                    raise ValueError(f"the link {link.name} connects {name}, which is not among the bodies")
 
     def start(self, dtype: Any) -> dict[str, Any]:
-        """Motions of the bodies at t = 0, by name."""
-        parts = {body.name: body.start(dtype) for body in self.bodies}
-        return self.placed(parts, jnp.zeros((), dtype))
+        """Motions of the bodies and states of the links at t = 0, by name."""
+        return _start(self, np.dtype(dtype))
+
+    def extension(self, link: Link, parts: Mapping[str, Any], t: Scalar) -> Scalar:
+        """Extension of a link (m or rad) at the time t (s); `parts`: states of the bodies by name."""
+        return link.ends.extension(self._places(self._gathered(parts, t)[0]))
+
+    def stored(self, parts: Mapping[str, Any], t: Scalar) -> Scalar:
+        """Energy stored in all links at the time t (s), J (J/m in 2-D); `parts`: states by name."""
+        each = (one.law.stored(parts[one.name].own, self.extension(one, parts, t)) for one in self.links)
+        return sum(each, jnp.zeros_like(t))
+
+    @property
+    def coasts(self) -> bool:
+        """Whether all coordinates keep their rates without forces on the bodies."""
+        return all(body.joint.coasts for body in self.bodies)
 
     def placed(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Any]:
         """Motions of the bodies by name, with poses and velocities that follow from the joints at t (s).
@@ -106,16 +131,16 @@ class Mechanism(NamedTuple):
         """Kinematics of the bodies at the time t (s); `parts`: states of the parts by name."""
         return self._at(*self._gathered(parts, t), self._movable(t))
 
-    def coasting(self, parts: Mapping[str, Any], t: Scalar) -> list[tuple[AbstractBody, Float[Array, "3"]]]:
-        """Bodies that move, and their accelerations without forces on them, m/s2, m/s2, rad/s2.
+    def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, "3"]]:
+        """Accelerations of the bodies without forces on them by name, m/s2, m/s2, rad/s2; empty if all are 0.
 
         These are the accelerations of pivot and pitch by given motions and by the inertia of joined bodies.
         """
-        if all(body.fixed for body in self.bodies):
-            return []
+        if self.coasts:
+            return {}
         kinematics = self.kinematics(parts, t)
         own = kinematics.accelerations(jnp.zeros_like(kinematics.rates))[0]
-        return [(body, a) for body, a in zip(self.bodies, own, strict=True) if not body.fixed]
+        return {body.name: a for body, a in zip(self.bodies, own, strict=True)}
 
     def drifted(self, parts: Mapping[str, Any], t: Scalar, dt: Scalar) -> dict[str, Any]:
         """Motions of the bodies by name dt (s) after t (s), without forces on the bodies.
@@ -125,18 +150,22 @@ class Mechanism(NamedTuple):
         if not self.bodies:
             return {}
         z, rates = self._gathered(parts, t)
+        if self.coasts:
+            return self._spread(parts, z + dt * rates, rates)
         movable = self._movable(t)
 
-        def coasting(z, rates):
-            return self._at(z, rates, movable).coasting
+        def stage(carry, coefficients):
+            (slope_z, slope_rates), (sum_z, sum_rates) = carry
+            ahead, weight = coefficients
+            at_rates = rates + ahead * dt * slope_rates
+            slope = self._at(z + ahead * dt * slope_z, at_rates, movable).coasting
+            return ((at_rates, slope), (sum_z + weight * at_rates, sum_rates + weight * slope)), None
 
         # Runge-Kutta of fourth order: the energy of the free motion is kept to rounding errors
-        a = coasting(z, rates)
-        b = coasting(z + 0.5 * dt * rates, rates + 0.5 * dt * a)
-        c = coasting(z + 0.5 * dt * rates + 0.25 * dt**2 * a, rates + 0.5 * dt * b)
-        d = coasting(z + dt * rates + 0.5 * dt**2 * b, rates + dt * c)
-        z = z + dt * rates + dt**2 / 6.0 * (a + b + c)
-        return self._spread(parts, z, rates + dt / 6.0 * (a + 2.0 * (b + c) + d))
+        none = jnp.zeros_like(z)
+        stages = jnp.asarray(RUNGE_KUTTA, z.dtype)
+        (_, (by_z, by_rates)), _ = jax.lax.scan(stage, ((none, none), (none, none)), stages)
+        return self._spread(parts, z + dt * by_z, rates + dt * by_rates)
 
     def kicked(self, parts: Mapping[str, Any], t: Scalar, change: Float[Array, " n"]) -> dict[str, Any]:
         """Motions of the bodies by name after a sudden `change` (m/s or rad/s) of the coordinates' rates.
@@ -149,19 +178,25 @@ class Mechanism(NamedTuple):
         return self._spread(parts, z, rates + change)
 
     def pulls(
-        self, kinematics: Kinematics, parts: Mapping[str, Any], g: Float[Array, " D"]
-    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Generalised forces on the coordinates without the water, and their linear damping coefficients.
+        self, kinematics: Kinematics, parts: Mapping[str, Any], t: Scalar, g: Float[Array, " D"]
+    ) -> tuple[Float[Array, " n"], dict[str, tuple[Scalar, Pull]]]:
+        """Generalised forces on the coordinates without the water's pressure, and the pulls of links.
 
-        The forces are those of weight, power take-offs with their damping, and the water's contact in the
-        last step, N or N m. **Arguments**: `parts`: states of the parts by name; `g`: gravity, m/s2.
+        The forces (N or N m) are those of weight, links, and the water's contact in the last step.
+        **Arguments**: `parts`: states of the parts by name at the time t (s); `g`: gravity, m/s2.
         """
-        damping = self.along({body.name: body.damping() for body in self.bodies})
-        efforts = self.along({body.name: body.effort(parts[body.name]) for body in self.bodies})
         weight = kinematics.mass[:, :2] * g[jnp.array([0, -1])]
         contact = jnp.stack([parts[body.name].contact for body in self.bodies])
-        forces = efforts - damping * kinematics.rates + jnp.einsum("bki,bk->i", kinematics.ways[0], contact)
-        return forces + jnp.einsum("bki,bk->i", kinematics.ways[1, :, :2], weight), damping
+        forces = jnp.einsum("bki,bk->i", kinematics.ways[0], contact)
+        forces = forces + jnp.einsum("bki,bk->i", kinematics.ways[1, :, :2], weight)
+        z, _ = self._gathered(parts, t)
+        found = {}
+        for link in self.links:
+            s, way = jax.value_and_grad(lambda z, ends=link.ends: ends.extension(self._places(z)))(z)
+            pull = link.pull(parts[link.name], s, way, way @ kinematics.rates, t)
+            forces = forces + (pull.elastic + pull.other) * way
+            found[link.name] = s, pull
+        return forces, found
 
     def given(
         self, kinematics: Kinematics, acceleration: Float[Array, " n"], others: Float[Array, " n"]
@@ -187,7 +222,9 @@ class Mechanism(NamedTuple):
         found, first = {}, 0
         for index, body in enumerate(self.bodies):
             last = first + body.joint.size
-            found[body.name] = values[first:last], values[index - len(self.bodies)]
+            # the compiler for processors aborts on slices without elements
+            own = values[first:last] if last > first else jnp.zeros(0, values.dtype)
+            found[body.name] = own, values[index - len(self.bodies)]
             first = last
         return found
 
@@ -200,7 +237,7 @@ class Mechanism(NamedTuple):
 
     def _spread(self, parts: Mapping[str, Any], z: Array, rates: Array) -> dict[str, Any]:
         """Motions of the bodies by name, with these coordinates and rates."""
-        poses, velocities = jax.jvp(lambda z: self._places(z)[0], (z,), (rates,))
+        poses, velocities = jax.jvp(lambda z: self._poses(z)[0], (z,), (rates,))
         q, q_rates = self.split(z), self.split(rates)
         return {
             body.name: eqx.tree_at(
@@ -215,34 +252,51 @@ class Mechanism(NamedTuple):
         """Mask of all coordinates at t (s)."""
         return self.along({body.name: body.joint.movable(t) for body in self.bodies})
 
-    def _places(self, z: Float[Array, " n"]) -> Float[Array, "2 B 3"]:
-        """Poses of pivots and centres of mass for the coordinates z."""
-        found: dict[str, Array] = {}
+    def _places(self, z: Float[Array, " n"]) -> Places:
+        """Places of the bodies for the coordinates z."""
+        poses: dict[str, Array] = {}
         pivots = {body.name: body.pivot for body in self.bodies}
-        centres = []
         q = self.split(z)
         for body in self.bodies:
-            above, arm = jnp.zeros(3, z.dtype), body.pivot
-            if body.joint.parent:
-                above, arm = found[body.joint.parent], body.pivot - pivots[body.joint.parent]
-            pose = body.joint.place(above, arm, *q[body.name])
-            found[body.name] = pose
-            arm = body.centre - body.pivot
+            above, arm, carrier = jnp.zeros(3, z.dtype), body.pivot, body.joint.parent
+            if carrier:
+                above, arm = poses[carrier], body.pivot - pivots[carrier]
+            poses[body.name] = body.joint.place(above, arm, *q[body.name])
+        return Places(poses, pivots, {name: own for name, (own, _) in q.items()})
+
+    def _poses(self, z: Float[Array, " n"]) -> Float[Array, "2 B 3"]:
+        """Poses of pivots and centres of mass for the coordinates z."""
+        poses, centres = self._places(z).poses, []
+        for body in self.bodies:
+            pose, arm = poses[body.name], body.centre - body.pivot
             centres.append(jnp.concatenate([pose[:2] + turned(arm, pose[2]) - arm, pose[2:]]))
-        return jnp.stack([jnp.stack(list(found.values())), jnp.stack(centres)])
+        return jnp.stack([jnp.stack(list(poses.values())), jnp.stack(centres)])
 
     def _at(self, z: Array, rates: Array, movable: Array) -> Kinematics:
         """Kinematics for coordinates, rates and the mask of the coordinates."""
 
         def velocities(z):
-            return jax.jvp(self._places, (z,), (rates,))[1]
+            return jax.jvp(self._poses, (z,), (rates,))[1]
 
-        poses, bias = self._places(z), jax.jvp(velocities, (z,), (rates,))[1]
+        poses, bias = self._poses(z), jax.jvp(velocities, (z,), (rates,))[1]
         mass = jnp.stack([body.generalised_mass() for body in self.bodies])
-        return Kinematics(rates, poses, jax.jacfwd(self._places)(z), bias, mass, movable)
+        return Kinematics(rates, poses, jax.jacfwd(self._poses)(z), bias, mass, movable)
 
 
 def inverse_where(mask: Float[Array, " n"], matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Inverse of the rows and columns of a matrix where the mask is 1; zero elsewhere."""
     both = mask[:, None] * mask
     return both * jnp.linalg.inv(jnp.where(both > 0, matrix, jnp.eye(len(mask), dtype=matrix.dtype)))
+
+
+@eqx.filter_jit
+def _start(mechanism: Mechanism, dtype: np.dtype) -> dict[str, Any]:
+    """Motions of the bodies and states of the links at t = 0, by name; compiled as one function."""
+    t = jnp.zeros((), dtype)
+    parts = mechanism.placed({body.name: body.start(dtype) for body in mechanism.bodies}, t)
+    for link in mechanism.links:
+        at_rest = link.start(dtype)
+        s = mechanism.extension(link, parts, t)
+        force = -jax.grad(link.law.stored, argnums=1)(at_rest.own, s)
+        parts[link.name] = eqx.tree_at(lambda m: (m.extension, m.force), at_rest, (s, force))
+    return parts

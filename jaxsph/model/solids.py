@@ -7,7 +7,6 @@ metre of width.
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -139,6 +138,14 @@ class AbstractJoint(eqx.Module):
         """Whether the body can move along x and z, and turn, while its parent is at rest."""
 
     @property
+    def coasts(self) -> bool:
+        """Whether without forces every coordinate keeps its rate, whatever the inertia of the body.
+
+        Steps are then cheaper. False is always right.
+        """
+        return False
+
+    @property
     @abc.abstractmethod
     def driven(self) -> bool:
         """Whether the joint has a given motion, whose drive does work."""
@@ -177,7 +184,7 @@ class AbstractBody(AbstractMovingSolid):
 
     Its state in `State.parts` has the fields `q` and `rates` (coordinates of the joint and their rates),
     `pose` and `velocity` (displacements of the pivot along x and z, and pitch; m, m, rad and per second),
-    `force` and `contact` (see `external`) and `impulse`.
+    `force` and `contact` (the water's forces in the last step) and `impulse` (of both).
     """
 
     joint: eqx.AbstractVar[AbstractJoint]
@@ -207,18 +214,6 @@ class AbstractBody(AbstractMovingSolid):
         """Centripetal acceleration of the body at points x (m), m/s2: the part due to constant rotation."""
 
     @abc.abstractmethod
-    def effort(self, motion: Any) -> Float[Array, " k"]:
-        """Forces (N) and moments (N m) of the power take-off along the joint's coordinates, except linear
-        damping; per metre of width in 2-D."""
-
-    @abc.abstractmethod
-    def damping(self) -> Float[Array, " k"]:
-        """Linear damping coefficients of the joint's coordinates, N s/m or N m s; per metre of width in 2-D.
-
-        The damping force is minus the product of the coefficients and the rates.
-        """
-
-    @abc.abstractmethod
     def carry(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
         """Positions (m), in the body's present pose, of points with positions x (m) on the body at rest."""
 
@@ -237,21 +232,6 @@ class AbstractBody(AbstractMovingSolid):
     def energy(self, motion: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
         """Kinetic energy of the body, and potential energy relative to the position at rest, J (J/m
         in 2-D)."""
-
-    @abc.abstractmethod
-    def absorbed(self, old: Any, new: Any, dt: Scalar) -> Scalar:
-        """Energy taken by the body's power take-off in a step of dt (s), J (J/m in 2-D).
-
-        `old`, `new`: motions of the body before and after the step's forces act on it.
-        """
-
-    @abc.abstractmethod
-    def exchanges(self, taken: Scalar, driven: Scalar) -> Mapping[str, Scalar]:
-        """Energies that the body adds to the ledger in a step, by name, J (J/m in 2-D).
-
-        **Arguments**: `taken`: energy taken by the power take-off; `driven`: energy given by the drive of the
-        joint's motions that are not free.
-        """
 
 
 def turned(r: Float[Array, "2"], angle: Scalar) -> Float[Array, "2"]:

@@ -19,7 +19,6 @@ from jaxsph.model.solids import AbstractBody, AbstractJoint, turned
 from jaxsph.model.state import Tally
 from jaxsph.parts.joint import MOTIONS, PlanarJoint
 from jaxsph.parts.pose import PosedSolid, turn
-from jaxsph.parts.rotational import AbstractRotationalPTO, FreeHinge
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["BodyMotion", "RigidBody"]
@@ -62,8 +61,6 @@ class RigidBody(PosedSolid, AbstractBody):
     """Centre of mass (x, z) at rest, m."""
     joint: AbstractJoint
     """Joint to the tank or to another body."""
-    pto: AbstractRotationalPTO
-    """Power take-off, spring and stops on the joint's pitch; `parts.rotational.FreeHinge` without these."""
     rows: tuple[int, int] = eqx.field(static=True)
     """Index of the body's first ghost, and of the ghost after its last: an entry of `Ghosts.dummies`."""
     name: str = eqx.field(static=True, default="body", kw_only=True)
@@ -78,7 +75,6 @@ class RigidBody(PosedSolid, AbstractBody):
         *,
         density: float,
         pivot: tuple[float, float] | None = None,
-        pto: AbstractRotationalPTO | None = None,
         name: str = "body",
         dtype: Any = jnp.float32,
     ) -> RigidBody:
@@ -86,7 +82,7 @@ class RigidBody(PosedSolid, AbstractBody):
 
         **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `joint`: a joint, or
         the free motions of a joint to the tank, any of "surge", "heave" and "pitch"; `pivot`: point of the
-        joint (x, z), m, by default the centre of mass; `pto`: power take-off on the joint's pitch.
+        joint (x, z), m, by default the centre of mass.
         """
         area, centre, second = shape.moments()
 
@@ -101,7 +97,6 @@ class RigidBody(PosedSolid, AbstractBody):
             pivot=leaf(centre if pivot is None else pivot),
             centre=leaf(centre),
             joint=joint if isinstance(joint, AbstractJoint) else PlanarJoint.of(joint, dtype=dtype),
-            pto=FreeHinge() if pto is None else pto,
             name=name,
         )
 
@@ -113,10 +108,10 @@ class RigidBody(PosedSolid, AbstractBody):
 
     def entries(self):
         """See `AbstractPart`."""
-        found = dict(self.pto.entries(self.name))
-        if self.joint.driven:
-            found["body_drive"] = Entry(f"work of the imposed motion of the {self.name}", Exchange.GIVEN)
-        return {self.called(name): entry for name, entry in found.items()}
+        if not self.joint.driven:
+            return {}
+        words = f"work of the imposed motion of the {self.name}"
+        return {self.called("body_drive"): Entry(words, Exchange.GIVEN)}
 
     def readings(self, dim):
         """See `AbstractPart`."""
@@ -142,7 +137,9 @@ class RigidBody(PosedSolid, AbstractBody):
         force, moment = ("N/m", "N") if dim == 2 else ("N", "N m")
         units = dict(zip(MOTIONS, ("m", "m", "rad"), strict=True))
         motion = {
-            name: Oscillation(self.called(name), f"{name} of the {self.name}", unit, None, True, True)
+            name: Oscillation(
+                self.called(name), f"{name} of the {self.name}", unit, None, True, True, name == "surge"
+            )
             for (name, unit), moves in zip(units.items(), self.joint.moves, strict=True)
             if moves or self.joint.parent
         } | {
@@ -198,11 +195,6 @@ class RigidBody(PosedSolid, AbstractBody):
             return forces
         return {name.removeprefix("body_"): force for name, force in forces.items()}
 
-    def exchanges(self, taken, driven):
-        """See `AbstractBody`."""
-        names = {Exchange.HARVESTED: taken, Exchange.GIVEN: driven}
-        return {name: names[entry.exchange] for name, entry in self.entries().items()}
-
     def generalised_mass(self):
         """See `AbstractBody`."""
         return jnp.stack([self.mass, self.mass, self.inertia])
@@ -227,21 +219,6 @@ class RigidBody(PosedSolid, AbstractBody):
             ]
         )
 
-    def effort(self, motion):
-        """See `AbstractBody`: friction, spring and stops."""
-        moment = jax.vmap(self.pto.moment)(motion.q[-1:], motion.rates[-1:])
-        return jnp.zeros_like(motion.q).at[-1:].add(moment)
-
-    def damping(self):
-        """See `AbstractBody`."""
-        none = jnp.zeros(self.joint.size, self.mass.dtype)
-        return none.at[-1:].add(jax.vmap(self.pto.linear_damping)(none[-1:]))
-
-    def absorbed(self, old, new, dt):
-        """See `AbstractBody`."""
-        absorbed = jax.vmap(self.pto.absorbed, in_axes=(0, 0, None))
-        return jnp.sum(absorbed(old.rates[-1:], new.rates[-1:], dt))
-
     def normals(self, motion, x):
         """See `AbstractBody`."""
         # evaluated at rest, since rounding of the pose must not decide between two equally near faces
@@ -260,4 +237,4 @@ class RigidBody(PosedSolid, AbstractBody):
         speeds = jnp.concatenate([moving, motion.velocity[2:]])
         kinetic = 0.5 * jnp.sum(self.generalised_mass() * speeds**2)
         potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * moved)
-        return kinetic, potential + jnp.sum(jax.vmap(self.pto.stored)(motion.q[-1:]))
+        return kinetic, potential

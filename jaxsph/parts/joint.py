@@ -60,6 +60,12 @@ class PlanarJoint(AbstractJoint):
         )
 
     @property
+    def coasts(self) -> bool:
+        """See `AbstractJoint`: on the tank, with pitch alone, or without it."""
+        turns, slides = self.free[2] or self.velocity[2], any(self.free[:2])
+        return not (self.parent or self.path or (turns and slides))
+
+    @property
     def moves(self) -> tuple[bool, bool, bool]:
         """See `AbstractJoint`."""
         if self.path or (self.angle and any((*self.free[:2], *self.velocity[:2]))):

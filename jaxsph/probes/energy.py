@@ -45,7 +45,7 @@ class EnergyProbe(AbstractProbe):
 
     @staticmethod
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
-        """Kinetic energy of the bodies, and potential energy of water and bodies, J (J/m in 2-D).
+        """Kinetic energy of the bodies, and potential energy of water, bodies and links, J (J/m in 2-D).
 
         The potential energy of the water is due to the body forces, without gravity.
         """
@@ -55,7 +55,7 @@ class EnergyProbe(AbstractProbe):
         for body in model.bodies:
             own, height = body.energy(state.parts[body.name], model.g)
             kinetic, potential = kinetic + own, potential + height
-        return kinetic, potential
+        return kinetic, potential + model.mechanism.stored(state.parts, model.time(state))
 
     def measure(self, model, state, tables):
         """See `AbstractProbe.measure`."""

@@ -12,7 +12,8 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.errors import CaseError
-from jaxsph.model.interfaces import Model, check_parts, part_states
+from jaxsph.model.consistency import check_parts, part_states
+from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Label
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.solution import Solution

@@ -95,20 +95,25 @@ def _swinging(model: Model) -> Iterator[tuple[str, Oscillation]]:
 
 
 def _asked_of(
-    name: str, one: Oscillation, size: float = 0.0, mean: float = 0.0, wave: float = 1.0
+    name: str, one: Oscillation, size: float = 0.0, mean: float = 0.0, drift: float = 0.0, wave: float = 1.0
 ) -> dict[str, tuple[Label, float]]:
-    """Results of an oscillation, label and value by name, from its amplitude, mean and the wave amplitude."""
+    """Results of an oscillation, label and value by name.
+
+    They follow from its amplitude `size`, its mean, its drift in a period, and the wave amplitude (m).
+    """
     found = {amplitude(name): (Label(f"{one.text}: amplitude", one.unit, "first harmonic"), size)}
     if one.over_waves:
         unit = "" if one.unit == "m" else f"{one.unit} per m"
         found[f"rao_{name}"] = Label(f"  {one.text}: over the waves' amplitude", unit), size / wave
     if one.has_mean:
         found[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit), mean
+    if one.drifts:
+        found[f"drift_{name}"] = Label(f"  {one.text}: drift in a period", one.unit), drift
     return found
 
 
 def _oscillations(wave: RegularWave, record: Record) -> Scalars:
-    """Amplitudes, means and ratios to the wave amplitude; empty without a whole period."""
+    """Amplitudes, means, drifts and ratios to the wave amplitude; empty without a whole period."""
     window, results = record.window, {}
     if not window.periods:
         return results
@@ -118,7 +123,9 @@ def _oscillations(wave: RegularWave, record: Record) -> Scalars:
             continue
         values = record[one.reading][window.over].astype(np.float64)
         values = values if one.component is None else values[:, one.component]
-        size = float(abs(analysis.fundamental(record.t[window.over], values, wave.T)))
-        asked = _asked_of(name, one, size, float(np.mean(values[1:])), of_waves)
+        t, mean = record.t[window.over], float(np.mean(values[1:]))
+        rate = analysis.drift_rate(t, values, wave.T) if one.drifts else 0.0
+        size = float(abs(analysis.fundamental(t, values - rate * t, wave.T)))
+        asked = _asked_of(name, one, size, mean, rate * wave.T, of_waves)
         results |= {result: value for result, (_, value) in asked.items()}
     return results

@@ -25,7 +25,7 @@ _DEVICE = {
     ),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
     "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
-    "P_pto": Label("absorbed power", "W/m", "mean power of the body's power take-off"),
+    "P_pto": Label("absorbed power", "W/m", "mean power of the bodies' power take-offs"),
 }
 _WAVES = {
     "periods": Label("periods averaged", "", "number of whole periods at the end of the run"),

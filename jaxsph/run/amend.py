@@ -14,6 +14,7 @@ import numpy as np
 from jaxsph.case.air_sections import SMOOTH_LAWS, air_keys
 from jaxsph.case.case import Case, any_name, inner
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.section import NAME
 from jaxsph.case.sections import BODY_KEYS
 from jaxsph.errors import CaseError
 from jaxsph.model.state import State, map_tallies
@@ -31,6 +32,7 @@ CHANGEABLE = (
     "output.periods",
     *air_keys(SMOOTH_LAWS),
     *(f"{body}.pto.{key}" for body in BODY_KEYS for key in ("damping", "coulomb")),
+    *(f"link.{NAME}.{key}" for key in ("damping", "quadratic", "friction")),
     "sponge.strength",
     "fluid.nu",
     "scheme.alpha",
@@ -60,6 +62,7 @@ REASONS = {
     "solid": "it moves the walls around the water",
     "body": "it changes the place or the mass of a body on which the water acts",
     "bodies": "it changes the place or the mass of a body on which the water acts",
+    "link": "the energy that the link has stored depends on it",
     "probes": "the series in the file have the columns of the present probes",
     "start": "it describes the initial state",
     "scheme": "the checkpoint's state belongs to the present scheme",

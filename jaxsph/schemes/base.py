@@ -191,10 +191,13 @@ class AbstractParticleScheme(AbstractScheme):
             motion = interval.before[wall.name], interval.after[wall.name]
             a_wall = wall.acceleration(*motion, ghosts.x[rows], interval.dt)
             force = force.at[rows].add(-self.rho0 * a_wall)
-        for body, acceleration in model.mechanism.coasting(parts, interval.middle):
+        coasting = model.mechanism.coasting(parts, interval.middle)
+        for body in model.bodies:
             rows, motion = slice(*body.rows), parts[body.name]
-            there = jnp.einsum("knd,k->nd", body.directions(motion, ghosts.x[rows]), acceleration)
-            there = there + body.centripetal(motion, ghosts.x[rows])
+            there = body.centripetal(motion, ghosts.x[rows])
+            if body.name in coasting:
+                directions = body.directions(motion, ghosts.x[rows])
+                there = there + jnp.einsum("knd,k->nd", directions, coasting[body.name])
             force = force.at[rows].add(-self.rho0 * there)
         return force
 

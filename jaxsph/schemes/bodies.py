@@ -14,7 +14,8 @@ from jaxsph.core.pairs import Pair
 from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
-from jaxsph.model.mechanism import inverse_where
+from jaxsph.model.links import Pull
+from jaxsph.model.mechanism import Kinematics, inverse_where
 from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Pressures, Tables
 from jaxsph.schemes.step import GhostFields
@@ -78,6 +79,10 @@ class BodiesCoupling(NamedTuple):
     """Generalised force without the water's pressure, N or N m (per metre in 2-D)."""
     movable: Float[Array, " n"]
     """Mask of the coordinates: 1 where the coordinate is free, 0 where its rate is constant."""
+    pulls: dict[str, tuple[Scalar, Pull]]
+    """Extension (m or rad) and force of every link, by name."""
+    kinematics: Kinematics
+    """Kinematics of the bodies, with the velocities that the step changes."""
 
     def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
         """Accelerations (m/s2 or rad/s2) due to the pressures (Pa) of the water and the ghosts.
@@ -119,8 +124,10 @@ def couple_bodies(
     if not model.bodies:
         return ()
     mechanism, kinematics = model.mechanism, model.mechanism.kinematics(parts, t)
-    outside, damping = mechanism.pulls(kinematics, parts, model.g)
-    mass, holds = kinematics.mass_matrix + dt * jnp.diag(damping), {}
+    outside, pulls = mechanism.pulls(kinematics, parts, t, model.g)
+    mass, holds = kinematics.mass_matrix, {}
+    for _, pull in pulls.values():
+        mass = mass + pull.impedance(dt) * jnp.outer(pull.way, pull.way)
     still = jnp.zeros_like(tables.x[:, 0])
     for body, way in zip(model.bodies, kinematics.ways[0], strict=True):
         motion = parts[body.name]
@@ -131,7 +138,7 @@ def couple_bodies(
             added = jax.vmap(lambda slope, grip=grip: grip.force(still, slope))(slopes).T
             mass = mass - way.T @ added @ way
     movable = kinematics.movable
-    return (BodiesCoupling(holds, inverse_where(movable, mass), outside, movable),)
+    return (BodiesCoupling(holds, inverse_where(movable, mass), outside, movable, pulls, kinematics),)
 
 
 def body_grip(
@@ -169,9 +176,9 @@ class BodyWork(NamedTuple):
     """Bodies after the forces of a step changed their velocities, and the energies that they exchanged."""
 
     motions: dict[str, Any]
-    """Motions of the bodies by name, with the impulse of the water's force added."""
+    """Motions of the bodies, with the water's impulse added, and states of the links, by name."""
     amounts: dict[str, Scalar]
-    """Energies taken by power take-offs and given by drives, by ledger name, J (J/m in 2-D)."""
+    """Energies taken by links and given by drives, by ledger name, J (J/m in 2-D)."""
     by_pressure: Scalar
     """Work of the water's pressure on the bodies, J (J/m in 2-D)."""
     by_touch: Scalar
@@ -197,8 +204,9 @@ def push_bodies(
     for coupling, acceleration in zip(couplings, pressures.accelerations, strict=True):
         after = model.mechanism.kicked(before, t, dt * acceleration)
         others = coupling.outside + sum(h.ways.T @ forces[name] for name, h in coupling.holds.items())
-        kinematics = model.mechanism.kinematics(before, t)
-        given = model.mechanism.given(kinematics, acceleration, others)
+        for _, pull in coupling.pulls.values():
+            others = others - pull.impedance(dt) * (pull.way @ acceleration) * pull.way
+        given = model.mechanism.given(coupling.kinematics, acceleration, others)
         for body in model.bodies:
             old, new = before[body.name], after[body.name]
             moved = 0.5 * dt * (old.velocity + new.velocity)
@@ -206,11 +214,14 @@ def push_bodies(
             motion = eqx.tree_at(
                 lambda m: (m.force, m.impulse), new, (forces[body.name], new.impulse.add(dt * both))
             )
-            taken = body.absorbed(old, new, dt)
             done = BodyWork(
                 done.motions | {body.name: motion},
-                done.amounts | dict(body.exchanges(taken, dt * given[body.name])),
+                done.amounts | dict.fromkeys(body.entries(), dt * given[body.name]),
                 done.by_pressure + jnp.sum(forces[body.name] * moved),
                 done.by_touch + jnp.sum(old.contact * moved),
             )
+        for link in model.links:
+            motion, taken = link.done(before[link.name], *coupling.pulls[link.name], acceleration, t, dt)
+            done.motions[link.name] = motion
+            done.amounts.update(taken)
     return done

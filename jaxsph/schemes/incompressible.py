@@ -284,10 +284,10 @@ class ISPH(AbstractParticleScheme):
         work = wall_work(self, model, interval.after, tables, ghosts, dt)
         amounts |= work
         done = push_bodies(model, at.parts, interval.middle, dt, projected.couplings, projected.pressures)
-        amounts |= done.amounts
+        amounts, parts = amounts | done.amounts, parts | done.motions
         for body in model.bodies:
             contact = touch_force(model, body, state.parts[body.name], p, changes.touched, dt)
-            parts[body.name] = eqx.tree_at(lambda b: b.contact, done.motions[body.name], contact)
+            parts[body.name] = eqx.tree_at(lambda b: b.contact, parts[body.name], contact)
         parts |= model.mechanism.drifted(parts, interval.middle, 0.5 * dt)
         given = done.by_pressure - sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressure
         mean = 0.5 * (changes.u + p.u)

@@ -97,9 +97,8 @@ class SymplecticEuler(AbstractIntegrator):
     def step(self, scheme, model, state, tables):
         """See `AbstractIntegrator.step`."""
         p, dt = state.particles, model.dt
-        started = {body.name: state.parts[body.name] for body in model.bodies}
         interval, ghosts, rates, u, bodies, airs, taken = _accelerate(
-            scheme, model, state, state, tables, started, dt
+            scheme, model, state, state, tables, state.parts, dt
         )
         # the continuity equation uses the velocities of the solids after the step
         after = _with_velocities(model, state.parts, interval.after, bodies.motions)
@@ -117,7 +116,7 @@ class SymplecticEuler(AbstractIntegrator):
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, u, sources, tables, dt)
         new = drift(eqx.tree_at(lambda a: (a.u, a.rho), p, (u, rho)), dx)
-        parts = {**interval.after, **moved, **airs}
+        parts = {**interval.after, **bodies.motions, **moved, **airs}
         ledger = book(state.ledger, taken | work | bodies.amounts | force_work(model, p, new, interval))
         limits = book(state.limits, rates.limited)
         state = State(new, parts, ledger, limits, state.step + 1, state.status)
@@ -144,7 +143,7 @@ class PredictorCorrector(AbstractIntegrator):
         """State after dt (s) from `start`, with the rates of the state `at`."""
         p0, p = start.particles, at.particles
         t, mechanism = model.time(start), model.mechanism
-        halfway = mechanism.drifted(start.parts, t, 0.5 * dt)
+        halfway = {**start.parts, **mechanism.drifted(start.parts, t, 0.5 * dt)}
         interval, ghosts, rates, u, bodies, airs, taken = _accelerate(
             scheme, model, start, at, tables, halfway, dt
         )
@@ -158,7 +157,7 @@ class PredictorCorrector(AbstractIntegrator):
         for shifting in scheme.shifting:
             dx = dx + shifting.displacement(scheme, model, p.u, sources, tables, dt)
         new = drift(new, dx)
-        parts = {**interval.after, **moved, **airs}
+        parts = {**interval.after, **bodies.motions, **moved, **airs}
         ledger = book(start.ledger, taken | work | bodies.amounts | force_work(model, p0, new, interval))
         limits = book(start.limits, rates.limited)
         return State(new, parts, ledger, limits, start.step, start.status)
@@ -192,7 +191,7 @@ def _accelerate(
 ) -> _Accelerated:
     """Water, solids and air dt (s) after `start`, under all forces on the water in the state `at`.
 
-    `moving`: motions of the bodies by name, whose velocities the forces change.
+    `moving`: states of the parts by name, with the motions of the bodies that the forces change.
     """
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
@@ -219,15 +218,17 @@ def _with_bodies(
 ) -> tuple[GhostFields, BodyWork]:
     """Ghosts for the water of the state `at`, and the bodies after its pressure acted on them.
 
-    `push`: acceleration (m/s2) of the water due to the contact springs of the solids; `moving`: motions of
-    the bodies by name, whose velocities the forces change.
+    `push`: acceleration (m/s2) of the water due to the contact springs of the solids; `moving`: states of
+    the parts by name, with the motions of the bodies that the forces change.
     """
     ghosts = scheme.ghosts(model, at, tables, interval)
     p, dt = scheme.pressure(at.particles), interval.dt
-    held = {
-        name: eqx.tree_at(lambda m: (m.rates, m.contact), at.parts[name], (motion.rates, motion.contact))
-        for name, motion in moving.items()
-    }
+    held = dict(moving)
+    for body in model.bodies:
+        before = moving[body.name]
+        held[body.name] = eqx.tree_at(
+            lambda m: (m.rates, m.contact), at.parts[body.name], (before.rates, before.contact)
+        )
     couplings = couple_bodies(scheme, model, held, interval.t, dt, ghosts, tables)
     accelerations = tuple(coupling.acceleration(p, ghosts.p) for coupling in couplings)
     forces: dict[str, Array] = {}

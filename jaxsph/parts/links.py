@@ -1,0 +1,268 @@
+"""Links: what they connect, and the laws of springs, dampers, friction, stops, latches and hydraulics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.tree_util import Partial
+
+from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.model.links import AbstractEnds, AbstractLaw
+
+__all__ = [
+    "AlongJoint",
+    "BetweenPoints",
+    "Controlled",
+    "Damper",
+    "EndStops",
+    "Friction",
+    "HydraulicTakeOff",
+    "Latch",
+    "Laws",
+    "Spring",
+]
+
+
+class BetweenPoints(AbstractEnds):
+    """Straight link between two points; its extension is its length beyond `rest`."""
+
+    first: str = eqx.field(static=True)
+    """Name of the body at the first end; empty for the tank."""
+    second: str = eqx.field(static=True)
+    """Name of the body at the second end; empty for the tank."""
+    a: Float[Array, "2"]
+    """Position (x, z) of the first end at rest, m."""
+    b: Float[Array, "2"]
+    """Position (x, z) of the second end at rest, m."""
+    rest: Scalar
+    """Length at which the extension is zero, m."""
+
+    @property
+    def unit(self):
+        """See `AbstractEnds`."""
+        return "m"
+
+    def extension(self, places):
+        """See `AbstractEnds`."""
+        apart = places.point(self.second, self.b) - places.point(self.first, self.a)
+        # 1e-12 m2 keeps the direction finite where both ends are at one place
+        return jnp.sqrt(jnp.sum(apart**2) + 1e-12) - self.rest
+
+    @property
+    def bodies(self):
+        """See `AbstractEnds`."""
+        return tuple(name for name in (self.first, self.second) if name)
+
+
+class AlongJoint(AbstractEnds):
+    """Link along one coordinate of a body's joint, between the body and what carries it."""
+
+    body: str = eqx.field(static=True)
+    """Name of the body."""
+    coordinate: int = eqx.field(static=True, default=2)
+    """Index of the coordinate; for a planar joint 0, 1 and 2 are surge, heave and pitch."""
+
+    @property
+    def unit(self):
+        """See `AbstractEnds`."""
+        return "rad" if self.coordinate == 2 else "m"
+
+    def extension(self, places):
+        """See `AbstractEnds`."""
+        return places.q[self.body][self.coordinate]
+
+    @property
+    def bodies(self):
+        """See `AbstractEnds`."""
+        return (self.body,)
+
+
+class Spring(AbstractLaw):
+    """Linear spring, which pulls with `pretension` at zero extension."""
+
+    stiffness: Scalar
+    """Stiffness, N/m."""
+    pretension: Scalar
+    """Tension at zero extension, N."""
+
+    @property
+    def dissipates(self):
+        """See `AbstractLaw`."""
+        return False
+
+    def stored(self, own, s):
+        """See `AbstractLaw`."""
+        del own
+        return (0.5 * self.stiffness * s + self.pretension) * s
+
+
+class Damper(AbstractLaw):
+    """Linear and quadratic damper, force -(linear + quadratic |v|) v."""
+
+    linear: Scalar
+    """Linear coefficient, N s/m."""
+    quadratic: Scalar
+    """Quadratic coefficient, N s2/m2."""
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        del own, s, t
+        return -(self.linear + self.quadratic * jnp.abs(v)) * v
+
+
+class Friction(AbstractLaw):
+    """Coulomb friction, which builds up smoothly over about the rate `scale`."""
+
+    size: Scalar
+    """Force of the friction, N."""
+    scale: Scalar
+    """Rate over which the friction builds up, m/s."""
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        del own, s, t
+        return -self.size * jnp.tanh(v / self.scale)
+
+
+class EndStops(AbstractLaw):
+    """Elastic stops at both ends of a range of the extension."""
+
+    low: Scalar
+    """Extension below which the lower stop acts, m."""
+    high: Scalar
+    """Extension above which the upper stop acts, m."""
+    stiffness: Scalar
+    """Stiffness of the stops, N/m."""
+
+    @property
+    def dissipates(self):
+        """See `AbstractLaw`."""
+        return False
+
+    def stored(self, own, s):
+        """See `AbstractLaw`."""
+        del own
+        beyond = jnp.maximum(s - self.high, 0.0) + jnp.maximum(self.low - s, 0.0)
+        return 0.5 * self.stiffness * beyond**2
+
+
+class Latch(AbstractLaw):
+    """Latch that holds the link for some time whenever its rate changes sign (latching control)."""
+
+    hold: Scalar
+    """Time for which it holds, s."""
+    damping: Scalar
+    """Coefficient of the damper that holds, N s/m."""
+
+    def start(self, dtype):
+        """See `AbstractLaw`: the time until which the latch holds (s), and the last rate (m/s)."""
+        return jnp.zeros((), dtype), jnp.zeros((), dtype)
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        until, _ = own
+        return -jnp.where(t < until, self.damping, 0.0) * v
+
+    def advance(self, own, s, v, t, dt):
+        """See `AbstractLaw`."""
+        until, last = own
+        free = t >= until
+        caught = free & (v * last < 0.0)
+        return jnp.where(caught, t + self.hold, until), jnp.where(free & ~caught, v, 0.0)
+
+
+class Controlled(AbstractLaw):
+    """Force given by a function of extension, rate and time, for control of one's own."""
+
+    function: Partial
+    """Force (N) as a function of extension s (m), rate v (m/s) and time t (s), after its parameters."""
+
+    @classmethod
+    def of(cls, function: Callable[..., Scalar], *parameters: Any) -> Controlled:
+        """Builds the law from a function of the parameters, s, v and t; it is differentiable by the
+        parameters."""
+        return cls(Partial(function, *parameters))
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        del own
+        return self.function(s, v, t)
+
+
+class HydraulicTakeOff(AbstractLaw):
+    """Cylinder with check valves, a gas accumulator and a hydraulic motor.
+
+    The cylinder pumps oil into the accumulator in both directions, against its pressure p. The gas follows
+    p V^gamma = p0 V0^gamma, gamma > 1, and the motor takes oil in proportion to p - p0. The volume V0 must be
+    larger than the oil that the accumulator ever holds.
+    """
+
+    area: Scalar
+    """Area of the piston, m2."""
+    pressure: Scalar
+    """Pressure p0 of the gas and of the return line, Pa."""
+    volume: Scalar
+    """Volume V0 of the gas without oil, m3."""
+    motor: Scalar
+    """Flow through the motor per unit of p - p0, m3/s/Pa."""
+    gamma: Scalar
+    """Exponent of the gas (-)."""
+    scale: Scalar
+    """Rate over which the valves open, m/s."""
+
+    def start(self, dtype):
+        """See `AbstractLaw`: the volume of oil in the accumulator, m3."""
+        return jnp.zeros((), dtype)
+
+    def excess(self, oil: Scalar) -> Scalar:
+        """Pressure of the gas above p0 (Pa) for a volume of oil (m3) in the accumulator."""
+        return self.pressure * ((self.volume / (self.volume - oil)) ** self.gamma - 1.0)
+
+    def stored(self, own, s):
+        """See `AbstractLaw`: the work of compressing the gas against p0."""
+        gas = self.volume - own
+        work = self.pressure * self.volume**self.gamma * (gas ** (1.0 - self.gamma))
+        full = self.pressure * self.volume
+        return (work - full) / (self.gamma - 1.0) - self.pressure * own + 0.0 * s
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        return -self.area * self.excess(own) * jnp.tanh(v / self.scale)
+
+    def advance(self, own, s, v, t, dt):
+        """See `AbstractLaw`."""
+        pumped = self.area * jnp.abs(v) * jnp.abs(jnp.tanh(v / self.scale))
+        return jnp.maximum(own + dt * (pumped - self.motor * self.excess(own)), 0.0)
+
+
+class Laws(AbstractLaw):
+    """Sum of several laws that act side by side."""
+
+    laws: tuple[AbstractLaw, ...]
+    """The laws."""
+
+    @property
+    def dissipates(self):
+        """See `AbstractLaw`."""
+        return any(law.dissipates for law in self.laws)
+
+    def start(self, dtype):
+        """See `AbstractLaw`."""
+        return tuple(law.start(dtype) for law in self.laws)
+
+    def stored(self, own, s):
+        """See `AbstractLaw`."""
+        each = (law.stored(one, s) for law, one in zip(self.laws, own, strict=True))
+        return sum(each, jnp.zeros_like(s))
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        each = (law.force(one, s, v, t) for law, one in zip(self.laws, own, strict=True))
+        return sum(each, jnp.zeros_like(s))
+
+    def advance(self, own, s, v, t, dt):
+        """See `AbstractLaw`."""
+        return tuple(law.advance(one, s, v, t, dt) for law, one in zip(self.laws, own, strict=True))
