@@ -305,7 +305,7 @@ def flap_step():
     state, tables = jax.jit(lambda s: model.scheme.prepare(model, s))(state)
 
     def after(damping):
-        other = eqx.tree_at(lambda m: m.bodies[0].pto.damping, model, damping)
+        other = eqx.tree_at(lambda m: m.links[0].law.laws[0].linear, model, damping)
         body = other.step(state, tables).parts["body"]
         return jnp.stack([1e3 * body.velocity[2], body.force[2]])
 
@@ -411,7 +411,7 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
 
         @jax.jit
         def absorbed(damping):
-            wider = eqx.tree_at(lambda m: m.bodies[0].pto.damping, model, damping)
+            wider = eqx.tree_at(lambda m: m.links[0].law.laws[0].linear, model, damping)
             end = js.simulate(wider, state, n_steps=n_steps, sample_every=n_steps)[0]
             return end.ledger["pto"].total, end.status.bits
 
