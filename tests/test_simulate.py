@@ -445,7 +445,7 @@ def test_a_run_that_was_killed_before_its_results_is_ended_by_resume(whole, tmp_
 
 
 def test_a_change_restarts_the_record_of_results(tmp_path):
-    """Means cover what follows the change and its transient; if nothing does, a notice says so."""
+    """Means are taken over the time after the change and its transient; if none is left, a notice says so."""
     case, solution = _ended(js.load_case("owc").replace({"t1": 60.0}), [2.0, 2.3, 2.75])
     power = solution.series["power_pto"]
     straight = run_results(case, solution, 1.0, 1)[0]

@@ -138,6 +138,6 @@ def _path(section: MotionSection, dtype: np.dtype) -> AbstractPath:
     """Given motion of a body."""
     if section.amplitude is None or section.period is None:
         return SampledPath.of(np.asarray(section.t), section.samples, dtype)
-    ramp = section.period if section.ramp is None else max(section.ramp, 1e-6)
+    ramp = section.period if section.ramp is None else section.ramp
     numbers = (section.amplitude, 2.0 * np.pi / section.period, section.phase, ramp)
     return HarmonicPath(*(jnp.asarray(a, dtype) for a in numbers))

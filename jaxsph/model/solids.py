@@ -81,10 +81,6 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
         del motion
         return jnp.zeros(3), jnp.zeros(2)
 
-    @abc.abstractmethod
-    def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
-        """Motion of the solid in the middle of a step of dt (s), between the motions `old` and `new`."""
-
 
 class AbstractWall(AbstractMovingSolid):
     """A moving solid with a given motion: a piston, a rocking bed."""
@@ -101,6 +97,10 @@ class AbstractWall(AbstractMovingSolid):
     @abc.abstractmethod
     def acceleration(self, old: Any, new: Any, x: Float[Array, "B D"], dt: Scalar) -> Float[Array, "B D"]:
         """Acceleration of the wall at its ghosts x (m), m/s2, in a step of dt (s) from `old` to `new`."""
+
+    @abc.abstractmethod
+    def halfway(self, old: Any, new: Any, dt: Scalar) -> Any:
+        """Motion of the wall in the middle of a step of dt (s), between the motions `old` and `new`."""
 
     @abc.abstractmethod
     def with_velocity(self, motion: Any, after: Any) -> Any:

@@ -128,7 +128,7 @@ class RigidBody(PosedSolid, AbstractBody):
             "body_velocity": Reading(
                 "m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion"
             ),
-            **self._relative(),
+            **{name: reading for name, (_, reading) in self._relative().items()},
         }
         return {self.called(name): reading for name, reading in self._told(motion, forces).items()}
 
@@ -144,7 +144,7 @@ class RigidBody(PosedSolid, AbstractBody):
             if moves or self.joint.parent
         } | {
             name: Oscillation(self.called(name), reading.long_name, reading.units, None, True, True)
-            for name, reading in self._relative().items()
+            for name, (_, reading) in self._relative().items()
         }
         (reading,) = self._told({}, {"body_force_mean": None})
         forces = {
@@ -170,20 +170,17 @@ class RigidBody(PosedSolid, AbstractBody):
             "heave": state.pose[1],
             "pitch": state.pose[2],
             "body_velocity": state.velocity,
-            **{
-                f"relative_{name}": value
-                for (name, _), value in zip(self.joint.coordinates, state.q, strict=True)
-                if f"relative_{name}" in self._relative()
-            },
+            **{name: state.q[k] for name, (k, _) in self._relative().items()},
         }
         return {self.called(name): value for name, value in self._told(motion, forces).items()}
 
-    def _relative(self) -> dict[str, Reading]:
-        """Readings of the joint's free coordinates, by short name; none for a joint to the tank."""
+    def _relative(self) -> dict[str, tuple[int, Reading]]:
+        """Index and reading of the joint's free coordinates, by short name; none for a joint to the tank."""
         other = self.joint.parent
+        named = enumerate(zip(self.joint.coordinates, self.joint.free, strict=True))
         return {
-            f"relative_{name}": Reading(unit, f"{name} of the {self.name} relative to the {other}")
-            for (name, unit), free in zip(self.joint.coordinates, self.joint.free, strict=True)
+            f"relative_{name}": (k, Reading(unit, f"{name} of the {self.name} relative to the {other}"))
+            for k, ((name, unit), free) in named
             if other and free
         }
 
@@ -198,11 +195,6 @@ class RigidBody(PosedSolid, AbstractBody):
     def generalised_mass(self):
         """See `AbstractBody`."""
         return jnp.stack([self.mass, self.mass, self.inertia])
-
-    def halfway(self, old, new, dt):
-        """See `AbstractMovingSolid`: the motion `old`, since the bodies move together (`Mechanism`)."""
-        del new, dt
-        return old
 
     def velocity(self, motion, x):
         """See `AbstractMovingSolid`."""

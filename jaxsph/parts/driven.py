@@ -70,7 +70,7 @@ class DrivenSolid(PosedSolid, AbstractWall):
         return Motion(pose, velocity)
 
     def halfway(self, old, new, dt):
-        """See `AbstractMovingSolid`."""
+        """See `AbstractWall`."""
         del dt
         return Motion(0.5 * (old.pose + new.pose), old.velocity)
 

@@ -150,7 +150,7 @@ class Paddle(AbstractWall):
         return self.motion.move(motion, columns(water.x), depth_volume, t, dt)
 
     def halfway(self, old, new, dt):
-        """See `AbstractMovingSolid`."""
+        """See `AbstractWall`."""
         del dt
         return Piston(0.5 * (old.X + new.X), old.U, old.error, old.mean)
 

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.parts.driven import AbstractPath
+from jaxsph.waves.base import ramp_factor
 
 __all__ = ["HarmonicPath", "SampledPath"]
 
@@ -24,14 +25,11 @@ class HarmonicPath(AbstractPath):
     phase: Float[Array, "3"]
     """Phases of surge, heave and pitch, rad."""
     ramp: Scalar
-    """Time over which the motion grows to its amplitude, s; positive."""
+    """Time over which the motion grows to its amplitude, s; 0 for none."""
 
     def pose(self, t):
         """See `AbstractPath`."""
-        s = jnp.clip(t / self.ramp, 0.0, 1.0)
-        # the first two derivatives vanish at both ends, so that the acceleration has no jump
-        grown = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        return grown * self.amplitude * jnp.sin(self.omega * t + self.phase)
+        return ramp_factor(t, self.ramp) * self.amplitude * jnp.sin(self.omega * t + self.phase)
 
 
 class SampledPath(AbstractPath):

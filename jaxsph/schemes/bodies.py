@@ -77,8 +77,6 @@ class BodiesCoupling(NamedTuple):
     coordinates that are not free."""
     outside: Float[Array, " n"]
     """Generalised force without the water's pressure, N or N m (per metre in 2-D)."""
-    movable: Float[Array, " n"]
-    """Mask of the coordinates: 1 where the coordinate is free, 0 where its rate is constant."""
     pulls: dict[str, tuple[Scalar, Pull]]
     """Extension (m or rad) and force of every link, by name."""
     kinematics: Kinematics
@@ -98,7 +96,7 @@ class BodiesCoupling(NamedTuple):
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, " n"]) -> Float[Array, " G"]:
         """Pressures of the ghosts (Pa), with the part due to the accelerations added to the dummies."""
         for hold in self.holds.values():
-            added = (hold.ways @ (self.movable * acceleration)) @ hold.slopes
+            added = (hold.ways @ (self.kinematics.movable * acceleration)) @ hold.slopes
             p_ghosts = p_ghosts.at[slice(*hold.rows)].add(added)
         return p_ghosts
 
@@ -137,8 +135,8 @@ def couple_bodies(
         if not body.fixed:
             added = jax.vmap(lambda slope, grip=grip: grip.force(still, slope))(slopes).T
             mass = mass - way.T @ added @ way
-    movable = kinematics.movable
-    return (BodiesCoupling(holds, inverse_where(movable, mass), outside, movable, pulls, kinematics),)
+    inverse = inverse_where(kinematics.movable, mass)
+    return (BodiesCoupling(holds, inverse, outside, pulls, kinematics),)
 
 
 def body_grip(

@@ -80,17 +80,21 @@ class AbstractWaves(eqx.Module):
         """
 
     def ramp_factor(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp.
-
-        Its first two derivatives vanish at both ends, so that the acceleration has no jump.
-        """
-        t = real(t)
-        # A ramp of 0 gives s = 1 at once; the length of 1 keeps the derivative finite.
-        length = jnp.where(self.ramp > 0.0, self.ramp, 1.0)
-        s = jnp.where(self.ramp > 0.0, jnp.clip(t / length, 0.0, 1.0), 1.0)
-        return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        """Start-up factor at t (s), 0 to 1 (-): see `ramp_factor`."""
+        return ramp_factor(real(t), self.ramp)
 
     def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:
         """Velocity dX/dt of the paddle at t (s), m/s: the derivative of its displacement."""
         t = real(t)
         return jax.jvp(self.paddle_displacement, (t,), (jnp.ones_like(t),))[1]
+
+
+def ramp_factor(t: Float[Array, "..."], ramp: Scalar) -> Float[Array, "..."]:
+    """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp (s).
+
+    Its first two derivatives vanish at both ends, so that the acceleration has no jump.
+    """
+    # A ramp of 0 gives s = 1 at once; the length of 1 keeps the derivative finite.
+    length = jnp.where(ramp > 0.0, ramp, 1.0)
+    s = jnp.where(ramp > 0.0, jnp.clip(t / length, 0.0, 1.0), 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
