@@ -164,7 +164,7 @@ def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) ->
     """
     h, b, t = geometry.depth, geometry.length, geometry.thickness
     K = omega**2 / g
-    kh = _propagating(K * h)
+    kh = propagating(K * h)
     k, kb = kh / h, kh * b / h
     # norm: N_0 without its factor exp(2kh), which overflows in deep water; surface: the mode's value at z = 0
     norm = 0.5 * (np.exp(-2.0 * kh) - np.expm1(-4.0 * kh) / (4.0 * kh))
@@ -247,7 +247,7 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
     return whole + W.T @ ((share * decay)[:, None] * W), W.T @ (share[:, None] * W)
 
 
-def _propagating(Kh: float) -> float:
+def propagating(Kh: float) -> float:
     """Root kh of kh tanh kh = Kh, for the propagating mode (-)."""
     found = scipy.optimize.brentq(
         lambda x: x * np.tanh(x) - Kh, 0.0, Kh + np.sqrt(Kh), xtol=1e-300, rtol=np.float64(1e-15)
@@ -255,7 +255,7 @@ def _propagating(Kh: float) -> float:
     return float(np.asarray(found))
 
 
-def _evanescent(Kh: float, count: int) -> NDArray[np.floating]:
+def evanescent(Kh: float, count: int) -> NDArray[np.floating]:
     """Roots k_n h, n = 1 .. count, of k_n h tan k_n h = -Kh, for the evanescent modes (-)."""
     n = np.arange(1, count + 1)
     x = n * np.pi - np.arctan(Kh / (n * np.pi))
@@ -292,7 +292,7 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
     whole, F0 = _static(ratio, order, functions)
     F0 = F0[: int(150 + 20.0 * Kh + 6.0 / length)]
     n = np.arange(1, len(F0) + 1)
-    x = _evanescent(Kh, len(F0))
+    x = evanescent(Kh, len(F0))
     norm = 0.5 * (1.0 + np.sin(2.0 * x) / (2.0 * x))
     F = _transform(x * ratio, order, functions)
     weight = 1.0 / (x * norm)
