@@ -25,6 +25,7 @@ SMALL = {
     "dam_break_column": {"dx": 0.06, "tank.layer": None, "tank.width": 0.6, "tank.length": 1.2},
     "flap_2d": {"dx": 0.06, "tank.length": 8.1},
     "flap_3d": {"dx": 0.08, "tank.length": 4.0},
+    "flap_floating": {"dx": 0.04, "tank.length": 5.0, "sponge.length": 1.2},
     "focused_wave": {"dx": 0.05, "waves.t": 4.0},
     "hydrostatic": {"dx": 0.1},
     "owc_irregular": {"dx": 0.04, "device.wall_thickness": 0.04, "probes": {}, "waves.duration": 30.0},
@@ -33,6 +34,7 @@ SMALL = {
         "dx": 0.04,
         "solid.front.polygon": [[5.82, 0.36], [5.94, 0.36], [6.24, 0.76], [6.12, 0.76]],
     },
+    "owc_floating": {"dx": 0.04, "tank.length": 5.4, "sponge.length": 1.2},
     "owc_two_chambers": {"dx": 0.05, "solid.front.block.low": [4.57, 0.28]},
     "raft": {
         "dx": 0.04,

@@ -121,11 +121,12 @@ def test_leaf_and_facade_import_no_room():
 @pytest.mark.parametrize(
     ("name", "owners"),
     [
-        # over time, over the slots of a table, and over the stages of a Runge-Kutta step
-        ("scan", {"core.loop", "core.pairs", "model.mechanism"}),
+        # over time, over the slots of a table, over the stages of a Runge-Kutta step, and over the steps of a
+        # mooring line in a step of the water
+        ("scan", {"core.loop", "core.pairs", "model.mechanism", "parts.line"}),
         # over a number of blocks of the time loop, over the candidates of a line of cells, and over Newton's
-        # steps for laws of several chambers
-        ("fori_loop", {"core.loop", "core.search.cells", "schemes.air"}),
+        # steps for a root and for laws of several chambers
+        ("fori_loop", {"core.loop", "core.roots", "core.search.cells", "schemes.air"}),
         ("while_loop", {"schemes.poisson"}),  # over the Krylov iterations
         ("checkpoint", {"core.transforms", "core.pairs"}),  # of steps and blocks, and of slots
     ],
@@ -183,6 +184,7 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 """Functions of more than 60 lines, and why."""
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
+    "cli.coefficients.coefficients": "an argument for each option of the command",
     "cli.running.resume": "an argument for each option of the command",
     "cli.running.run": "an argument for each option of the command",
     "cli.studies.matrix": "an argument for each option of the command",

@@ -16,7 +16,16 @@ from jaxsph.cli.app import app
 from jaxsph.output.run_file import RunFile
 
 AS_HERE = os.environ | {"PYTHONPATH": str(Path(js.__file__).parents[1])}
-NAMES = ("beach", "breakwater", "owc_ning", "owc_slope", "owc_two_chambers", "section_fixed")
+NAMES = (
+    "beach",
+    "breakwater",
+    "flap_floating",
+    "owc_floating",
+    "owc_ning",
+    "owc_slope",
+    "owc_two_chambers",
+    "section_fixed",
+)
 
 
 def _command(*arguments):

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import jaxsph as js
-from jaxsph.model.mechanism import Mechanism, inverse_where
+from jaxsph.model.mechanism import Mechanism
 
 F = jnp.float64
 MASS = 500.0 * 0.2 * 0.2
@@ -29,7 +29,7 @@ def leaf(*values):
 
 
 def along(law, body="a"):
-    return js.Link(js.AlongJoint(body, 0), law)
+    return js.Link(js.AlongJoint(body, 0, "m"), law)
 
 
 def march(mechanism, t1, n, g=(0.0, 0.0)):
@@ -43,19 +43,8 @@ def march(mechanism, t1, n, g=(0.0, 0.0)):
     def step(carry, k):
         parts, taken = carry
         t = k * dt
-        parts = {**parts, **mechanism.drifted(parts, t, 0.5 * dt)}
-        kinematics = mechanism.kinematics(parts, t + 0.5 * dt)
-        forces, pulls = mechanism.pulls(kinematics, parts, t + 0.5 * dt, g)
-        mass = kinematics.mass_matrix
-        for _, pull in pulls.values():
-            mass = mass + pull.impedance(dt) * jnp.outer(pull.way, pull.way)
-        change = inverse_where(kinematics.movable, mass) @ forces
-        done = {}
-        for link in mechanism.links:
-            done[link.name], lost = link.done(parts[link.name], *pulls[link.name], change, t + 0.5 * dt, dt)
-            taken = taken + sum(lost.values())
-        parts = {**parts, **mechanism.kicked(parts, t + 0.5 * dt, dt * change), **done}
-        parts = {**parts, **mechanism.drifted(parts, t + 0.5 * dt, 0.5 * dt)}
+        parts, lost, _ = mechanism.step(parts, t, dt, g)
+        taken = taken + sum(lost.values())
         energy = sum(sum(one.energy(parts[one.name], g)) for one in mechanism.bodies)
         energy = energy + mechanism.stored(parts, t + dt)
         forces = {link.name: parts[link.name].force for link in mechanism.links}
@@ -173,15 +162,7 @@ def march_end(mechanism):
     dt = jnp.asarray(0.005, F)
 
     def step(k, parts):
-        t = k * dt
-        kinematics = mechanism.kinematics(parts, t)
-        forces, pulls = mechanism.pulls(kinematics, parts, t, jnp.zeros(2, F))
-        mass = kinematics.mass_matrix
-        for _, pull in pulls.values():
-            mass = mass + pull.impedance(dt) * jnp.outer(pull.way, pull.way)
-        change = inverse_where(kinematics.movable, mass) @ forces
-        parts = {**parts, **mechanism.kicked(parts, t, dt * change)}
-        return {**parts, **mechanism.drifted(parts, t, dt)}
+        return mechanism.step(parts, k * dt, dt, jnp.zeros(2, F)).parts
 
     return jax.lax.fori_loop(0, 100, step, mechanism.start(F))["a"].pose[0]
 
@@ -206,13 +187,9 @@ def pair():
                 parts[name] = eqx.tree_at(lambda m: m.rates, parts[name], own)
             parts = {**parts, **mechanism.placed(parts, jnp.zeros((), F))}
             before = momentum(mechanism, parts)
-            dt = jnp.asarray(0.01, F)
+            dt, zero = jnp.asarray(0.01, F), jnp.zeros((), F)
             for _ in range(20):
-                kinematics = mechanism.kinematics(parts, jnp.zeros((), F))
-                forces, _ = mechanism.pulls(kinematics, parts, jnp.zeros((), F), jnp.zeros(2, F))
-                change = inverse_where(kinematics.movable, kinematics.mass_matrix) @ forces
-                parts = {**parts, **mechanism.kicked(parts, jnp.zeros((), F), dt * change)}
-                parts = {**parts, **mechanism.drifted(parts, jnp.zeros((), F), dt)}
+                parts = mechanism.step(parts, zero, dt, jnp.zeros(2, F)).parts
             return before, momentum(mechanism, parts)
 
         yield momenta

@@ -154,7 +154,7 @@ def test_readings_that_share_a_name_are_refused(hydrostatic):
 
 def _take_off(name, body):
     law = js.Damper(jnp.float32(1.0), jnp.float32(0.0))
-    return js.Link(js.AlongJoint(body), law, harvests=True, name=name)
+    return js.Link(js.AlongJoint(body, 2, "rad"), law, harvests=True, name=name)
 
 
 def test_a_chamber_and_a_body_have_readings_of_their_own():

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 import jaxsph as js
 from experiments import linkages
 from experiments.common import Report
-from jaxsph.model.mechanism import Mechanism, inverse_where
+from jaxsph.model.mechanism import Mechanism
 from jaxsph.output.plot.style import BLUE, RED, in_style
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.joint import PlanarJoint
@@ -40,15 +40,8 @@ def march(bodies: Sequence[RigidBody], t1: float, n: int, every: int, dtype: Any
 
     def step(carry, k):
         parts, done = carry
-        t = k * dt
-        parts = mechanism.drifted(parts, t, 0.5 * dt)
-        kinematics = mechanism.kinematics(parts, t + 0.5 * dt)
-        forces, _ = mechanism.pulls(kinematics, parts, t + 0.5 * dt, g)
-        change = inverse_where(kinematics.movable, kinematics.mass_matrix) @ forces
-        power = mechanism.given(kinematics, change, forces)
-        parts = mechanism.kicked(parts, t + 0.5 * dt, dt * change)
-        parts = mechanism.drifted(parts, t + 0.5 * dt, 0.5 * dt)
-        return (parts, done + dt * sum(power.values())), None
+        parts, _, given = mechanism.step(parts, k * dt, dt, g)
+        return (parts, done + sum(given.values())), None
 
     def block(carry, k):
         carry, _ = jax.lax.scan(step, carry, k)

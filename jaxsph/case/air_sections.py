@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from jaxsph.case.section import NAME, Density, Duration, Name, Section
+from jaxsph.case.section import NAME, Coordinate, Density, Duration, Name, Section
 from jaxsph.parts.pto import orifice_damping
 
 VALVE = ("relief", "suction")
@@ -147,12 +147,25 @@ class AirSection(Section):
 
 
 class ChamberSection(Section):
-    """A chamber of air over the water between two walls; the case chooses its name."""
+    """A chamber of air over the water between two walls, or in a body's hollow; the case chooses its name."""
 
-    between: tuple[str, str]
+    between: tuple[str, str] | None = None
     """The two walls: names of solids, "device" for the device's plate, "far" for the tank's end wall."""
+    body: Name | None = None
+    """Body in whose hollow the chamber is, instead of `between`; the air moves with the body. The hollow is
+    open below and closed by a roof."""
+    at: Coordinate | None = None
+    """A position x in the hollow at the still water level, m, if the body has several hollows."""
     pto: PTOSection | None = None
     air: AirSection | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> ChamberSection:
+        if (self.between is None) == (self.body is None):
+            raise ValueError("give exactly one of between (two walls) and body (with a hollow)")
+        if self.at is not None and self.body is None:
+            raise ValueError("at: belongs to body, to choose one of its hollows")
+        return self
 
 
 class DuctSection(Section):

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
+from jaxsph.core.arrays import columns
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, grid_over
@@ -222,7 +223,7 @@ def _search(
         found["node_capacity"] = needed_capacity(nodes)
         found["chamber_capacity"] = 1
         for chamber in chambers:
-            count = _candidate_count(chamber, jnp.asarray(x, walls.x.dtype), skin)
+            count = _candidate_count(chamber, columns(jnp.asarray(x, walls.x.dtype)), skin)
             found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
         found["rebuild_every"] = block
     return Search(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -17,18 +18,29 @@ from jaxsph.model.links import AbstractEnds, AbstractLaw, Link
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.driven import AbstractPath
 from jaxsph.parts.joint import MOTIONS, PlanarJoint
-from jaxsph.parts.links import AlongJoint, BetweenPoints, Damper, EndStops, Friction, Latch, Laws, Spring
+from jaxsph.parts.links import (
+    AlongJoint,
+    BetweenPoints,
+    Damper,
+    EndStops,
+    Friction,
+    Latch,
+    Laws,
+    Rope,
+    Spring,
+)
 from jaxsph.parts.paths import HarmonicPath, SampledPath
 from jaxsph.solids.shapes import AbstractShape
-from jaxsph.solids.walls import Ghosts
 
 
-def make_bodies(case: Sections, geometry: Geometry, walls: Ghosts, leaf: Any) -> tuple[RigidBody, ...]:
+def make_bodies(
+    case: Sections, geometry: Geometry, dummies: Sequence[tuple[int, int]], leaf: Any
+) -> tuple[RigidBody, ...]:
     """Rigid bodies of a case, followed by the fixed solids, which are bodies without free motions.
 
-    `leaf` converts a number to an array of the case's precision.
+    `dummies`: the rows of `Ghosts.dummies`; `leaf` converts a number to an array of the case's precision.
     """
-    sections, rows = case.every_body, iter(walls.dummies)
+    sections, rows = case.every_body, iter(dummies)
     moving = tuple(
         _body(case, name, sections[name], shape, next(rows), leaf) for name, shape in geometry.bodies.items()
     )
@@ -71,13 +83,13 @@ FRICTION_SCALE = 0.01
 """Rate over which Coulomb friction builds up, m/s or rad/s."""
 
 
-def make_links(case: Sections, leaf: Any) -> tuple[Link, ...]:
+def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[Link, ...]:
     """Links of a case: those of the bodies' power take-offs, and those of its sections `link`.
 
     `leaf` converts a number to an array of the case's precision. **Raises** CaseError for a link to a body
     that does not exist.
     """
-    found = []
+    found, by_name = [], {body.name: body for body in bodies}
     for name, section in case.every_body.items():
         pto = section.pto
         if pto is None:
@@ -86,15 +98,17 @@ def make_links(case: Sections, leaf: Any) -> tuple[Link, ...]:
         laws.append(Spring(leaf(pto.spring), leaf(0.0)))
         laws.append(EndStops(leaf(-pto.stop), leaf(pto.stop), leaf(pto.stop_stiffness)))
         called = case.pto_names[name]
-        found.append(Link(AlongJoint(name), Laws(tuple(laws)), harvests=True, name=called))
+        ends = AlongJoint.of(by_name[name], MOTIONS.index("pitch"))
+        found.append(Link(ends, Laws(tuple(laws)), harvests=True, name=called))
     for name, section in case.link.items():
-        found.append(
-            Link(_ends(case, name, section, leaf), _laws(section, leaf), harvests=section.take_off, name=name)
-        )
+        ends = _ends(case, name, section, by_name, leaf)
+        found.append(Link(ends, _laws(section, leaf), harvests=section.take_off, name=name))
     return tuple(found)
 
 
-def _ends(case: Sections, name: str, section: LinkSection, leaf: Any) -> AbstractEnds:
+def _ends(
+    case: Sections, name: str, section: LinkSection, bodies: Mapping[str, RigidBody], leaf: Any
+) -> AbstractEnds:
     """What a link connects."""
     named = [section.body] if section.between is None else [one for one in section.between if one != TANK]
     for body in named:
@@ -109,7 +123,7 @@ def _ends(case: Sections, name: str, section: LinkSection, leaf: Any) -> Abstrac
                 f"link.{name}.motion = {section.motion!r}: the body {section.body} is not free in it; it is "
                 f"free in {', '.join(free) or 'no motion'}"
             )
-        return AlongJoint(section.body, MOTIONS.index(section.motion))
+        return AlongJoint.of(bodies[section.body], MOTIONS.index(section.motion))
     assert section.between is not None and section.at is not None
     first, second = ("" if one == TANK else one for one in section.between)
     rest = float(np.hypot(*np.subtract(*section.at))) if section.rest is None else section.rest
@@ -120,6 +134,8 @@ def _ends(case: Sections, name: str, section: LinkSection, leaf: Any) -> Abstrac
 def _laws(section: LinkSection, leaf: Any) -> Laws:
     """Laws of a link's force."""
     laws: list[AbstractLaw] = []
+    if section.slack:
+        return Laws((Rope(leaf(section.stiffness), leaf(section.pretension), leaf(section.damping)),))
     if section.stiffness or section.pretension:
         laws.append(Spring(leaf(section.stiffness), leaf(section.pretension)))
     if section.damping or section.quadratic:

@@ -18,6 +18,7 @@ from jaxsph.case.bodies import make_bodies, make_links
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
 from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
+from jaxsph.case.moorings import make_moorings
 from jaxsph.case.parts import (
     make_background,
     make_chambers,
@@ -74,7 +75,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     check_memory(case, geometry)
     scheme = make_scheme(case, make_background(case, geometry, leaf))
     walls = _walls(case, geometry, scheme)
-    bodies = make_bodies(case, geometry, walls, leaf)
+    bodies = make_bodies(case, geometry, walls.dummies, leaf)
     x, volume = water(geometry, case.dx)
     motions = Mechanism(bodies).start(dtype)
     away = [at_points(eqx.Partial(body.distance, motions[body.name]), x, dtype) for body in bodies]
@@ -101,8 +102,8 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         g=g,
         moving=paddles,
         bodies=bodies,
-        links=make_links(case, leaf),
-        chambers=make_chambers(case, geometry, leaf),
+        links=make_links(case, bodies, leaf) + make_moorings(case, leaf),
+        chambers=make_chambers(case, geometry, bodies, leaf),
         ducts=make_ducts(case, leaf),
         dampers=make_zones(case, geometry, leaf) + make_sponges(case, geometry, leaf),
         speed=search_speed(case),

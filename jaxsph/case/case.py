@@ -14,6 +14,7 @@ from jaxsph.case.build import build
 from jaxsph.case.expected import instead
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
+from jaxsph.case.moorings import check_moorings
 from jaxsph.case.notices import limit_notices
 from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
@@ -37,9 +38,10 @@ SMOOTH = (
     "sponge.strength",
     *(f"{body}.pto.{key}" for body in BODY_KEYS for key in ("damping", "coulomb", "spring")),
     *(f"link.{NAME}.{key}" for key in ("stiffness", "pretension", "damping", "quadratic", "friction")),
+    *(f"mooring.{NAME}.{key}" for key in ("length", "axial_stiffness", "weight", "mass", "lines")),
 )
-"""Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths are
-excluded, because a changed length changes the lattice."""
+"""Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths
+except those of moorings are excluded, because a changed length changes the lattice."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
 """Types of errors (value missing or out of range) whose messages include the meaning of the key."""
@@ -60,7 +62,9 @@ class Case(Sections):
             case = cls.model_validate(data)
         except ValidationError as error:
             raise CaseError(_readable(error)) from None
-        check_limits(case, Geometry.of(case))
+        geometry = Geometry.of(case)
+        check_limits(case, geometry)
+        check_moorings(case, geometry)
         return case
 
     def replace(self, changes: dict[str, Any]) -> Case:

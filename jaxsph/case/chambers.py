@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 
 from jaxsph.case.air_sections import FAR
 from jaxsph.case.shapes import ends_at
@@ -21,8 +22,10 @@ number of evenly spaced levels instead."""
 class Stretch(NamedTuple):
     """Stretch of the still water surface between a chamber's two walls."""
 
-    walls: tuple[str, str]
-    """Names of the front and the back wall, as in `chamber.NAME.between`."""
+    given: str
+    """Key and value that say in a case where the chamber is."""
+    carrier: str
+    """Name of the body in whose hollow the chamber is; empty for a chamber between walls at rest."""
     front: np.ndarray
     """Corners `[K, 2]` (x, z) (m) of the front wall's inner face, from below upwards."""
     back: np.ndarray
@@ -118,7 +121,70 @@ def stretch_between(key: str, between: tuple[str, str], tank: Tank) -> Stretch:
             f"below still water at z = {tank.depth:g} m"
         )
     _check_free(asked, (first, last), between, tank)
-    return Stretch((front.name, back.name), front.face(1), back.face(0), tip, top, first, last)
+    return Stretch(asked, "", front.face(1), back.face(0), tip, top, first, last)
+
+
+def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank: Tank) -> Stretch:
+    """Stretch of the surface in a hollow of the body of this `shape`, which is open below and has a roof.
+
+    `at`: a position x (m) in the hollow, if there are several. **Raises** CaseError, which names the section
+    `key`, if the hollow cannot hold air over water.
+    """
+    asked = f"{key}.body = {body!r}"
+    hollows = [one for one in itertools.pairwise(_crossings(shape, tank.depth)[1:-1])][::2]
+    if not hollows:
+        raise CaseError(
+            f"{asked}: the body has no hollow at the still water level, z = {tank.depth:g} m, with a wall on "
+            "either side: give it as a polygon with a hollow that is open below"
+        )
+    places = ", ".join(f"{a:.4g} to {b:.4g} m" for a, b in hollows)
+    found = hollows if at is None else [(a, b) for a, b in hollows if a < at < b]
+    if len(found) != 1:
+        given = "give" if at is None else f"{key}.at = {at:g} m is in none: give"
+        raise CaseError(f"{asked}: the body has hollows from x = {places}; {given} {key}.at in one of them")
+    ((first, last),) = found
+    if last - first < 3.0 * tank.dx:
+        raise CaseError(
+            f"{asked}: its hollow is {last - first:.4g} m long, and must be at least three spacings of dx = "
+            f"{tank.dx:g} m long"
+        )
+    middle, beside = 0.5 * (first + last), 1e-4 * tank.dx
+    corners = np.sort(np.unique(np.concatenate([shape.outline()[:, 1], [tank.depth]])))
+    front, back = [], []
+    tip, top = -np.inf, np.inf
+    for z in np.sort(np.concatenate([corners[:-1] + beside, corners[1:] - beside])):
+        crossings = _crossings(shape, float(z))
+        left, right = crossings[crossings < middle], crossings[crossings > middle]
+        if z < tank.depth and not (len(left) and len(right)):
+            tip, front, back = z + beside, [], []
+        elif len(left) % 2:  # the roof covers the middle
+            if z > tank.depth:
+                top = float(z) - beside
+                break
+            tip, front, back = z + beside, [], []
+        elif len(left) and len(right):
+            front.append((left[-1], z))
+            back.append((right[0], z))
+    if not np.isfinite(top):
+        raise CaseError(
+            f"{asked}: its hollow from x = {first:.4g} to {last:.4g} m is open above: close it with a roof, "
+            "on which the air pushes"
+        )
+    tip = float(np.round(max(tip, corners[0]), 9))
+    if tip > tank.depth - 2.0 * tank.dx:
+        raise CaseError(
+            f"{asked}: the hollow's lower end is at z = {tip:.4g} m, and must be at least two spacings below "
+            f"still water at z = {tank.depth:g} m"
+        )
+    return Stretch(asked, body, np.array(front), np.array(back), tip, top, first, last)
+
+
+def _crossings(shape: AbstractShape, level: float) -> np.ndarray:
+    """Positions x (m), in ascending order, at which the outline of a shape crosses a level (m)."""
+    low, high = shape.bounds()
+    across = shapely.LineString([(low[0] - 1.0, level), (high[0] + 1.0, level)])
+    parts = shapely.get_parts(shape.region().intersection(across))
+    return np.sort(np.concatenate([[], *(part.xy[0] for part in parts if part.length > 0.0)]))
 
 
 def _at_surface(name: str, asked: str, tank: Tank) -> tuple[tuple[float, float], Wall]:

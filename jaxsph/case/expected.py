@@ -11,8 +11,9 @@ _MESH = (
     "with x and z); surface meshes are not available"
 )
 _MOORING = (
-    "springs and dampers between a body and the tank are links, [link.NAME] with `link.NAME.between` and "
-    "`link.NAME.at`, as in the built-in case `box_moored`; catenaries are not available"
+    "a mooring line is a section [mooring.NAME] with `mooring.NAME.anchor`, `mooring.NAME.at` on a body, "
+    "`mooring.NAME.length` and other keys; springs between a body and the tank are links, [link.NAME] with "
+    "`link.NAME.between` and `link.NAME.at`, as in the built-in case `box_moored`"
 )
 _LINK = (
     "a spring, damper, end stop or latch is a link, [link.NAME] with `link.NAME.stiffness`, "
@@ -38,7 +39,7 @@ _PERIOD = "regular waves have the period `waves.T`, s, and a sea its peak period
 EXPECTED = {
     **dict.fromkeys(("slope", "bed", "bathymetry", "bottom", "beach", "bed_slope"), _BED),
     **dict.fromkeys(("stl", "mesh", "obj", "geometry", "vtk"), _MESH),
-    **dict.fromkeys(("mooring", "moorings", "catenary", "anchor", "anchors", "tether", "cable"), _MOORING),
+    **dict.fromkeys(("moorings", "catenary", "anchors", "tether", "cable"), _MOORING),
     **dict.fromkeys(("joint", "joints", "constraint", "hinge", "slider"), _JOINT),
     **dict.fromkeys(("link", "links", "spring", "springs", "damper", "dampers", "end_stops"), _LINK),
     **dict.fromkeys(("latching", "power_take_off", "linear_pto"), _LINK),

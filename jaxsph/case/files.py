@@ -16,6 +16,7 @@ import numpy as np
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.case.drawings import DRAWINGS, read_outline
+from jaxsph.case.moordyn import read_moordyn
 from jaxsph.case.sections import BODY_KEYS
 from jaxsph.errors import CaseError
 
@@ -152,6 +153,7 @@ READ: dict[str, Reader] = {
     **{body: Reader(_read_polygon, ("scale", "at")) for body in BODY_KEYS},
     **{f"{body}.motion": Reader(_read_motion) for body in BODY_KEYS},
     "solid.NAME": Reader(_read_polygon, ("scale", "at")),
+    "mooring": Reader(read_moordyn, ("body", "at", "kind", "lines")),
 }
 """Sections that may name a file, with the reader of their keys; `NAME` stands for every name."""
 

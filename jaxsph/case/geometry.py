@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between
+from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between, stretch_in
 from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Device, Sections
 from jaxsph.case.shape_sections import SolidSection
 from jaxsph.case.shapes import (
@@ -312,7 +312,17 @@ class Geometry:
             raise CaseError("air: compressible air needs a turbine; give [pto] with one, or remove [air]")
         tank = Tank(self.named_shapes(), self.length, self.depth, self.height, self.dx)
         for name, section in case.chambers.items():
-            self.stretches[name] = stretch_between(f"chamber.{name}", section.between, tank)
+            key = f"chamber.{name}"
+            if section.between is not None:
+                self.stretches[name] = stretch_between(key, section.between, tank)
+                continue
+            if section.body not in self.bodies:
+                there = ", ".join(self.bodies) or "none"
+                raise CaseError(
+                    f"{key}.body = {section.body!r}: there is no such body; the bodies are {there}"
+                )
+            shape = self.bodies[section.body]
+            self.stretches[name] = stretch_in(key, section.body, section.at, shape, tank)
         check_apart_chambers(self.stretches)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:

@@ -274,10 +274,10 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     room = min(stretch.top, geometry.height) - geometry.depth
     if rise > room + 1e-9:
-        asked = f"{key}between = {list(stretch.walls)}" if key else f"tank.height = {geometry.height:g} m"
+        asked = stretch.given if key else f"tank.height = {geometry.height:g} m"
+        what = "the roof is" if stretch.carrier else "a wall ends"
         raise CaseError(
-            f"{asked}: a wall ends {room:.4g} m above the water, and waves are "
-            f"{rise:.4g} m high: air would escape over it; make the wall higher"
+            f"{asked}: {what} {room:.4g} m above the water, and waves are {rise:.4g} m high: make it higher"
         )
     if section.air is not None:
         if section.pto is not None and not section.pto.is_turbine:
@@ -335,7 +335,7 @@ def _check_ducts(case: Sections) -> None:
 
 def _check_names(case: Sections) -> None:
     """**Raises** CaseError for parts that share a name, or have a reserved name."""
-    kinds = ("bodies", "link", "solid", "chamber", "duct")
+    kinds = ("bodies", "link", "mooring", "solid", "chamber", "duct")
     named = [(f"{kind}.{name}", name) for kind in kinds for name in getattr(case, kind)]
     named += [(f"{case.body_key(body)}.pto", name) for body, name in case.pto_names.items()]
     if case.body is not None and ONLY_BODY in case.bodies:

@@ -1,4 +1,4 @@
-"""Linear theory of a case: the incident power, and the response of the OWC (see `waves.linear_owc`)."""
+"""Linear theory of a case: incident power, response of the OWC (see `waves.linear_owc`) and of bodies."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 
 from jaxsph.case.air_sections import DEVICE_WALLS, PTOSection
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.sections import Sections
+from jaxsph.case.linear_bodies import has_free_bodies, linear_motions, why_no_motions
+from jaxsph.case.sections import ONLY_BODY, Sections
 from jaxsph.errors import CaseError
+from jaxsph.parts.joint import MOTIONS
 from jaxsph.waves import second_order, theory
 from jaxsph.waves.linear_owc import LinearAir, LinearOWC, linear_response
 from jaxsph.waves.linear_sea import LinearSea, linear_sea_response
@@ -102,11 +104,14 @@ def _chamber(case: Sections) -> ChamberGeometry:
 
 
 def linear_check(case: Sections) -> list[tuple[str, str]]:
-    """Efficiency, pressure (Pa) and level (m) of a chamber by linear theory, as labels and values.
+    """Response of a chamber or of bodies by linear theory, as labels and values.
 
-    If the theory does not cover the chambers, the list contains only the reason. Otherwise the list is empty
-    for a sea, and for a case without waves or without a turbine.
+    For a chamber these are efficiency, pressure (Pa) and level (m); for bodies their motions (m, rad), the
+    power (W/m) and the efficiency. If the theory does not cover the case, the list contains only the reason.
+    Otherwise it is empty for a chamber in a sea, and for a case without waves, bodies or a turbine.
     """
+    if has_free_bodies(case):
+        return _bodies_check(case)
     if why := why_no_theory(case):
         return [("linear theory", f"none: {why}")]
     if _missing(case) is not None:
@@ -122,9 +127,29 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
     ]
 
 
+def _bodies_check(case: Sections) -> list[tuple[str, str]]:
+    """Amplitudes of the bodies' motions, and the power, by linear theory, as labels and values."""
+    try:
+        found = linear_motions(case)
+    except CaseError as error:
+        return [("linear theory", f"none: {error}")]
+    rows = []
+    for name, motions in found.motions.items():
+        of = "" if name == ONLY_BODY else f" of {name}"
+        for motion, value, unit in zip(MOTIONS, motions, ("m", "m", "rad"), strict=True):
+            if abs(value) > 1e-9:
+                rows.append((f"linear {motion}{of}", f"{abs(value):.3g} {unit} amplitude"))
+    if found.powers:
+        rows.append(("linear power", f"{found.P_pto:.4g} W per metre of width"))
+        rows.append(("linear efficiency", f"{found.xi:.3g}"))
+    return rows
+
+
 def why_no_theory(case: Sections) -> str:
-    """Reason why linear theory does not cover the chambers of a case in waves; empty if the theory covers
-    them, or if the case has no turbine or no waves."""
+    """Reason why linear theory does not cover the chambers or bodies of a case in waves; empty if the theory
+    covers them, or if the case has no waves, or neither a turbine nor a body with a free motion."""
+    if has_free_bodies(case):
+        return why_no_motions(case)
     if not case.turbines or case.waves is None:
         return ""
     return _missing(case, seas=case.waves.kind != "regular") or ""
@@ -135,7 +160,7 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     if len(case.chambers) > 1:
         return "there are several chambers"
     for name, chamber in case.chambers.items():
-        if set(chamber.between) != set(DEVICE_WALLS):
+        if set(chamber.between or ()) != set(DEVICE_WALLS):
             return f"chamber.{name} is not between the plate of a device and the end wall"
     if case.device is None:
         return "device is not given"

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -15,6 +16,7 @@ from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
+from jaxsph.model.solids import AbstractBody
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
 from jaxsph.parts.chamber import Chamber
 from jaxsph.parts.duct import Duct
@@ -75,21 +77,25 @@ def make_paddle(
     return Paddle(motion=motion, rows=walls.paddle)
 
 
-def make_chambers(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Chamber, ...]:
-    """Chambers of a case."""
-    return tuple(
-        Chamber.of(
+def make_chambers(
+    case: Sections, geometry: Geometry, bodies: Sequence[AbstractBody], leaf: Any
+) -> tuple[Chamber, ...]:
+    """Chambers of a case, in the tank or in one of its `bodies`."""
+    by_name, found = {body.name: body for body in bodies}, []
+    for name, section in case.chambers.items():
+        stretch = geometry.stretches[name]
+        chamber = Chamber.of(
             ClosedPTO() if section.pto is None else make_pto(case, section.pto, leaf),
-            between=(geometry.stretches[name].front, geometry.stretches[name].back),
-            tip=geometry.stretches[name].tip,
+            between=(stretch.front, stretch.back),
+            tip=stretch.tip,
             level=geometry.depth,
             dx=case.dx,  # a particle deeper than half of dx in a wall ends the run
             air=make_air(section.air, leaf),
             name=name,
             dtype=np.dtype(case.precision),
         )
-        for name, section in case.chambers.items()
-    )
+        found.append(chamber.in_body(by_name[stretch.carrier]) if stretch.carrier else chamber)
+    return tuple(found)
 
 
 def make_ducts(case: Sections, leaf: Any) -> tuple[Duct, ...]:

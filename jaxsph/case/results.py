@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power, linear_owc, linear_sea, why_no_theory
+from jaxsph.case.linear_bodies import has_free_bodies, linear_motions, why_no_motions
 from jaxsph.case.sections import Sections
 from jaxsph.case.settling import given_waves, settled_periods, settled_window, travel_time
 from jaxsph.errors import CaseError
@@ -199,8 +200,13 @@ def _over_measured(record: Record) -> Scalars:
 
 
 def _linear(case: Sections, record: Record) -> Scalars:
-    """Efficiency and chamber amplitudes by linear theory, named after the corresponding results."""
+    """Efficiency and amplitudes by linear theory, named after the corresponding results."""
     made = record.results
+    if has_free_bodies(case):
+        if "P_inc" not in made or why_no_motions(case):
+            return {}
+        found, means = linear_motions(case).results, {"xi", "P_pto", "P_owc"}
+        return {linear(name): value for name, value in found.items() if name in made or name not in means}
     if "xi" not in made or not case.turbines or why_no_theory(case):
         return {}
     if case.waves.kind != "regular":

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from jaxsph.case.air_sections import DEVICE_WALLS, AirSection, ChamberSection, DuctSection, PTOSection
+from jaxsph.case.mooring_sections import MooringSection
 from jaxsph.case.section import (
     MOST_POINTS,
     NAME,
@@ -292,6 +293,8 @@ class Sections(Section):
     """Rigid bodies, by name."""
     link: dict[Name, LinkSection] = Field({})
     """Springs, dampers, take-offs and other forces on bodies, by name."""
+    mooring: dict[Name, MooringSection] = Field({})
+    """Mooring lines between bodies and anchors, by name."""
     solid: dict[Name, SolidSection] = Field({})
     """Fixed solids, by name."""
     chamber: dict[Name, ChamberSection] = Field({})

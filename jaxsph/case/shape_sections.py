@@ -91,6 +91,9 @@ class LinkSection(Section):
     """Quadratic damping, N s2/m2."""
     friction: Coefficient = 0.0
     """Force of Coulomb friction, N."""
+    slack: bool = False
+    """Whether the link is a rope, which becomes slack and does not push; its damping acts while it is
+    taut."""
     stops: tuple[Coordinate, Coordinate] | None = None
     """Least and largest extension before the end stops act, m; give it together with `stop_stiffness`."""
     stop_stiffness: Coefficient = 0.0
@@ -119,6 +122,11 @@ class LinkSection(Section):
             raise ValueError("give both stops, an increasing pair, and stop_stiffness")
         if (self.latch is None) != (self.latch_damping == 0.0):
             raise ValueError("a latch needs both latch, the time it holds, and latch_damping")
+        others = (self.quadratic, self.friction, self.stop_stiffness, self.latch_damping)
+        if self.slack and (not between or not self.stiffness or any(others)):
+            raise ValueError(
+                "slack needs between and at, and stiffness, and goes with pretension and damping only"
+            )
         if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
             raise ValueError("the link has no force: give stiffness, damping, friction or another key")
         if self.take_off and not any(self.losses):

@@ -20,6 +20,7 @@ from jaxsph.model.state import Tally
 
 __all__ = [
     "AbstractDuct",
+    "AbstractFrame",
     "AbstractPTO",
     "Air",
     "AirCoupling",
@@ -41,10 +42,37 @@ class Air(eqx.Module):
     """State of compressible air (`parts.air.Confined`); empty for incompressible air."""
 
 
-class AirCoupling(NamedTuple):
-    """Linear maps between the pressure of a chamber's air and the motion of the water.
+class AbstractFrame(eqx.Module):
+    """Frame of a chamber, in which the chamber's walls are at rest.
 
-    Force and flow use the same weights, so that P_a q is exactly the power that the air takes from the water.
+    The methods' `parts` are the states of the parts by name.
+    """
+
+    @abc.abstractmethod
+    def back(self, parts: Mapping[str, Any], x: Components) -> Components:
+        """Positions (m) with all bodies at rest of points of the frame that are at x (m)."""
+
+    @abc.abstractmethod
+    def turned_back(self, parts: Mapping[str, Any], vectors: Components) -> Components:
+        """Vectors with the bodies at rest, from present vectors."""
+
+    @abc.abstractmethod
+    def turned(self, parts: Mapping[str, Any], vectors: Components) -> Components:
+        """Present vectors, from vectors with the bodies at rest."""
+
+    @abc.abstractmethod
+    def reaction(
+        self, parts: Mapping[str, Any], x: Components, force: Components
+    ) -> dict[str, Float[Array, "3"]]:
+        """Generalised forces (N, N, N m) opposite to the `force` (N) on points at x (m), on the body that
+        carries the frame, by the body's name; per metre in 2-D."""
+
+
+class AirCoupling(NamedTuple):
+    """Linear maps between the pressure of a chamber's air and the motion of the water and of a body.
+
+    Force and flow use the same weights, so that P_a q is exactly the power that the air takes from the water
+    and from the body that carries the chamber.
     """
 
     index: Array
@@ -55,18 +83,29 @@ class AirCoupling(NamedTuple):
     """Masses of these particles, kg (kg/m in 2-D)."""
     slabs: Slabs
     """Devices that share the particles."""
+    reaction: dict[str, Float[Array, "3"]]
+    """Force on the body that carries the chamber per unit of P_a, opposite to that on the water, by the
+    body's name: m, m, m2 in 2-D (m2, m2, m3 in 3-D). Empty if the walls are at rest."""
 
     def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
         """Velocities of the water (m/s) after an `impulse` of the air, the time integral of P_a (Pa s)."""
         return self.slabs.add(u, self.index, stack([impulse * f / self.m for f in self.force]))
 
-    def flow(self, u: Float[Array, "N D"]) -> Scalar:
-        """Flow of air out of the chamber at the water's velocities u (m/s), m3/s (m2/s in 2-D)."""
+    def flow(self, u: Float[Array, "N D"], velocities: Mapping[str, Float[Array, "3"]]) -> Scalar:
+        """Flow of air out of the chamber, m3/s (m2/s in 2-D).
+
+        **Arguments**: the water's velocities u (m/s); `velocities` of the bodies' pivots and pitches by name,
+        m/s, m/s, rad/s.
+        """
         at = self.slabs.take(columns(u), jnp.minimum(self.index, u.shape[0] - 1))
-        return -jnp.sum(dot(self.force, at))
+        moved = sum(
+            (force @ velocities[name] for name, force in self.reaction.items()), jnp.zeros((), u.dtype)
+        )
+        return -jnp.sum(dot(self.force, at)) - moved
 
     def mobility(self) -> Scalar:
-        """Rate of change of the flow per unit of -P_a due to the air's force alone, m4/kg (m3/kg in 2-D)."""
+        """Rate of change of the flow per unit of -P_a due to the air's force on the water alone, m4/kg
+        (m3/kg in 2-D)."""
         return jnp.sum(dot(self.force, self.force) / self.m)
 
 

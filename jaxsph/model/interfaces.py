@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Law, Smoothing
 from jaxsph.core.slabs import Chosen, Sources
-from jaxsph.model.air import AbstractDuct, AbstractPTO, Air, AirCoupling, Given, Pressed
+from jaxsph.model.air import AbstractDuct, AbstractFrame, AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.forces import FORCES, AbstractForce
 from jaxsph.model.links import Link
 from jaxsph.model.meaning import Entry, Exchange
@@ -207,6 +207,9 @@ class AbstractChamber(AbstractPart):
 
     pto: eqx.AbstractVar[AbstractPTO]
     """Power take-off of the chamber."""
+    frame: eqx.AbstractVar[AbstractFrame]
+    """Frame in which the chamber's walls are at rest. Positions are those in this frame, with all bodies at
+    rest, unless stated otherwise."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Air:
@@ -224,7 +227,7 @@ class AbstractChamber(AbstractPart):
         """Mean elevation of the chamber's surface above still water, m; arguments as for `volume`."""
 
     @abc.abstractmethod
-    def candidates(self, x: Float[Array, "N D"], margin: float, capacity: int) -> tuple[Array, Array]:
+    def candidates(self, x: Components, margin: float, capacity: int) -> tuple[Array, Array]:
         """Indices `[capacity]` of particles that may feel the air before the next search, and their number.
 
         `margin`: distance by which the air's region is widened to allow for motion until that search, m.
@@ -236,9 +239,15 @@ class AbstractChamber(AbstractPart):
 
     @abc.abstractmethod
     def coupling(
-        self, scheme: AbstractScheme, water: Particles, sources: Sources, tables: Tables
+        self,
+        scheme: AbstractScheme,
+        water: Particles,
+        sources: Sources,
+        tables: Tables,
+        parts: Mapping[str, Any],
     ) -> AirCoupling:
-        """Coupling of the chamber's air to the water at its present positions."""
+        """Coupling of the chamber's air to the water at its present positions; `parts`: states of the parts
+        by name."""
 
     @abc.abstractmethod
     def press(
@@ -263,7 +272,7 @@ class AbstractChamber(AbstractPart):
         """
 
     @abc.abstractmethod
-    def water_pressure(self, air: Air, grip: AbstractGrip, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def water_pressure(self, air: Air, grip: AbstractGrip, x: Components) -> Float[Array, " N"]:
         """Part of the water's gauge pressure at x (m) that is due to the air, Pa.
 
         This part must be added to the scheme's pressure, which does not contain it. `grip`: the scheme's
@@ -385,7 +394,8 @@ class Model(eqx.Module):
         p = self.scheme.pressure(state.particles)
         for chamber in self.chambers:
             air = state.parts[chamber.name]
-            p = p + chamber.water_pressure(air, self.scheme.grip, state.particles.x)
+            x = chamber.frame.back(state.parts, columns(state.particles.x))
+            p = p + chamber.water_pressure(air, self.scheme.grip, x)
         return p
 
     @property

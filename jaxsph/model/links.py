@@ -1,15 +1,16 @@
 """Interfaces of links: forces between two points, or along a coordinate of a joint, and their laws.
 
 A link acts along its extension s, a length (m) or an angle (rad), with a force (N; N/m in 2-D) or a moment
-(N m; N in 2-D) that is positive if it increases s. In the units below, a link along an angle has N m for N,
-rad for m, and all quantities are per metre of width in 2-D.
+(N m; N in 2-D) that is positive if it increases s. The extension may also be a vector, for example from an
+anchor to a fairlead; the force is then a vector, too. In the units below, a link along an angle has N m for
+N, rad for m, and all quantities are per metre of width in 2-D.
 """
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
 from jaxsph.model.part import AbstractPart
 from jaxsph.model.solids import turned
 
-__all__ = ["AbstractEnds", "AbstractLaw", "Link", "LinkMotion", "Places"]
+__all__ = ["AbstractEnds", "AbstractLaw", "Extension", "Link", "LinkMotion", "Places", "positive_part"]
 
 
 class Places(NamedTuple):
@@ -41,6 +42,10 @@ class Places(NamedTuple):
         return pivot + pose[:2] + turned(x - pivot, pose[2])
 
 
+Extension: TypeAlias = Float[Array, "*components"]
+"""Extension of a link, or its rate or force: a number, or a vector of k components."""
+
+
 class AbstractEnds(eqx.Module):
     """What a link connects, and the extension that follows from the bodies' places."""
 
@@ -50,7 +55,7 @@ class AbstractEnds(eqx.Module):
         """Unit of the extension, "m" or "rad"."""
 
     @abc.abstractmethod
-    def extension(self, places: Places) -> Scalar:
+    def extension(self, places: Places) -> Extension:
         """Extension s, m or rad."""
 
     @property
@@ -71,23 +76,27 @@ class AbstractLaw(eqx.Module):
         """Whether the law has a `force` besides that of its stored energy."""
         return True
 
-    def start(self, dtype: Any) -> Any:
-        """State of the law at t = 0; empty by default."""
-        del dtype
+    def start(self, s: Extension) -> Any:
+        """State of the law at t = 0, at the extension s (m); empty by default."""
+        del s
         return ()
 
-    def stored(self, own: Any, s: Scalar) -> Scalar:
+    def stored(self, own: Any, s: Extension) -> Scalar:
         """Energy stored at the extension s (m), J; zero by default. `own`: state of the law."""
         del own
-        return jnp.zeros_like(s)
+        return jnp.zeros((), s.dtype)
 
-    def force(self, own: Any, s: Scalar, v: Scalar, t: Scalar) -> Scalar:
+    def force(self, own: Any, s: Extension, v: Extension, t: Scalar) -> Extension:
         """Force at the extension s (m), its rate v (m/s) and the time t (s), N; zero by default."""
         del own, v, t
         return jnp.zeros_like(s)
 
-    def advance(self, own: Any, s: Scalar, v: Scalar, t: Scalar, dt: Scalar) -> Any:
-        """State of the law after a step of dt (s) at the mean rate v (m/s); unchanged by default."""
+    def advance(self, own: Any, s: Extension, v: Extension, t: Scalar, dt: Scalar) -> Any:
+        """State of the law after a step of dt (s); unchanged by default.
+
+        **Arguments**: the extension s (m) after the step, the mean rate v (m/s) during the step, and the time
+        t (s) in the middle of the step.
+        """
         del s, v, t, dt
         return own
 
@@ -97,35 +106,44 @@ class LinkMotion(eqx.Module):
 
     own: Any
     """State of its law."""
-    extension: Scalar
+    extension: Extension
     """Extension, m or rad."""
-    force: Scalar
-    """Force of the last step, at first that of the stored energy, N or N m (per metre in 2-D)."""
+    force: Extension
+    """Force of the last step, at first that of a link at rest, N or N m (per metre in 2-D)."""
 
 
 class Pull(NamedTuple):
-    """Force of a link in a step, as a linear function of the coordinates' accelerations."""
+    """Force of a link in a step, as a linear function of the accelerations of the n coordinates.
 
-    way: Float[Array, " n"]
+    An extension that is a number has one component here.
+    """
+
+    way: Float[Array, "k n"]
     """Change of the extension per unit change of each coordinate."""
-    rate: Scalar
+    rate: Float[Array, " k"]
     """Rate of the extension before the step, m/s or rad/s."""
-    elastic: Scalar
+    elastic: Float[Array, " k"]
     """Force from the stored energy at constant rate, N or N m."""
-    other: Scalar
+    other: Float[Array, " k"]
     """Other force at constant rate, N or N m."""
-    stiffness: Scalar
-    """Force per unit change of the extension, N/m or N m."""
-    damping: Scalar
-    """Force per unit change of the rate, N s/m or N m s."""
+    stiffness: Float[Array, "k k"]
+    """Force per unit change of the extension, N/m or N m; positive semi-definite."""
+    damping: Float[Array, "k k"]
+    """Force per unit change of the rate, N s/m or N m s; positive semi-definite."""
 
-    def impedance(self, dt: Scalar) -> Scalar:
-        """Decrease of the force per unit acceleration of the extension in a step of dt (s), kg or kg m2.
+    @property
+    def force(self) -> Float[Array, " n"]:
+        """Generalised force on the coordinates at constant rate, N or N m."""
+        return (self.elastic + self.other) @ self.way
+
+    def inertia(self, dt: Scalar) -> Float[Array, "n n"]:
+        """Decrease of the generalised force per unit acceleration of the coordinates in a step of dt (s), in
+        kg, kg m or kg m2.
 
         The stored energy acts at the mean of the extensions before and after the step, the midpoint rule, and
         the damping at the rate after the step.
         """
-        return dt * self.damping + 0.25 * dt**2 * self.stiffness
+        return self.way.T @ (dt * self.damping + 0.25 * dt**2 * self.stiffness) @ self.way
 
 
 class Link(AbstractPart):
@@ -140,10 +158,11 @@ class Link(AbstractPart):
     name: str = eqx.field(static=True, default="pto", kw_only=True)
     usual_name: ClassVar[str] = "pto"
 
-    def start(self, dtype: Any) -> LinkMotion:
-        """State of the link at t = 0, before the extension is known."""
-        none = jnp.zeros((), dtype)
-        return LinkMotion(self.law.start(dtype), none, none)
+    def start(self, s: Extension, t: Scalar) -> LinkMotion:
+        """State of the link at rest at the extension s (m), at the time t (s)."""
+        own = self.law.start(s)
+        other = self.law.force(own, s, jnp.zeros_like(s), t)
+        return LinkMotion(own, s, other - jax.grad(self.law.stored, argnums=1)(own, s))
 
     def entries(self):
         """See `AbstractPart`."""
@@ -172,23 +191,33 @@ class Link(AbstractPart):
             for name, reading in self.readings(dim).items()
         }
 
-    def pull(self, motion: LinkMotion, s: Scalar, way: Float[Array, " n"], rate: Scalar, t: Scalar) -> Pull:
+    def pull(
+        self, motion: LinkMotion, s: Extension, way: Float[Array, "k n"], rate: Float[Array, " k"], t: Scalar
+    ) -> Pull:
         """Force of the link at the time t (s).
 
         **Arguments**: the state `motion`; the extension s (m), its derivatives `way` by the coordinates and
         its `rate` (m/s).
         """
-        own, slope = motion.own, jax.grad(self.law.stored, argnums=1)
-        force, softening = jax.value_and_grad(self.law.force, argnums=2)(own, s, rate, t)
-        stiffness = jax.grad(slope, argnums=1)(own, s)
+
+        def slope(flat):
+            return jax.grad(lambda flat: self.law.stored(motion.own, flat.reshape(s.shape)))(flat)
+
+        def force(rate):
+            found = self.law.force(motion.own, s, rate.reshape(s.shape), t).reshape(-1)
+            return found, found
+
+        softening, other = jax.jacfwd(force, has_aux=True)(rate)
+        stiffness = jax.jacfwd(slope)(s.reshape(-1))
         # a law that drives the motion would make the step unstable if it were implicit
-        stiffness, damping = jnp.maximum(stiffness, 0.0), jnp.maximum(-softening, 0.0)
-        return Pull(way, rate, -slope(own, s), force, stiffness, damping)
+        return Pull(
+            way, rate, -slope(s.reshape(-1)), other, positive_part(stiffness), positive_part(-softening)
+        )
 
     def done(
         self,
         motion: LinkMotion,
-        s: Scalar,
+        s: Extension,
         pull: Pull,
         acceleration: Float[Array, " n"],
         t: Scalar,
@@ -200,16 +229,46 @@ class Link(AbstractPart):
         `acceleration` (m/s2 or rad/s2) of the bodies' coordinates by all forces.
         """
         change = dt * (pull.way @ acceleration)
-        mean, other = pull.rate + 0.5 * change, pull.other - pull.damping * change
-        own = self.law.advance(motion.own, s, mean, t, dt)
-        kept = self.law.stored(own, s) - self.law.stored(motion.own, s)
-        force = pull.elastic - 0.25 * dt * pull.stiffness * change + other
-        taken = -dt * other * mean - kept
-        return LinkMotion(own, s + 0.5 * dt * (pull.rate + change), force), dict.fromkeys(
-            self.entries(), taken
-        )
+        mean, other = pull.rate + 0.5 * change, pull.other - pull.damping @ change
+        end = s + (0.5 * dt * (pull.rate + change)).reshape(s.shape)
+        own = self.law.advance(motion.own, end, mean.reshape(s.shape), t, dt)
+        kept = self.law.stored(own, end) - self.law.stored(motion.own, end)
+        force = pull.elastic - 0.25 * dt * (pull.stiffness @ change) + other
+        taken = -dt * (other @ mean) - kept
+        return LinkMotion(own, end, force.reshape(s.shape)), dict.fromkeys(self.entries(), taken)
 
     def _force_unit(self, dim: int) -> str:
         """Unit of the force, or of the moment."""
         flat, solid = ("N m-1", "N") if self.ends.unit == "m" else ("N", "N m")
         return flat if dim == 2 else solid
+
+
+@jax.custom_jvp
+def positive_part(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
+    """Symmetric part of a matrix with zero in place of its negative eigenvalues."""
+    values, vectors = _eigen(matrix)
+    return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
+
+
+@positive_part.defjvp
+def _positive_part_jvp(primals, tangents):
+    """Derivative by divided differences of the eigenvalues, which also holds where eigenvalues are equal
+    (Higham 2008, theorem 3.11)."""
+    (matrix,), (change,) = primals, tangents
+    values, vectors = _eigen(matrix)
+    kept = jnp.maximum(values, 0.0)
+    apart = values[:, None] - values
+    equal = apart == 0.0
+    slopes = jnp.where(
+        equal, jnp.heaviside(values, 0.0), (kept[:, None] - kept) / jnp.where(equal, 1.0, apart)
+    )
+    turned_change = vectors.T @ (0.5 * (change + change.T)) @ vectors
+    return positive_part(matrix), vectors @ (slopes * turned_change) @ vectors.T
+
+
+def _eigen(matrix: Float[Array, "k k"]) -> tuple[Float[Array, " k"], Float[Array, "k k"]]:
+    """Eigenvalues and eigenvectors of the symmetric part of a matrix."""
+    if len(matrix) == 1:
+        return matrix[0], jnp.ones_like(matrix)
+    values, vectors = jnp.linalg.eigh(0.5 * (matrix + matrix.T))
+    return values, vectors

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.model.links import Link, Places, Pull
+from jaxsph.model.links import Extension, Link, Places, Pull
 from jaxsph.model.solids import AbstractBody, turned
 
 __all__ = ["Kinematics", "Mechanism", "inverse_where"]
@@ -75,6 +75,17 @@ class Kinematics(NamedTuple):
         return self.ways @ (self.coasting + change) + self.bias
 
 
+class FreeStep(NamedTuple):
+    """Bodies and links after a step without water, and the energies exchanged in it."""
+
+    parts: dict[str, Any]
+    """States of bodies and links, by name."""
+    taken: dict[str, Scalar]
+    """Energy that each link took, by ledger name, J (J/m in 2-D)."""
+    given: dict[str, Scalar]
+    """Energy that the drive of each body's joint gave, by the body's name, J (J/m in 2-D)."""
+
+
 class Mechanism(NamedTuple):
     """The bodies of a model as one multibody system; a body comes after the body that it is joined to."""
 
@@ -103,7 +114,7 @@ class Mechanism(NamedTuple):
         """Motions of the bodies and states of the links at t = 0, by name."""
         return _start(self, np.dtype(dtype))
 
-    def extension(self, link: Link, parts: Mapping[str, Any], t: Scalar) -> Scalar:
+    def extension(self, link: Link, parts: Mapping[str, Any], t: Scalar) -> Extension:
         """Extension of a link (m or rad) at the time t (s); `parts`: states of the bodies by name."""
         return link.ends.extension(self._places(self._gathered(parts, t)[0]))
 
@@ -179,7 +190,7 @@ class Mechanism(NamedTuple):
 
     def pulls(
         self, kinematics: Kinematics, parts: Mapping[str, Any], t: Scalar, g: Float[Array, " D"]
-    ) -> tuple[Float[Array, " n"], dict[str, tuple[Scalar, Pull]]]:
+    ) -> tuple[Float[Array, " n"], dict[str, tuple[Extension, Pull]]]:
         """Generalised forces on the coordinates without the water's pressure, and the pulls of links.
 
         The forces (N or N m) are those of weight, links, and the water's contact in the last step.
@@ -192,11 +203,37 @@ class Mechanism(NamedTuple):
         z, _ = self._gathered(parts, t)
         found = {}
         for link in self.links:
-            s, way = jax.value_and_grad(lambda z, ends=link.ends: ends.extension(self._places(z)))(z)
+
+            def extension(z, ends=link.ends):
+                s = ends.extension(self._places(z))
+                return s.reshape(-1), s
+
+            way, s = jax.jacrev(extension, has_aux=True)(z)
             pull = link.pull(parts[link.name], s, way, way @ kinematics.rates, t)
-            forces = forces + (pull.elastic + pull.other) * way
+            forces = forces + pull.force
             found[link.name] = s, pull
         return forces, found
+
+    def step(self, parts: Mapping[str, Any], t: Scalar, dt: Scalar, g: Float[Array, " D"]) -> FreeStep:
+        """Bodies and links a step of dt (s) after the time t (s), without water.
+
+        A half drift, the kick of the forces and a half drift, as in a step of a scheme. `parts`: states of
+        bodies and links by name at the time t; `g`: gravity, m/s2.
+        """
+        middle = t + 0.5 * dt
+        parts = {**parts, **self.drifted(parts, t, 0.5 * dt)}
+        kinematics = self.kinematics(parts, middle)
+        forces, pulls = self.pulls(kinematics, parts, middle, g)
+        added = sum((pull.inertia(dt) for _, pull in pulls.values()), jnp.zeros_like(kinematics.mass_matrix))
+        acceleration = inverse_where(kinematics.movable, kinematics.mass_matrix + added) @ forces
+        given = self.given(kinematics, acceleration, forces - added @ acceleration)
+        done, taken = {}, {}
+        for link in self.links:
+            done[link.name], lost = link.done(parts[link.name], *pulls[link.name], acceleration, middle, dt)
+            taken |= lost
+        parts = {**parts, **self.kicked(parts, middle, dt * acceleration), **done}
+        parts = {**parts, **self.drifted(parts, middle, 0.5 * dt)}
+        return FreeStep(parts, taken, {name: dt * power for name, power in given.items()})
 
     def given(
         self, kinematics: Kinematics, acceleration: Float[Array, " n"], others: Float[Array, " n"]
@@ -295,8 +332,5 @@ def _start(mechanism: Mechanism, dtype: np.dtype) -> dict[str, Any]:
     t = jnp.zeros((), dtype)
     parts = mechanism.placed({body.name: body.start(dtype) for body in mechanism.bodies}, t)
     for link in mechanism.links:
-        at_rest = link.start(dtype)
-        s = mechanism.extension(link, parts, t)
-        force = -jax.grad(link.law.stored, argnums=1)(at_rest.own, s)
-        parts[link.name] = eqx.tree_at(lambda m: (m.extension, m.force), at_rest, (s, force))
+        parts[link.name] = link.start(mechanism.extension(link, parts, t), t)
     return parts

@@ -28,6 +28,8 @@ class Sampled(NamedTuple):
     """Particle spacing, m."""
     interval: Scalar
     """Time since the last sample, s."""
+    parts: Mapping[str, Any]
+    """States of all parts of the model, by name."""
 
 
 class AbstractPart(eqx.Module):

@@ -36,7 +36,8 @@ class BodyMotion(eqx.Module):
     velocity: Float[Array, "3"]
     """Velocities of the pivot along x and z, and of the pitch, m/s, m/s, rad/s."""
     force: Float[Array, "3"]
-    """Force of the water's pressure in the last step, N, N, N m (per metre in 2-D)."""
+    """Force of the water's pressure, and of the air in the body's chambers, in the last step, N, N, N m (per
+    metre in 2-D)."""
     contact: Float[Array, "3"]
     """Contact force of the water in the last step, N, N, N m (per metre in 2-D).
 

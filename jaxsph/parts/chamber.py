@@ -6,6 +6,7 @@ air out of the chamber, positive when the water column rises; the PTO takes the 
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -15,11 +16,13 @@ import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
 from jaxsph.model import laws
-from jaxsph.model.air import AbstractPTO, Air, AirCoupling, Given, Pressed
+from jaxsph.model.air import AbstractFrame, AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.interfaces import AbstractChamber, AbstractGrip
 from jaxsph.model.meaning import Oscillation, Reading
+from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
+from jaxsph.parts.frames import BodyFrame, TankFrame
 from jaxsph.parts.sides import Face, Sides
 
 __all__ = ["BodyForceGrip", "Chamber", "SurfaceGrip"]
@@ -84,6 +87,8 @@ class Chamber(AbstractChamber):
     """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts."""
     air: AbstractAirLaw = IncompressibleAir()
     """Air between the water and the power take-off."""
+    frame: AbstractFrame = eqx.field(default=TankFrame(), kw_only=True)
+    """Frame in which the walls are at rest: the tank's or a body's."""
     name: str = eqx.field(static=True, default="chamber", kw_only=True)
     usual_name: ClassVar[str] = "chamber"
 
@@ -112,9 +117,13 @@ class Chamber(AbstractChamber):
         top = max(2.0 * level - tip, *highest, 0.0)
         sides = Sides.of(*between, tip, 0.5 * (tip + fade_high), top, dtype)
         numbers = {"fade_low": tip, "fade_high": fade_high, "still": level, "beyond": 0.5 * dx}
-        leaves = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
+        leaves: dict[str, Any] = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
         air = IncompressibleAir() if air is None else air
         return cls(pto=pto, sides=sides, air=air, name=name, **leaves)
+
+    def in_body(self, body: AbstractBody) -> Chamber:
+        """The same chamber, with walls that belong to a rigid body."""
+        return dataclasses.replace(self, frame=BodyFrame(body.name, body.pivot))
 
     def start(self, dtype: Any) -> Air:
         """See `AbstractChamber`: air at rest."""
@@ -151,9 +160,10 @@ class Chamber(AbstractChamber):
 
     def read(self, state, sampled):
         """See `AbstractPart`."""
+        x = self.frame.back(sampled.parts, sampled.x)
         found = {
-            "chamber_level": self.level(sampled.x, sampled.V, sampled.dx),
-            "chamber_volume": self.volume(sampled.x, sampled.V, sampled.dx),
+            "chamber_level": self.level(x, sampled.V, sampled.dx),
+            "chamber_volume": self.volume(x, sampled.V, sampled.dx),
             "P_a": state.P_a,
             "flow": state.q,
             "flow_mean": state.driven.recent / sampled.interval,
@@ -180,12 +190,12 @@ class Chamber(AbstractChamber):
     def candidates(self, x, margin, capacity):
         """See `AbstractChamber`."""
         first, last = self.sides.ends()
-        near = (x[:, 0] > first - margin) & (x[:, 0] < last + self.beyond + margin)
-        may = near & (x[:, -1] > self.fade_low - margin)
-        index = jnp.nonzero(may, size=capacity, fill_value=x.shape[0])[0]
+        near = (x[0] > first - margin) & (x[0] < last + self.beyond + margin)
+        may = near & (x[-1] > self.fade_low - margin)
+        index = jnp.nonzero(may, size=capacity, fill_value=len(x[0]))[0]
         return index.astype(jnp.int32), jnp.sum(may)
 
-    def coupling(self, scheme, water, sources, tables):
+    def coupling(self, scheme, water, sources, tables, parts):
         """See `AbstractChamber`."""
         index, n = tables.chambers[self.name], water.m.shape[0]
         slabs, i = tables.fluid.slabs, jnp.minimum(index, n - 1)
@@ -193,11 +203,14 @@ class Chamber(AbstractChamber):
         V, x = jnp.where(index < n, jnp.abs(fields["V"]), 0.0), fields["x"]
 
         def around(law):
-            return tables.fluid.sum_at(i, law, scheme.smoothing, {"x": x}, sources)
+            return self.frame.turned_back(
+                parts, tables.fluid.sum_at(i, law, scheme.smoothing, {"x": x}, sources)
+            )
 
-        force = scheme.grip.force(self, x, V, around)
+        force = self.frame.turned(parts, scheme.grip.force(self, self.frame.back(parts, x), V, around))
         # a particle without mass feels no force, so any divisor will do
-        return AirCoupling(index, force, jnp.where(fields["m"] > 0.0, fields["m"], 1.0), slabs)
+        m = jnp.where(fields["m"] > 0.0, fields["m"], 1.0)
+        return AirCoupling(index, force, m, slabs, self.frame.reaction(parts, x, force))
 
     def press(self, air, q_free, compliance, ducted, t, dt):
         """See `AbstractChamber`."""
@@ -218,7 +231,7 @@ class Chamber(AbstractChamber):
 
     def water_pressure(self, air, grip, x):
         """See `AbstractChamber`."""
-        return air.P_a * grip.water_pressure(self.weight(columns(x)))
+        return air.P_a * grip.water_pressure(self.weight(x))
 
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).

@@ -11,6 +11,7 @@ from jax.tree_util import Partial
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.links import AbstractEnds, AbstractLaw
+from jaxsph.model.solids import AbstractBody
 
 __all__ = [
     "AlongJoint",
@@ -22,6 +23,7 @@ __all__ = [
     "HydraulicTakeOff",
     "Latch",
     "Laws",
+    "Rope",
     "Spring",
 ]
 
@@ -62,13 +64,29 @@ class AlongJoint(AbstractEnds):
 
     body: str = eqx.field(static=True)
     """Name of the body."""
-    coordinate: int = eqx.field(static=True, default=2)
+    coordinate: int = eqx.field(static=True)
     """Index of the coordinate; for a planar joint 0, 1 and 2 are surge, heave and pitch."""
+    coordinate_unit: str = eqx.field(static=True)
+    """Unit of the coordinate, "m" or "rad"."""
+
+    @classmethod
+    def of(cls, body: AbstractBody, coordinate: int) -> AlongJoint:
+        """Builds the ends for a coordinate of a body's joint, by its index; the joint gives its unit.
+
+        **Raises** ValueError if the joint has no such coordinate.
+        """
+        known = body.joint.coordinates
+        if not 0 <= coordinate < len(known):
+            there = ", ".join(f"{index} ({name})" for index, (name, _) in enumerate(known)) or "none"
+            raise ValueError(
+                f"coordinate = {coordinate}: the joint of {body.name} has the coordinates {there}"
+            )
+        return cls(body.name, coordinate, known[coordinate][1])
 
     @property
     def unit(self):
         """See `AbstractEnds`."""
-        return "rad" if self.coordinate == 2 else "m"
+        return self.coordinate_unit
 
     def extension(self, places):
         """See `AbstractEnds`."""
@@ -97,6 +115,32 @@ class Spring(AbstractLaw):
         """See `AbstractLaw`."""
         del own
         return (0.5 * self.stiffness * s + self.pretension) * s
+
+
+class Rope(AbstractLaw):
+    """Linear spring with a damper that never pushes: it is slack where its tension would be negative."""
+
+    stiffness: Scalar
+    """Stiffness where it is taut, N/m; positive."""
+    pretension: Scalar
+    """Tension at zero extension, N."""
+    damping: Scalar
+    """Coefficient of the damper, which acts where the spring is taut, N s/m."""
+
+    def _tension(self, s: Scalar) -> Scalar:
+        """Tension of the spring, N."""
+        return jnp.maximum(self.stiffness * s + self.pretension, 0.0)
+
+    def stored(self, own, s):
+        """See `AbstractLaw`."""
+        del own
+        return 0.5 * self._tension(s) ** 2 / self.stiffness
+
+    def force(self, own, s, v, t):
+        """See `AbstractLaw`."""
+        del own, t
+        tension = self._tension(s)
+        return -jnp.where(tension > 0.0, jnp.maximum(self.damping * v, -tension), 0.0)
 
 
 class Damper(AbstractLaw):
@@ -157,9 +201,9 @@ class Latch(AbstractLaw):
     damping: Scalar
     """Coefficient of the damper that holds, N s/m."""
 
-    def start(self, dtype):
+    def start(self, s):
         """See `AbstractLaw`: the time until which the latch holds (s), and the last rate (m/s)."""
-        return jnp.zeros((), dtype), jnp.zeros((), dtype)
+        return jnp.zeros_like(s), jnp.zeros_like(s)
 
     def force(self, own, s, v, t):
         """See `AbstractLaw`."""
@@ -192,12 +236,16 @@ class Controlled(AbstractLaw):
         return self.function(s, v, t)
 
 
+FULL = 0.99
+"""Share of an accumulator's volume that is oil when it is full."""
+
+
 class HydraulicTakeOff(AbstractLaw):
     """Cylinder with check valves, a gas accumulator and a hydraulic motor.
 
     The cylinder pumps oil into the accumulator in both directions, against its pressure p. The gas follows
-    p V^gamma = p0 V0^gamma, gamma > 1, and the motor takes oil in proportion to p - p0. The volume V0 must be
-    larger than the oil that the accumulator ever holds.
+    p V^gamma = p0 V0^gamma, with gamma = 1 for constant temperature, and the motor takes oil in proportion to
+    p - p0. When oil fills the volume V0 to `FULL`, a relief valve lets out what is pumped beyond.
     """
 
     area: Scalar
@@ -213,9 +261,9 @@ class HydraulicTakeOff(AbstractLaw):
     scale: Scalar
     """Rate over which the valves open, m/s."""
 
-    def start(self, dtype):
+    def start(self, s):
         """See `AbstractLaw`: the volume of oil in the accumulator, m3."""
-        return jnp.zeros((), dtype)
+        return jnp.zeros_like(s)
 
     def excess(self, oil: Scalar) -> Scalar:
         """Pressure of the gas above p0 (Pa) for a volume of oil (m3) in the accumulator."""
@@ -223,10 +271,11 @@ class HydraulicTakeOff(AbstractLaw):
 
     def stored(self, own, s):
         """See `AbstractLaw`: the work of compressing the gas against p0."""
-        gas = self.volume - own
-        work = self.pressure * self.volume**self.gamma * (gas ** (1.0 - self.gamma))
-        full = self.pressure * self.volume
-        return (work - full) / (self.gamma - 1.0) - self.pressure * own + 0.0 * s
+        squeezed, over = -jnp.log1p(-own / self.volume), self.gamma - 1.0
+        # the work over p0 V0 is (exp(over squeezed) - 1) / over, and its limit for constant temperature
+        warm = jnp.where(over == 0.0, 1.0, over)
+        work = jnp.where(over == 0.0, squeezed, jnp.expm1(warm * squeezed) / warm)
+        return self.pressure * (self.volume * work - own) + 0.0 * s
 
     def force(self, own, s, v, t):
         """See `AbstractLaw`."""
@@ -235,7 +284,8 @@ class HydraulicTakeOff(AbstractLaw):
     def advance(self, own, s, v, t, dt):
         """See `AbstractLaw`."""
         pumped = self.area * jnp.abs(v) * jnp.abs(jnp.tanh(v / self.scale))
-        return jnp.maximum(own + dt * (pumped - self.motor * self.excess(own)), 0.0)
+        oil = own + dt * (pumped - self.motor * self.excess(own))
+        return jnp.clip(oil, 0.0, FULL * self.volume)
 
 
 class Laws(AbstractLaw):
@@ -249,14 +299,14 @@ class Laws(AbstractLaw):
         """See `AbstractLaw`."""
         return any(law.dissipates for law in self.laws)
 
-    def start(self, dtype):
+    def start(self, s):
         """See `AbstractLaw`."""
-        return tuple(law.start(dtype) for law in self.laws)
+        return tuple(law.start(s) for law in self.laws)
 
     def stored(self, own, s):
         """See `AbstractLaw`."""
         each = (law.stored(one, s) for law, one in zip(self.laws, own, strict=True))
-        return sum(each, jnp.zeros_like(s))
+        return sum(each, jnp.zeros((), s.dtype))
 
     def force(self, own, s, v, t):
         """See `AbstractLaw`."""

@@ -37,7 +37,7 @@ class PartProbe(AbstractProbe):
         del tables
         part = next(part for part in model.parts if part.name == self.part)
         p, scheme = state.particles, model.scheme
-        sampled = Sampled(columns(p.x), scheme.volume(p), scheme.rho0, model.dx, self.sample_dt)
+        sampled = Sampled(columns(p.x), scheme.volume(p), scheme.rho0, model.dx, self.sample_dt, state.parts)
         powers = {f"power_{name}": state.ledger[name].recent / self.sample_dt for name in self.harvest}
         return {**part.read(state.parts.get(part.name), sampled), **powers}
 

@@ -12,6 +12,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.coarse import COARSE
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear, why_no_theory
+from jaxsph.case.linear_bodies import has_free_bodies, linear_motions
 from jaxsph.case.report import in_time
 from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
@@ -120,7 +121,7 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
 
 
 def _theory(case: Case | None) -> list[tuple[str, str]]:
-    """Row that explains why no linear theory is drawn for a case's chambers; empty if it is drawn."""
+    """Row that explains why no linear theory is drawn for chambers or bodies; empty if it is drawn."""
     why = "" if case is None else why_no_theory(case)
     return [("linear theory", f"not drawn: {why}")] if why else []
 
@@ -282,10 +283,15 @@ def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarr
 def _extremes(
     case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> dict[str, list[float]]:
-    """Values of linear theory by series: mean power; in regular waves also peaks of level, flow and P_a."""
-    if case is None or "chamber_level" not in series:
+    """Values of linear theory by series: mean power; in regular waves also peaks of level, flow and P_a, and
+    of the bodies' heave and pitch."""
+    if case is None:
         return {}
     try:
+        if has_free_bodies(case):
+            return linear_motions(case).levels
+        if "chamber_level" not in series:
+            return {}
         if sea_is_linear(case):
             return {"power_pto": [linear_sea(case).P_owc]}
         found = linear_owc(case)

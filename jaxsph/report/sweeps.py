@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxsph.case.case import Case
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
+from jaxsph.case.linear_bodies import has_free_bodies, linear_motions
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
 from jaxsph.report.content import case_of, panels
@@ -89,12 +90,15 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:
-    """Efficiency and absorbed power of a member by linear theory; empty if theory does not cover the case."""
+    """Results of a member by linear theory: efficiency and absorbed power, and amplitudes of bodies; empty if
+    theory does not cover the case."""
     if int(np.prod(stored.shape)) > MOST_LINEAR:
         return {}
     try:
         whole = {name: int(v) if float(v).is_integer() else v for name, v in at.items()}
         case = Case.from_dict(tomllib.loads(stored.case_toml)).replace(whole)
+        if has_free_bodies(case):
+            return linear_motions(case).results
         found = linear_sea(case) if sea_is_linear(case) else linear_owc(case)
     except CaseError:
         return {}

@@ -63,6 +63,7 @@ REASONS = {
     "body": "it changes the place or the mass of a body on which the water acts",
     "bodies": "it changes the place or the mass of a body on which the water acts",
     "link": "the energy that the link has stored depends on it",
+    "mooring": "the energy that the mooring has stored depends on it",
     "probes": "the series in the file have the columns of the present probes",
     "start": "it describes the initial state",
     "scheme": "the checkpoint's state belongs to the present scheme",

@@ -17,10 +17,20 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.slabs import Sources
 from jaxsph.model.air import Air, AirCoupling, Pressed
 from jaxsph.model.interfaces import AbstractScheme, Model
-from jaxsph.model.state import Particles, Response, Tables
+from jaxsph.model.state import Particles, Pressures, Response, Tables
+from jaxsph.schemes.bodies import BodiesCoupling, velocity_changes
 from jaxsph.schemes.step import Interval
 
-__all__ = ["Met", "WaterLine", "couple_airs", "finish_airs", "meet_laws", "water_line"]
+__all__ = [
+    "CorrectedForAir",
+    "Met",
+    "WaterLine",
+    "correct_for_air",
+    "couple_airs",
+    "finish_airs",
+    "meet_laws",
+    "on_bodies",
+]
 
 NEWTON = 8
 """Number of Newton iterations for laws that are coupled by the water or by ducts.
@@ -47,27 +57,54 @@ class WaterLine(NamedTuple):
 
 
 def couple_airs(
-    scheme: AbstractScheme, model: Model, water: Particles, sources: Sources, tables: Tables
+    scheme: AbstractScheme,
+    model: Model,
+    water: Particles,
+    sources: Sources,
+    tables: Tables,
+    parts: Mapping[str, Any],
 ) -> dict[str, AirCoupling]:
-    """Couplings of the chambers' air to the water in its current position, by the chamber's name."""
-    return {c.name: c.coupling(scheme, water, sources, tables) for c in model.chambers}
+    """Couplings of the chambers' air to the water in its current position, by the chamber's name.
+
+    `parts`: states of the parts by name.
+    """
+    return {c.name: c.coupling(scheme, water, sources, tables, parts) for c in model.chambers}
+
+
+def on_bodies(
+    airs: Mapping[str, AirCoupling], pressures: Mapping[str, Scalar]
+) -> dict[str, Float[Array, "3"]]:
+    """Forces of the air on the bodies that carry chambers, N, N, N m (per metre in 2-D), by the body's name.
+
+    `pressures` of the chambers, Pa, by the chamber's name.
+    """
+    forces: dict[str, Array] = {}
+    for name, air in airs.items():
+        for body, reaction in air.reaction.items():
+            forces[body] = forces.get(body, 0.0) + pressures[name] * reaction
+    return forces
 
 
 def water_line(
     airs: Mapping[str, AirCoupling],
     responses: Mapping[str, Response],
-    u: Float[Array, "N D"],
+    couplings: tuple[BodiesCoupling, ...],
+    flows: Mapping[str, Scalar],
     before: Mapping[str, Scalar],
     dt: Scalar,
 ) -> WaterLine:
-    """Flows over a step of dt (s) as functions of the pressures, from the water's responses to the air.
+    """Flows over a step of dt (s) as functions of the pressures, from the responses of water and bodies.
 
-    **Arguments**: `u`: velocities (m/s) at the step's end if the chambers have the pressures `before` (Pa).
+    **Arguments**: `flows` out of the chambers at the step's end if the chambers have the pressures `before`
+    (Pa).
     """
-    changes = {name: airs[name].push(responses[name].u, dt) for name in airs}
-    compliance = {(a, b): -airs[a].flow(changes[b]) for a in airs for b in airs}
-    flows = {a: air.flow(u) + sum(compliance[a, b] * before[b] for b in airs) for a, air in airs.items()}
-    return WaterLine(flows, compliance)
+    compliance = {}
+    for b in airs:
+        u = airs[b].push(responses[b].u, dt)
+        bodies = velocity_changes(couplings, responses[b].pressures.accelerations, dt)
+        compliance |= {(a, b): -air.flow(u, bodies) for a, air in airs.items()}
+    unpressed = {a: flows[a] + sum(compliance[a, b] * before[b] for b in airs) for a in airs}
+    return WaterLine(unpressed, compliance)
 
 
 def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval: Interval) -> Met:
@@ -82,6 +119,56 @@ def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval:
     if len(unknown) > 1:  # for a single chamber the first value is the solution
         unknown = jax.lax.fori_loop(0, NEWTON, lambda _, x: laws.nearer(x), unknown)
     return laws.met(unknown)
+
+
+class CorrectedForAir(NamedTuple):
+    """Water and bodies after a step's air pressures have replaced those of the previous step."""
+
+    met: Met
+    """Air of chambers and ducts."""
+    pressures: Pressures
+    """Pressures of water and ghosts, and accelerations of the bodies."""
+    u: Float[Array, "N D"]
+    """Velocities of the water at the step's end, m/s."""
+    pressed: Float[Array, "N D"]
+    """Part of the velocities' change that is due to the water's pressures, m/s."""
+    flows: dict[str, Scalar]
+    """Flows out of the chambers at the step's end, m3/s (m2/s in 2-D)."""
+    on_bodies: dict[str, Float[Array, "3"]]
+    """Forces of the air on the bodies, N, N, N m (per metre in 2-D)."""
+
+
+def correct_for_air(
+    model: Model,
+    airs: Mapping[str, AirCoupling],
+    responses: Mapping[str, Response],
+    interval: Interval,
+    couplings: tuple[BodiesCoupling, ...],
+    started: Mapping[str, Float[Array, "3"]],
+    pressures: Pressures,
+    u: Float[Array, "N D"],
+) -> CorrectedForAir:
+    """Corrects a step with the air pressures of the previous step for those that satisfy the laws.
+
+    **Arguments**: `started`: velocities of the bodies before the step's forces by name, m/s, m/s, rad/s;
+    `pressures` and velocities u (m/s) of the water with the air pressures of the previous step.
+    """
+    dt, before = interval.dt, {name: interval.before[name].P_a for name in airs}
+
+    def flows(u: Float[Array, "N D"], pressures: Pressures) -> dict[str, Scalar]:
+        changes = velocity_changes(couplings, pressures.accelerations, dt)
+        moving = {name: started[name] + change for name, change in changes.items()}
+        return {name: air.flow(u, moving) for name, air in airs.items()}
+
+    line = water_line(airs, responses, couplings, flows(u, pressures), before, dt)
+    met, pressed = meet_laws(model, interval.before, line, interval), jnp.zeros_like(u)
+    for name, law in met.chambers.items():
+        missing, response = law.P_a - before[name], responses[name]
+        pressures = pressures.plus(missing, response.pressures)
+        pressed = pressed + missing * response.u
+        u = airs[name].push(u + missing * response.u, dt * missing)
+    forces = on_bodies(airs, {name: law.P_a for name, law in met.chambers.items()})
+    return CorrectedForAir(met, pressures, u, pressed, flows(u, pressures), forces)
 
 
 class _Laws(NamedTuple):

@@ -68,7 +68,7 @@ class AbstractParticleScheme(AbstractScheme):
             most_at_nodes, crowd = map(jnp.maximum, (most_at_nodes, crowd), found)
         chambers, most_in_chamber = {}, jnp.zeros((), jnp.int32)
         for chamber in model.chambers:
-            x = s.slabs.gather(p.x)
+            x = chamber.frame.back(state.parts, columns(s.slabs.gather(p.x)))
             chambers[chamber.name], count = chamber.candidates(x, s.skin, s.chamber_capacity)
             most_in_chamber = jnp.maximum(most_in_chamber, count.astype(jnp.int32))
         found = {

@@ -14,7 +14,7 @@ from jaxsph.core.pairs import Pair
 from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
-from jaxsph.model.links import Pull
+from jaxsph.model.links import Extension, Pull
 from jaxsph.model.mechanism import Kinematics, inverse_where
 from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Pressures, Tables
@@ -77,10 +77,17 @@ class BodiesCoupling(NamedTuple):
     coordinates that are not free."""
     outside: Float[Array, " n"]
     """Generalised force without the water's pressure, N or N m (per metre in 2-D)."""
-    pulls: dict[str, tuple[Scalar, Pull]]
+    pulls: dict[str, tuple[Extension, Pull]]
     """Extension (m or rad) and force of every link, by name."""
     kinematics: Kinematics
     """Kinematics of the bodies, with the velocities that the step changes."""
+    air: dict[str, Float[Array, "3"]]
+    """Forces of the chambers' air on the bodies that carry them by name, N, N, N m (per metre in 2-D)."""
+
+    @property
+    def driving(self) -> Float[Array, " n"]:
+        """Generalised force without the water's pressure but with that of the air, N or N m."""
+        return self.outside + sum(self.holds[name].ways.T @ force for name, force in self.air.items())
 
     def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
         """Accelerations (m/s2 or rad/s2) due to the pressures (Pa) of the water and the ghosts.
@@ -91,7 +98,7 @@ class BodiesCoupling(NamedTuple):
 
     def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
         """Accelerations (m/s2 or rad/s2) due to pressures (Pa), as in `response`, and other forces."""
-        return self.response(p, p_ghosts) + self.inverse @ self.outside
+        return self.response(p, p_ghosts) + self.inverse @ self.driving
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, " n"]) -> Float[Array, " G"]:
         """Pressures of the ghosts (Pa), with the part due to the accelerations added to the dummies."""
@@ -125,7 +132,7 @@ def couple_bodies(
     outside, pulls = mechanism.pulls(kinematics, parts, t, model.g)
     mass, holds = kinematics.mass_matrix, {}
     for _, pull in pulls.values():
-        mass = mass + pull.impedance(dt) * jnp.outer(pull.way, pull.way)
+        mass = mass + pull.inertia(dt)
     still = jnp.zeros_like(tables.x[:, 0])
     for body, way in zip(model.bodies, kinematics.ways[0], strict=True):
         motion = parts[body.name]
@@ -136,7 +143,28 @@ def couple_bodies(
             added = jax.vmap(lambda slope, grip=grip: grip.force(still, slope))(slopes).T
             mass = mass - way.T @ added @ way
     inverse = inverse_where(kinematics.movable, mass)
-    return (BodiesCoupling(holds, inverse, outside, pulls, kinematics),)
+    return (BodiesCoupling(holds, inverse, outside, pulls, kinematics, {}),)
+
+
+def under_air(
+    couplings: tuple[BodiesCoupling, ...], air: dict[str, Float[Array, "3"]]
+) -> tuple[BodiesCoupling, ...]:
+    """Couplings with the forces of the air on the bodies by name, N, N, N m (per metre in 2-D)."""
+    return tuple(coupling._replace(air=air) for coupling in couplings)
+
+
+def velocity_changes(
+    couplings: tuple[BodiesCoupling, ...], accelerations: tuple[Float[Array, " n"], ...], dt: Scalar
+) -> dict[str, Float[Array, "3"]]:
+    """Changes of the velocities of pivots and pitches (m/s, m/s, rad/s) in a step of dt (s), by body.
+
+    `accelerations` of the coordinates, m/s2 or rad/s2.
+    """
+    return {
+        name: dt * (hold.ways @ acceleration)
+        for coupling, acceleration in zip(couplings, accelerations, strict=True)
+        for name, hold in coupling.holds.items()
+    }
 
 
 def body_grip(
@@ -201,17 +229,16 @@ def push_bodies(
     done = BodyWork({}, {}, nothing, nothing)
     for coupling, acceleration in zip(couplings, pressures.accelerations, strict=True):
         after = model.mechanism.kicked(before, t, dt * acceleration)
-        others = coupling.outside + sum(h.ways.T @ forces[name] for name, h in coupling.holds.items())
+        others = coupling.driving + sum(h.ways.T @ forces[name] for name, h in coupling.holds.items())
         for _, pull in coupling.pulls.values():
-            others = others - pull.impedance(dt) * (pull.way @ acceleration) * pull.way
+            others = others - pull.inertia(dt) @ acceleration
         given = model.mechanism.given(coupling.kinematics, acceleration, others)
         for body in model.bodies:
             old, new = before[body.name], after[body.name]
             moved = 0.5 * dt * (old.velocity + new.velocity)
-            both = forces[body.name] + old.contact
-            motion = eqx.tree_at(
-                lambda m: (m.force, m.impulse), new, (forces[body.name], new.impulse.add(dt * both))
-            )
+            force = forces[body.name] + coupling.air.get(body.name, 0.0)
+            impulse = new.impulse.add(dt * (force + old.contact))
+            motion = eqx.tree_at(lambda m: (m.force, m.impulse), new, (force, impulse))
             done = BodyWork(
                 done.motions | {body.name: motion},
                 done.amounts | dict.fromkeys(body.entries(), dt * given[body.name]),

@@ -23,9 +23,9 @@ from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, Pressures, Response, State, Tables, Tally
 from jaxsph.model.viscosity import AbstractViscosity, PhysicalViscosity
 from jaxsph.parts.chamber import BodyForceGrip
-from jaxsph.schemes.air import couple_airs, finish_airs, meet_laws, water_line
+from jaxsph.schemes.air import correct_for_air, couple_airs, finish_airs, on_bodies
 from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.schemes.bodies import couple_bodies, push_bodies
+from jaxsph.schemes.bodies import couple_bodies, push_bodies, under_air
 from jaxsph.schemes.kernels import KERNEL, STEP_LENGTH, LatticeSums, lattice_sums, usual_length
 from jaxsph.schemes.poisson import AbstractSolver, AbstractSurface, BiCGStab, EmptyNeighbours
 from jaxsph.schemes.projection import (
@@ -198,9 +198,10 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.place_ghosts(model, state, tables)
         u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
         # start from the air pressure of the previous step; the change follows after the projection
-        airs = couple_airs(self, model, p, ghosts.water, tables)
+        airs = couple_airs(self, model, p, ghosts.water, tables, state.parts)
+        before = {name: state.parts[name].P_a for name in airs}
         for name, air in airs.items():
-            u = air.push(u, dt * state.parts[name].P_a)
+            u = air.push(u, dt * before[name])
         # Eq. 7-8. `later` is the share of the earlier divergence (linear in u) left to the next step.
         # The ghosts gain velocity from gravity and body forces as the water does, and the ghosts' pressure
         # contains the walls' acceleration. A divergence-free field is therefore divergence-free at walls too.
@@ -214,7 +215,8 @@ class ISPH(AbstractParticleScheme):
         at = self._halfway(model, state, interval, p.u, u_star - later * p.u)
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(ghosts, u_left)
-        projected = self._project(model, at, tables, ghosts, sources, interval)
+        equation = self._equation(model, at, tables, ghosts, sources, interval)
+        projected = self._projected(equation.under(on_bodies(airs, before)), at.particles.p)
         pressures = projected.pressures
         ghosts, sources, acceleration = self._pressed(pressures, ghosts, sources, tables)
         pressed = dt * acceleration
@@ -222,21 +224,19 @@ class ISPH(AbstractParticleScheme):
         u_new = stop_at_solids(model, state.parts, p, met, push, self._contact(model))
         touched = u_new - met + dt * push
         u_new, damped = damp(model, p, u_new, interval)
-        before = {name: state.parts[name].P_a for name in airs}
-        laws_met = meet_laws(
-            model, state.parts, water_line(airs, tables.responses, u_new, before, dt), interval
+        started = {body.name: at.parts[body.name].velocity for body in model.bodies}
+        found = correct_for_air(
+            model, airs, tables.responses, interval, projected.couplings, started, pressures, u_new
         )
-        for name, law in laws_met.chambers.items():
-            missing, response = law.P_a - before[name], tables.responses[name]
-            pressures = pressures.plus(missing, response.pressures)
-            pressed = pressed + missing * response.u
-            u_new = airs[name].push(u_new + missing * response.u, dt * missing)
+        pressures, u_new, pressed = found.pressures, found.u, pressed + found.pressed
+        if airs:
             ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         changes = Changes(u_new, pressed, touched, damped)
-        projected = projected._replace(pressures=pressures)
+        couplings = under_air(projected.couplings, found.on_bodies)
+        projected = projected._replace(pressures=pressures, couplings=couplings)
         parts, ledger = self._exchange(model, state, at, tables, ghosts, interval, projected, changes)
-        flows = {name: (air.flow(p.u), air.flow(u_new)) for name, air in airs.items()}
-        finished, taken = finish_airs(model, state.parts, laws_met, flows, dt)
+        both = {name: (air.flow(p.u, started), found.flows[name]) for name, air in airs.items()}
+        finished, taken = finish_airs(model, state.parts, found.met, both, dt)
         parts, ledger = parts | finished, book(ledger, taken)
         dx = dt * 0.5 * (u_new + p.u)  # Eq. 17
         for shifting in self.shifting:
@@ -333,12 +333,13 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.place_ghosts(model, state, tables)
         resting = self.ghost_velocity(model, state.parts, tables, ghosts.seeing(tables, u=columns(still)))
         responses = {}
-        for name, air in couple_airs(self, model, p, ghosts.water, tables).items():
+        for name, air in couple_airs(self, model, p, ghosts.water, tables, state.parts).items():
             kicked = ghosts.seeing(tables, u=columns(air.push(still, dt)))
             kicked = self.ghost_velocity(model, state.parts, tables, kicked)
             # only the part of the ghosts' velocities that follows the water
             sources = self._sources(kicked, kicked.u - resting.u)
-            equation = self._equation(model, state, tables, kicked, sources, interval).unforced()
+            equation = self._equation(model, state, tables, kicked, sources, interval)
+            equation = equation.unforced().under(air.reaction)
             source, begin = equation.poisson.shrinking, jnp.zeros_like(p.p)
             pressure, _, _ = equation.solve(self.solver, source, begin)
             pressures = equation.complete(pressure)
@@ -378,20 +379,14 @@ class ISPH(AbstractParticleScheme):
             self.rho0 * self.smoothing.h,
         )
 
-    def _project(
-        self,
-        model: Model,
-        at: State,
-        tables: Tables,
-        ghosts: GhostFields,
-        sources: Sources,
-        interval: Interval,
-    ) -> Projection:
-        """Pressures that remove the velocities' divergence, and the bodies' accelerations due to them."""
-        equation = self._equation(model, at, tables, ghosts, sources, interval)
+    def _projected(self, equation: PressureEquation, start: Float[Array, " N"]) -> Projection:
+        """Pressures that remove the velocities' divergence, and the bodies' accelerations due to them.
+
+        `start`: pressures (Pa) from which the solution starts.
+        """
         poisson = equation.poisson
         source = poisson.shrinking + poisson.crowding
-        pressure, residual, converged = equation.solve(self.solver, source, at.particles.p)
+        pressure, residual, converged = equation.solve(self.solver, source, start)
         closed = poisson.closed()
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))

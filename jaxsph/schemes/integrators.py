@@ -11,13 +11,13 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.slabs import Sources
-from jaxsph.model.air import Air
+from jaxsph.model.air import Air, AirCoupling
 from jaxsph.model.interfaces import Model
 from jaxsph.model.shifting import Shifting
 from jaxsph.model.state import Particles, Pressures, State, Tables
-from jaxsph.schemes.air import WaterLine, couple_airs, finish_airs, meet_laws
+from jaxsph.schemes.air import WaterLine, couple_airs, finish_airs, meet_laws, on_bodies
 from jaxsph.schemes.base import AbstractParticleScheme
-from jaxsph.schemes.bodies import BodyWork, couple_bodies, push_bodies
+from jaxsph.schemes.bodies import BodyWork, couple_bodies, push_bodies, under_air
 from jaxsph.schemes.step import (
     GhostFields,
     Interval,
@@ -196,15 +196,39 @@ def _accelerate(
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
     push = spring_acceleration(model, at.parts, p, scheme.c0)
-    ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, push, moving)
+    ghosts = scheme.ghosts(model, at, tables, interval)
+    # the air's force uses positions of the same time as the rates
+    airs = couple_airs(scheme, model, p, scheme.sources(ghosts, ghosts.u), tables, at.parts)
+    # a body feels the air pressure of the previous step: the air moves only the water next to it at once
+    air = on_bodies(airs, {name: interval.before[name].P_a for name in airs})
+    ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, ghosts, air, moving)
+    for body in model.bodies:
+        contact = touch_force(model, body, at.parts[body.name], p, dt * push, dt)
+        bodies.motions[body.name] = eqx.tree_at(lambda b: b.contact, bodies.motions[body.name], contact)
     ghosts = scheme.ghost_velocity(model, at.parts, tables, ghosts)
-    sources = scheme.sources(ghosts, ghosts.u_shear)
-    rates = scheme.momentum(model, p, sources, tables)
+    rates = scheme.momentum(model, p, scheme.sources(ghosts, ghosts.u_shear), tables)
     u = p0.u + dt * (stack(rates.acceleration) + push + model.acceleration(p.x, interval.middle))
-    # the air's force uses positions and sources of the same time as the rates
-    u, airs, taken = _with_air(scheme, model, at, tables, sources, u, interval, p0.u)
+    before, after = (
+        {body.name: motions[body.name].velocity for body in model.bodies}
+        for motions in (moving, bodies.motions)
+    )
+    unpressed = {name: air.flow(u, after) for name, air in airs.items()}
+    met = meet_laws(model, interval.before, _line_of(airs, unpressed, dt), interval)
+    for name, air in airs.items():
+        u = air.push(u, dt * met.chambers[name].P_a)
+    flows = {name: (air.flow(p0.u, before), air.flow(u, after)) for name, air in airs.items()}
+    finished, taken = finish_airs(model, interval.before, met, flows, dt)
     u, damped = damp(model, p0, u, interval)
-    return _Accelerated(interval, ghosts, rates, u, bodies, airs, taken | damped)
+    return _Accelerated(interval, ghosts, rates, u, bodies, finished, taken | damped)
+
+
+def _line_of(airs: Mapping[str, AirCoupling], flows: Mapping[str, Scalar], dt: Scalar) -> WaterLine:
+    """Flows over a step of dt (s) as functions of the pressures; `flows` if all pressures were zero.
+
+    Sound takes several steps to reach the water below: in one step the air moves only the water it acts on.
+    """
+    moved = {name: dt * air.mobility() for name, air in airs.items()}
+    return WaterLine(flows, {(a, b): moved[a] if a == b else jnp.zeros_like(dt) for a in airs for b in airs})
 
 
 def _with_bodies(
@@ -213,15 +237,15 @@ def _with_bodies(
     at: State,
     tables: Tables,
     interval: Interval,
-    push: Float[Array, "N D"],
+    ghosts: GhostFields,
+    air: dict[str, Float[Array, "3"]],
     moving: Mapping[str, Any],
 ) -> tuple[GhostFields, BodyWork]:
     """Ghosts for the water of the state `at`, and the bodies after its pressure acted on them.
 
-    `push`: acceleration (m/s2) of the water due to the contact springs of the solids; `moving`: states of
-    the parts by name, with the motions of the bodies that the forces change.
+    **Arguments**: `air`: forces of the air on the bodies by name, N, N, N m (per metre in 2-D); `moving`:
+    states of the parts by name, with the motions of the bodies that the forces change.
     """
-    ghosts = scheme.ghosts(model, at, tables, interval)
     p, dt = scheme.pressure(at.particles), interval.dt
     held = dict(moving)
     for body in model.bodies:
@@ -230,17 +254,14 @@ def _with_bodies(
             lambda m: (m.rates, m.contact), at.parts[body.name], (before.rates, before.contact)
         )
     couplings = couple_bodies(scheme, model, held, interval.t, dt, ghosts, tables)
+    couplings = under_air(couplings, air)
     accelerations = tuple(coupling.acceleration(p, ghosts.p) for coupling in couplings)
     forces: dict[str, Array] = {}
     for coupling, acceleration in zip(couplings, accelerations, strict=True):
         ghosts = ghosts._replace(p=coupling.press(ghosts.p, acceleration))
         forces = coupling.forces(p, ghosts.p)
     pressures = Pressures(p, ghosts.p, accelerations, forces)
-    done = push_bodies(model, moving, interval.t, dt, couplings, pressures)
-    for body in model.bodies:
-        contact = touch_force(model, body, at.parts[body.name], at.particles, dt * push, dt)
-        done.motions[body.name] = eqx.tree_at(lambda b: b.contact, done.motions[body.name], contact)
-    return ghosts, done
+    return ghosts, push_bodies(model, moving, interval.t, dt, couplings, pressures)
 
 
 def _with_velocities(
@@ -253,33 +274,3 @@ def _with_velocities(
         for body in model.bodies
     }
     return {**parts, **moved, **turned}
-
-
-def _with_air(
-    scheme: AbstractRateScheme,
-    model: Model,
-    at: State,
-    tables: Tables,
-    sources: Sources,
-    u: Float[Array, "N D"],
-    interval: Interval,
-    before: Float[Array, "N D"],
-) -> tuple[Float[Array, "N D"], dict[str, Air], dict[str, Scalar]]:
-    """Velocities (m/s) after the force of the chambers' air, the air at the interval's end, and energies.
-
-    The air acts on the water of the state `at`. **Arguments**: velocities `u` (m/s) after all other forces,
-    and `before` (m/s) at the start of the interval. The energies (J, J/m in 2-D), by name,
-    are taken from the water.
-    """
-    dt = interval.dt
-    airs = couple_airs(scheme, model, at.particles, sources, tables)
-    # sound takes several steps to reach the water below: in one step the air moves only the water it acts on
-    moved = {name: dt * air.mobility() for name, air in airs.items()}
-    apart = {(a, b): moved[a] if a == b else jnp.zeros_like(dt) for a in airs for b in airs}
-    line = WaterLine({name: air.flow(u) for name, air in airs.items()}, apart)
-    met = meet_laws(model, interval.before, line, interval)
-    for name, air in airs.items():
-        u = air.push(u, dt * met.chambers[name].P_a)
-    flows = {name: (air.flow(before), air.flow(u)) for name, air in airs.items()}
-    finished, taken = finish_airs(model, interval.before, met, flows, dt)
-    return u, finished, taken

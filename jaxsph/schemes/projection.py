@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model.state import Failure, Pressures, State, Status
-from jaxsph.schemes.bodies import BodiesCoupling
+from jaxsph.schemes.bodies import BodiesCoupling, under_air
 from jaxsph.schemes.kernels import LatticeSums
 from jaxsph.schemes.poisson import AbstractSolver, Unknown
 
@@ -130,6 +130,10 @@ class PressureEquation(NamedTuple):
         """The equation without forces on walls and bodies; its solution is due to the source alone."""
         free = tuple(c._replace(outside=jnp.zeros_like(c.outside)) for c in self.couplings)
         return self._replace(beyond=jnp.zeros_like(self.beyond), couplings=free)
+
+    def under(self, air: dict[str, Float[Array, "3"]]) -> PressureEquation:
+        """The equation with the forces of the air on the bodies by name, N, N, N m (per metre in 2-D)."""
+        return self._replace(couplings=under_air(self.couplings, air))
 
     def solve(
         self, solver: AbstractSolver, source: Float[Array, " N"], start: Float[Array, " N"]

@@ -171,7 +171,8 @@ class DeltaSPH(AbstractRateScheme):
             return {}
         p = self.pressure(state.particles)
         for chamber in model.chambers:
-            p = p - state.parts[chamber.name].P_a * chamber.weight(columns(state.particles.x))
+            x = chamber.frame.back(state.parts, columns(state.particles.x))
+            p = p - state.parts[chamber.name].P_a * chamber.weight(x)
         return {"level_p": p}
 
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:

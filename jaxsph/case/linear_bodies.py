@@ -1,0 +1,340 @@
+"""Linear theory of a case with floating or jointed bodies in regular waves: motions, pressures and power.
+
+Water, bodies, links and chambers come from the case's sections, without any particle. The equilibrium in
+still water is found first. Small motions about it follow from `waves.panels` and `waves.linear_bodies`.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.resting import Resting
+from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Sections
+from jaxsph.case.settling import given_waves
+from jaxsph.errors import CaseError
+from jaxsph.model.links import Link
+from jaxsph.parts.joint import MOTIONS
+from jaxsph.problem.results import amplitude
+from jaxsph.waves.linear_bodies import Compliance, Damping, LinearBodies, SmallMotion, linear_motion
+from jaxsph.waves.panels import Chamber, Hull, Section, hydrodynamics
+
+__all__ = ["LinearMotions", "has_free_bodies", "linear_motions", "why_no_motions"]
+
+STEEP = np.deg2rad(60.0)
+"""Inclination of a fixed solid's face at the still water surface below which waves break on it, rad."""
+BENT = 0.2
+"""Share of its linear change by which a link's elastic force may differ from it over the motion."""
+AIR = ("P_a", "flow", "chamber_level")
+"""Names of the oscillations of a chamber: air pressure (Pa), flow (m2/s), and level (m) in its frame."""
+CLOSED = 1e12
+"""Resistance that stands for a closed chamber, Pa s/m2."""
+
+Real = NDArray[Any]
+"""Array of real numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotions:
+    """Linear response of a case's bodies to its regular waves; complex amplitudes for Re(a exp(-i omega t)).
+
+    The crest of the incident wave is at the paddle, x = 0, at t = 0. All values are per metre of width.
+    """
+
+    response: LinearBodies
+    """Response of water, bodies, links and chambers."""
+    motions: dict[str, NDArray[Any]]
+    """Surge (m), heave (m) and pitch (rad) of every moving body's pivot, by the body's name."""
+    rest: dict[str, Real]
+    """Displacements (m, m, rad) from the given position to the equilibrium in still water, by body."""
+    relative: dict[str, NDArray[Any]]
+    """Coordinates of every moving body's joint, by the body's name, m or rad."""
+    extensions: dict[str, complex]
+    """Extensions of the links along one extension, by the link's name, m or rad."""
+    forces: dict[str, complex]
+    """Forces of the same links, N/m or N."""
+    powers: dict[str, float]
+    """Mean power of every power take-off of links and chambers, by its name, W/m."""
+    swings: dict[str, complex]
+    """Oscillations of bodies, links and chambers, by the names of a model's oscillations."""
+
+    @property
+    def results(self) -> dict[str, float]:
+        """Values of linear theory, by the names of a run's results."""
+        a, sizes = 0.5 * self.response.H, {name: float(abs(x)) for name, x in self.swings.items()}
+        found = {amplitude(name): size for name, size in sizes.items()}
+        over_waves = (name for name in sizes if not name.startswith(("P_a", "flow")))
+        found |= {f"rao_{name}": sizes[name] / a for name in over_waves}
+        power = {"xi": self.xi, "P_pto": self.P_pto, "P_owc": self.P_pto}
+        return found | (power if self.powers else {})
+
+    @property
+    def levels(self) -> dict[str, list[float]]:
+        """Extremes of heave, pitch and a chamber's air and level, and mean powers, by names of series."""
+        air = {name: float(abs(x)) for name, x in self.swings.items() if name.startswith(AIR)}
+        found = {name: [-size, size] for name, size in air.items()}
+        for body in self.motions:
+            for index, motion in ((1, "heave"), (2, "pitch")):
+                name = motion if body == ONLY_BODY else f"{motion}_{body}"
+                if name in self.swings:
+                    size, rest = abs(self.swings[name]), self.rest[body][index]
+                    found[name] = [float(rest - size), float(rest + size)]
+        return found | {f"power_{name}": [power] for name, power in self.powers.items()}
+
+    @property
+    def P_pto(self) -> float:
+        """Mean absorbed power, W/m."""
+        return float(sum(self.powers.values()))
+
+    @property
+    def xi(self) -> float:
+        """Efficiency: absorbed over incident power (-)."""
+        return self.P_pto / self.response.P_inc
+
+
+def has_free_bodies(case: Sections) -> bool:
+    """Whether a case has waves, and a body that follows the forces in some motion."""
+    return case.waves is not None and any(one.free for one in case.every_body.values())
+
+
+def linear_motions(case: Sections) -> LinearMotions:
+    """Linear theory of a case's bodies, with links and chambers, in the case's regular waves.
+
+    The theory includes the end wall, unless there is a sponge in front of it, and other solids. It assumes
+    that the paddle absorbs all waves that return to it. Results are cached.
+    **Raises** CaseError, with the reason, for a case that linear theory does not cover.
+    """
+    return _found(type(case), case.model_dump_json(exclude_none=True))
+
+
+def why_no_motions(case: Sections) -> str:
+    """Reason why linear theory does not cover the bodies of a case in waves; empty if it does."""
+    try:
+        linear_motions(case)
+    except CaseError as error:
+        return str(error)
+    return ""
+
+
+@functools.lru_cache(maxsize=16)
+def _found(of: type[Sections], text: str) -> LinearMotions:
+    """`linear_motions` of a case from its JSON text."""
+    case = of.model_validate_json(text)
+    if reason := _not_covered(case):
+        raise CaseError(reason)
+    geometry = Geometry.of(case)
+    if reason := _sloping(geometry):
+        raise CaseError(reason)
+    try:
+        with jax.enable_x64(True):
+            return _Response(case, Resting(case, geometry)).found()
+    except ValueError as error:
+        raise CaseError(str(error)) from None
+
+
+def _not_covered(case: Sections) -> str:
+    """Reason in a case's keys why linear theory does not cover its bodies; empty if there is none."""
+    if case.waves is None or not has_free_bodies(case):
+        return "linear theory of bodies needs waves, and a body with a motion in free"
+    if case.waves.kind != "regular":
+        return f'waves.kind = "{case.waves.kind}"'
+    if case.dim == 3:
+        return "tank.width: the tank has three dimensions"
+    if case.g == 0.0:
+        return "g = 0: there are no waves"
+    if case.tank.column is not None:
+        return "tank.column: the water is not at rest at the start"
+    for name, body in case.every_body.items():
+        if body.motion is not None or any(
+            v and motion not in body.free for v, motion in zip(body.velocity, MOTIONS, strict=True)
+        ):
+            return f"{case.body_key(name)} has a given motion"
+    if case.duct:
+        return f"duct.{next(iter(case.duct))} is between chambers"
+    for name, chamber in case.chambers.items():
+        pto, key = chamber.pto, "pto" if name == DEVICE_CHAMBER and case.pto else f"chamber.{name}.pto"
+        if pto is None:
+            continue
+        if pto.P_a is not None or pto.curve is not None or pto.phase is not None or pto.has_relief:
+            return f"{key} is neither a linear nor a quadratic turbine"
+    return ""
+
+
+def _sloping(geometry: Geometry) -> str:
+    """Reason if a fixed solid slopes at the surface so gently that waves break; empty otherwise."""
+    for name, shape in geometry.solids.items():
+        for part in shapely.get_parts(shape.region()):
+            corners = np.asarray(part.exterior.coords)
+            for a, b in itertools.pairwise(corners):
+                low, high = min(a[1], b[1]), max(a[1], b[1])
+                rise, run = abs(b - a)[::-1]
+                if low < geometry.depth <= high and np.arctan2(rise, run) < STEEP:
+                    return f"solid.{name} slopes at the water surface, and waves break on it"
+    return ""
+
+
+class _Response:
+    """Linear response of bodies about their equilibrium; use it with double precision enabled."""
+
+    def __init__(self, case: Sections, resting: Resting) -> None:
+        """Response of the bodies `resting` to the waves of a case."""
+        self.case, self.resting = case, resting
+
+    def found(self) -> LinearMotions:
+        """Linear response to the case's waves. **Raises** ValueError if linear theory does not cover it."""
+        case, free, waves = self.case, self.resting.free, given_waves(self.case)
+        ways = np.asarray(self.resting.posture.ways)[:, :, free]
+        hulls, carriers = self._hulls()
+        dampings, damping = self._dampings()
+        bodies = SmallMotion(
+            mass=np.asarray(self.resting.posture.mass)[np.ix_(free, free)],
+            stiffness=self.resting.stiffness,
+            damping=damping,
+            jacobian=np.concatenate([ways[index] for index in carriers]),
+            dampings=tuple(dampings.values()),
+            chambers=tuple(_turbine(one) for one in case.chambers.values()),
+        )
+        water = hydrodynamics(self._section(hulls), 2.0 * np.pi / waves.period, case.fluid.rho0, case.g)
+        found = linear_motion(water, bodies, waves.height)
+        return self._named(found, ways @ found.coordinates, list(dampings))
+
+    def _hulls(self) -> tuple[list[Hull], list[int]]:
+        """Hulls of all bodies in their poses, and the index of the body that each belongs to."""
+        hulls, carriers, depth = [], [], self.resting.geometry.depth
+        for index, body in enumerate(self.resting.mechanism.bodies):
+            pose, solid = self.resting.poses[body.name], self.resting.geometry.solids.get(body.name)
+            region = self.resting.region(body, pose) if solid is None else solid.region()
+            if not body.fixed and region.bounds[1] < 1e-6:
+                raise ValueError(f"the {body.name} is on the bed in still water")
+            x, z = np.asarray(body.pivot) + pose[:2]
+            for number, part in enumerate(shapely.get_parts(region)):
+                corners = np.asarray(part.exterior.coords)[:-1] - (0.0, depth)
+                name = body.name if number == 0 else f"{body.name}, part {number + 1}"
+                hulls.append(Hull(name, tuple(map(tuple, corners)), (float(x), float(z - depth))))
+                carriers.append(index)
+        return hulls, carriers
+
+    def _section(self, hulls: list[Hull]) -> Section:
+        """Section of the water; the air of a chamber in a body moves with the body."""
+        chambers = []
+        for name, stretch in self.resting.geometry.stretches.items():
+            shift = float(self.resting.poses[stretch.carrier][0]) if stretch.carrier else 0.0
+            ends = stretch.first + shift, stretch.last + shift
+            chambers.append(Chamber(f"air of {name}", *ends, stretch.carrier))
+        end = None if self.case.sponge is not None else self.resting.geometry.length
+        return Section(self.resting.geometry.depth, tuple(hulls), end, tuple(chambers))
+
+    def _dampings(self) -> tuple[dict[str, Damping], Real]:
+        """Forces by the rate of the links along one extension, by name, and the damping of the others."""
+        found, total, t = {}, np.zeros((int(self.resting.free.sum()),) * 2), jnp.zeros(())
+        for link in self.resting.mechanism.links:
+            way = np.asarray(self.resting.posture.slopes[link.name])[..., self.resting.free]
+            s, own = self.resting.posture.extensions[link.name], self.resting.parts[link.name].own
+            if s.ndim == 0:
+                found[link.name] = Damping(way, _Rate(link, own, s))
+                continue
+            slope = jax.jacfwd(functools.partial(link.law.force, own, s, t=t))(jnp.zeros_like(s))
+            total -= way.T @ np.asarray(slope) @ way
+        return found, total
+
+    def _force(self, link: Link, s: complex, damping: float) -> complex:
+        """Force of a link whose extension oscillates by s. **Raises** ValueError if it is not linear."""
+        own, rest = self.resting.parts[link.name].own, self.resting.posture.extensions[link.name]
+        at = rest + abs(s) * jnp.array([-1.0, 0.0, 1.0])
+        slope = jax.grad(link.law.stored, argnums=1)
+        low, middle, high = np.asarray(jax.vmap(lambda one: slope(own, one))(at))
+        stiffness = float(jax.grad(slope, argnums=1)(own, rest))
+        linear = abs(stiffness * s)
+        if max(abs(high - middle - linear), abs(middle - low - linear)) > BENT * linear + 1e-9:
+            raise ValueError(
+                f"the elastic force of {link.name} is not linear over its motion by linear theory, "
+                f"{abs(s):.3g} {link.ends.unit}: it becomes slack, or meets its end stops"
+            )
+        return -(stiffness - 2j * np.pi / given_waves(self.case).period * damping) * s
+
+    def _named(self, found: LinearBodies, moved: NDArray[Any], links: list[str]) -> LinearMotions:
+        """The response by the names of a case and its results; `moved`: motions of all bodies `[B, 3]`."""
+        every = {link.name: link for link in self.resting.mechanism.links}
+        extensions = dict(zip(links, found.extensions, strict=True))
+        dampings = dict(zip(links, found.dampings, strict=True))
+        forces = {name: self._force(every[name], s, dampings[name]) for name, s in extensions.items()}
+        taken = zip(links, found.link_power, strict=True)
+        powers = {name: float(power) for name, power in taken if every[name].harvests}
+        chambers = zip(self.case.chambers, found.chamber_power, strict=True)
+        powers |= {_called("pto", n): float(power) for n, power in chambers if self.case.chambers[n].pto}
+        coordinates = np.zeros(len(self.resting.free), complex)
+        coordinates[self.resting.free] = found.coordinates
+        sizes = [body.joint.size for body in self.resting.mechanism.bodies]
+        split = np.split(coordinates, np.cumsum(sizes)[:-1])
+        bodies = [(i, body) for i, body in enumerate(self.resting.mechanism.bodies) if not body.fixed]
+        return LinearMotions(
+            found,
+            motions={body.name: moved[i] for i, body in bodies},
+            rest={body.name: self.resting.poses[body.name] for _, body in bodies},
+            relative={body.name: split[i] for i, body in bodies},
+            extensions=extensions,
+            forces=forces,
+            powers=powers,
+            swings=self._swings(moved, split) | self._of_links(extensions, forces) | self._air(found),
+        )
+
+    def _swings(self, moved: NDArray, split: list[NDArray]) -> dict[str, complex]:
+        """Motions of the bodies, by the names of their oscillations."""
+        swings = {}
+        for body, motions, joint in zip(self.resting.mechanism.bodies, moved, split, strict=True):
+            values = dict(zip(MOTIONS, motions, strict=True))
+            values |= {f"relative_{name}": x for name, x in zip(MOTIONS, joint, strict=True)}
+            asked = {} if body.fixed else body.oscillations(2)
+            swings |= {body.called(n): x for n, x in values.items() if body.called(n) in asked}
+        return swings
+
+    def _of_links(self, extensions: dict[str, complex], forces: dict[str, complex]) -> dict[str, complex]:
+        """Extensions and forces of the links, by the names of their oscillations."""
+        links = [link for link in self.resting.mechanism.links if link.name in forces]
+        swings = {link.called("link_force"): forces[link.name] for link in links}
+        return swings | {link.called("link_extension"): extensions[link.name] for link in links}
+
+    def _air(self, found: LinearBodies) -> dict[str, complex]:
+        """Amplitudes of pressure, flow and level of every chamber, by the names of their oscillations."""
+        swings = {}
+        for name, P_a, q in zip(self.case.chambers, found.P_a, found.q, strict=True):
+            level = 1j * q / (found.water.omega * self.resting.geometry.stretches[name].length)
+            values = zip(AIR, (P_a, q, level), strict=True)
+            swings |= {_called(what, name): value for what, value in values}
+        return swings
+
+
+class _Rate(NamedTuple):
+    """Force of a link as a function of its rate, at rest."""
+
+    link: Link
+    own: Any
+    s: jax.Array
+
+    def __call__(self, v: Real) -> Real:
+        """Force (N or N m) at rates v `[K]`."""
+        with jax.enable_x64(True):
+            each = jax.vmap(lambda one: self.link.law.force(self.own, self.s, one, jnp.zeros(())))
+            return np.asarray(each(jnp.asarray(v)))
+
+
+def _turbine(section: Any) -> Compliance:
+    """Turbine and air of a chamber's section; a chamber without a turbine is closed."""
+    give = 0.0 if section.air is None else section.air.give
+    if section.pto is None:
+        return Compliance(CLOSED, give=give)
+    return Compliance(section.pto.resistance or 0.0, section.pto.quadratic or 0.0, give)
+
+
+def _called(what: str, chamber: str) -> str:
+    """Name of a chamber's reading, as `AbstractPart.called` makes it."""
+    return what if chamber == DEVICE_CHAMBER else f"{what}_{chamber}"

@@ -1,0 +1,82 @@
+"""Section of a mooring: a line from an anchor to a fairlead on a body."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from jaxsph.case.section import Coordinate, Length, Name, Section
+
+PerLength = Annotated[float, Field(ge=1e-6, le=1e7)]
+Shape = Annotated[float, Field(ge=0, le=100)]
+Bedding = Annotated[float, Field(ge=0, le=1e12)]
+
+
+class MooringSection(Section):
+    """A mooring line from an anchor to a fairlead on a body. The line's properties are those of one line;
+    `lines` is the number of such lines, in two dimensions per metre of width."""
+
+    kind: Literal["catenary", "line"] = "catenary"
+    """A line in static equilibrium at every time, or one of lumped masses with inertia and drag."""
+    body: Name = "body"
+    """Body with the fairlead."""
+    at: tuple[Coordinate, Coordinate]
+    """Position (x, z) of the fairlead with the body at rest, m."""
+    anchor: tuple[Coordinate, Coordinate]
+    """Position (x, z) of the anchor, m. On the bed, z = 0, a part of the line may lie there."""
+    length: Length
+    """Length of the line without tension, m."""
+    axial_stiffness: float = Field(ge=1e-3, le=1e13)
+    """Axial stiffness EA, the tension per strain, N."""
+    weight: PerLength | None = None
+    """Weight per length in water, N/m; give it instead of mass and diameter."""
+    mass: PerLength | None = None
+    """Mass per length, kg/m; the weight in water follows from it and the diameter."""
+    diameter: Length | None = None
+    """Diameter of a circular section with the line's displacement and drag, m."""
+    lines: float = Field(1.0, ge=1e-3, le=1e4)
+    """Number of equal lines, in two dimensions per metre of width."""
+    segments: int = Field(20, ge=2, le=400)
+    """Number of segments of a line of lumped masses."""
+    damping: float = Field(0.5, ge=0, le=10)
+    """Internal damping of a segment, over its length times the square root of axial stiffness and mass per
+    length (-)."""
+    drag: tuple[Shape, Shape] | None = None
+    """Drag coefficients across and along the line (-)."""
+    added_mass: tuple[Shape, Shape] = (1.0, 0.0)
+    """Added mass coefficients across and along the line (-)."""
+    bed_stiffness: Bedding = 3.0e6
+    """Pressure of the bed on the line per depth below its surface, Pa/m."""
+    bed_damping: Bedding = 3.0e5
+    """Pressure of the bed on the line per vertical speed, Pa s/m."""
+
+    @model_validator(mode="after")
+    def _whole_mooring(self) -> MooringSection:
+        if (self.weight is None) == (self.mass is None) or (self.mass is None) != (self.diameter is None):
+            raise ValueError("give either weight, or mass and diameter")
+        dynamic = "segments", "damping", "drag", "added_mass", "bed_stiffness", "bed_damping"
+        given = [key for key in dynamic if key in self.changed]
+        if self.kind == "catenary" and given:
+            raise ValueError(f'{", ".join(given)}: belong to kind = "line": remove them, or change the kind')
+        if self.kind == "line" and (self.mass is None or self.drag is None):
+            raise ValueError('kind = "line" needs mass, diameter and drag')
+        return self
+
+    @property
+    def changed(self) -> set[str]:
+        """Keys whose values are not the defaults."""
+        fields = type(self).model_fields
+        return {name for name, field in fields.items() if getattr(self, name) != field.default}
+
+    @property
+    def area(self) -> float:
+        """Area of the section, m2; zero if the diameter is not given."""
+        return 0.25 * math.pi * (self.diameter or 0.0) ** 2
+
+    def weight_in_water(self, rho0: float, g: float) -> float:
+        """Weight of one line per length in water of the density rho0 (kg/m3), N/m."""
+        if self.mass is None:
+            return self.weight or 0.0
+        return (self.mass - rho0 * self.area) * g

@@ -1,0 +1,157 @@
+"""Moorings of a case: the parts, and checks of lines against the tank, its solids and the time step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.mooring_sections import MooringSection
+from jaxsph.case.scheme import stable_time_step
+from jaxsph.case.sections import Sections
+from jaxsph.core.points import at_points
+from jaxsph.errors import CaseError
+from jaxsph.parts.catenary import AbstractCatenary, GroundedCatenary, HangingCatenary
+from jaxsph.parts.line import Bed, LumpedLine, Morison
+from jaxsph.parts.moorings import FromAnchor, Mooring, QuasiStatic
+
+MOST_STRETCH = 0.1
+"""Largest strain of a mooring at rest."""
+MOST_SUBSTEPS = 500
+"""Largest number of steps of a line in a step of the water; such a line takes longer than the water."""
+ON_BED = 1e-6
+"""Largest height of an anchor on the bed, m."""
+
+
+def make_moorings(case: Sections, leaf: Any) -> tuple[Mooring, ...]:
+    """Moorings of a case. `leaf` converts a number to an array of the case's precision."""
+    found = []
+    for name, section in case.mooring.items():
+        ends = FromAnchor(section.body, leaf(section.at), leaf(section.anchor))
+        static = section.kind == "catenary"
+        law = QuasiStatic(_at_rest(case, section, leaf)) if static else _line(case, section, leaf)
+        found.append(Mooring(ends, law, name=name))
+    return tuple(found)
+
+
+def _at_rest(case: Sections, section: MooringSection, leaf: Any) -> AbstractCatenary:
+    """The line, or all lines of a metre of width, in static equilibrium."""
+    kind = GroundedCatenary if section.anchor[1] <= ON_BED else HangingCatenary
+    weight = section.weight_in_water(case.fluid.rho0, case.g)
+    return kind(
+        leaf(section.length), leaf(section.lines * weight), leaf(section.lines * section.axial_stiffness)
+    )
+
+
+def _line(case: Sections, section: MooringSection, leaf: Any) -> LumpedLine:
+    """The line, or all lines of a metre of width, as lumped masses."""
+    assert section.mass is not None and section.diameter is not None and section.drag is not None
+    rho0, d, count = case.fluid.rho0, section.diameter, section.lines
+    across, along = (0.5 * rho0 * d * count * one for one in section.drag)
+    added = (rho0 * section.area * count * one for one in section.added_mass)
+    size = section.length / section.segments
+    line = LumpedLine(
+        at_rest=_at_rest(case, section, leaf),
+        mass=leaf(count * section.mass),
+        damping=leaf(count * section.damping * size * math.sqrt(section.axial_stiffness * section.mass)),
+        water=Morison(leaf(across), leaf(math.pi * along), *map(leaf, added)),
+        bed=Bed(
+            leaf(-section.anchor[1]),
+            leaf(count * d * section.bed_stiffness),
+            leaf(count * d * section.bed_damping),
+        ),
+        segments=section.segments,
+    )
+    return line.stepped(min(stable_time_step(case), 0.5 * case.output.sample_dt))
+
+
+def check_moorings(case: Sections, geometry: Geometry) -> None:
+    """**Raises** CaseError for a mooring that does not fit into the tank, or is too stiff for its steps."""
+    for name, section in case.mooring.items():
+        _check_ends(case, geometry, name, section)
+        weight = section.weight_in_water(case.fluid.rho0, case.g)
+        if weight <= 0.0:
+            raise CaseError(
+                f"mooring.{name}: weighs {weight:.3g} N/m in water, but must sink: use a larger mass or a "
+                "smaller diameter; for a rope without weight use a link with slack = true"
+            )
+        _check_path(case, geometry, name, section)
+        if section.kind == "line":
+            steps = _line(case, section, np.asarray).substeps
+            if steps > MOST_SUBSTEPS:
+                raise CaseError(
+                    f"mooring.{name}.axial_stiffness = {section.axial_stiffness:g} N: the line would take "
+                    f"{steps} steps in each time step of the water, at most {MOST_SUBSTEPS} are allowed: use "
+                    "a smaller axial_stiffness, damping or bed_stiffness, fewer segments, or "
+                    'kind = "catenary"'
+                )
+
+
+def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringSection) -> None:
+    """**Raises** CaseError for a mooring to no body, too short, or with an end outside the tank or in a
+    solid."""
+    if section.body not in case.every_body:
+        there = ", ".join(case.every_body) or "none"
+        raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; there are {there}")
+    (length, height), slack = (geometry.length, geometry.height), 0.01 * case.dx
+    for key in ("at", "anchor"):
+        x, z = getattr(section, key)
+        if not (0.0 <= x <= length and 0.0 <= z <= height):
+            raise CaseError(
+                f"mooring.{name}.{key} = {[x, z]} m: is outside the tank, which extends from 0 to {length:g} "
+                f"m and from 0 to {height:g} m above the bed"
+            )
+    for other, shape in geometry.named_shapes().items():
+        if _depth_in(shape, [section.anchor]) > slack:
+            raise CaseError(
+                f"mooring.{name}.anchor = {list(section.anchor)} m: is inside {other}: move it out, or onto "
+                "its surface"
+            )
+    span = math.dist(section.at, section.anchor)
+    if span > (1.0 + MOST_STRETCH) * section.length:
+        raise CaseError(
+            f"mooring.{name}.length = {section.length:g} m: the distance from the anchor to the fairlead is "
+            f"{span:.4g} m, which would stretch the line by {100 * (span / section.length - 1):.3g} %, at "
+            f"most {100 * MOST_STRETCH:g} %: use a length of at least {span / (1.0 + MOST_STRETCH):.4g} m"
+        )
+
+
+def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringSection) -> None:
+    """**Raises** CaseError for a line that is in a solid, or below the bed, with all bodies at rest."""
+    (x, z), (x_a, z_a) = section.at, section.anchor
+    line = _at_rest(case, section, np.float32)
+    places = np.asarray(_shape(line, np.float32(abs(x - x_a)), np.float32(z - z_a)))
+    points = np.stack([x_a + math.copysign(1.0, x - x_a) * places[:, 0], z_a + places[:, 1]], axis=1)
+    lowest = float(points[:, 1].min())
+    if lowest < -0.5 * case.dx:
+        raise CaseError(
+            f"mooring.{name}.anchor = {list(section.anchor)} m: is above the bed, and the line would sag "
+            f"{-lowest:.3g} m below it: use an anchor on the bed (z = 0), or a shorter line"
+        )
+    for other, shape in geometry.named_shapes().items():
+        depth = _depth_in(shape, points)
+        if depth > case.dx:
+            raise CaseError(
+                f"mooring.{name}: the line at rest passes {depth:.3g} m deep through {other}: move the "
+                "anchor or the fairlead, or change the length"
+            )
+
+
+def _depth_in(shape: Any, points: Any) -> float:
+    """Depth (m) of the deepest of some points (x, z) in a shape, across its middle in 3-D; 0 outside."""
+    low, high = shape.bounds()
+    places = np.asarray(points, float)
+    if len(low) == 3:
+        middle = np.full(len(places), 0.5 * (low[1] + high[1]))
+        places = np.stack([places[:, 0], middle, places[:, 1]], axis=1)
+    return max(float(-np.min(at_points(shape.distance, places))), 0.0)
+
+
+@jax.jit
+def _shape(line: AbstractCatenary, span: jax.Array, height: jax.Array) -> jax.Array:
+    """Points (m) of a line relative to its anchor."""
+    return line.shape(span, height, jnp.linspace(0.0, line.length, 101))
