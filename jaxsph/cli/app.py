@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from jaxsph.cli import cases, running, showing, studies
+from jaxsph.cli import cases, coefficients, running, showing, studies
 
 app = typer.Typer(
     name="jaxsph",
@@ -18,6 +18,7 @@ _COMMANDS = {
     "run": running.run,
     "sweep": studies.sweep,
     "matrix": studies.matrix,
+    "coefficients": coefficients.coefficients,
     "slope": studies.slope,
     "optimise": studies.optimise,
     "resume": running.resume,

@@ -73,9 +73,9 @@ def sweep(
     """Run a case for every combination of parameter values, or continue an interrupted sweep."""
     import jaxsph as js
 
-    _compile_as_members()
+    compile_as_members()
 
-    with messages(INTERRUPTED), _cluster(scheduler) as executor:
+    with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         over = each_once((values_of(text) for text in grid), "--grid")
         if t1 is not None:
@@ -86,7 +86,7 @@ def sweep(
         if not quiet:
             _refuse_equal(loaded, over)
             _note(loaded, over)
-            _announce(loaded, out, math.prod(map(len, over.values())), workers, scheduler)
+            announce(loaded, out, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
             loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
         )
@@ -133,9 +133,9 @@ def matrix(
     """Compute a power matrix: mean power for every wave height and period, and over a scatter table."""
     import jaxsph as js
 
-    _compile_as_members()
+    compile_as_members()
 
-    with messages(INTERRUPTED), _cluster(scheduler) as executor:
+    with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         scatter = None if table is None else js.ScatterTable.read(table)
         Hs, Tp = (
@@ -146,7 +146,7 @@ def matrix(
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
         if not quiet:
             _note(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
-            _announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
+            announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
         print_table(_matrix_rows(done, scatter))
         typer.echo(f"recorded in {out}")
@@ -240,7 +240,7 @@ def optimise(  # its arguments are the options of the command
     import jaxsph as js
 
     if method is Way.ensemble:
-        _compile_as_members()
+        compile_as_members()
 
     with messages(INTERRUPTED):
         loaded = load(case, settings, quick)
@@ -252,7 +252,7 @@ def optimise(  # its arguments are the options of the command
         if not quiet:
             _note(loaded, bounds)
             if method is Way.ensemble:
-                _announce(loaded, out, evaluations * members, None, None, "at most ")
+                announce(loaded, out, evaluations * members, None, None, "at most ")
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         print_table([_evaluation(here, of, list(bounds)) for here in found.history])
         highest = max(found.history, key=lambda here: here[of])
@@ -269,7 +269,7 @@ def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tupl
     return f"{of} at {place}", f"{here[of]:.4g}{slopes}"
 
 
-def _compile_as_members() -> None:
+def compile_as_members() -> None:
     """Sets the compiler flags of members, before JAX starts, so that members reuse what is compiled here."""
     from jaxsph.study.members import FORWARD_FLAGS
 
@@ -302,7 +302,7 @@ def _doubt(loaded: Any, done: Any) -> None:
     print_notes(doubts_of_members(known, getattr(loaded, "waves", None) is not None))
 
 
-def _announce(
+def announce(
     loaded: Any,
     out: Path,
     runs: int,
@@ -370,7 +370,7 @@ def _place(done: Any, place: tuple[int, ...]) -> str:
 
 
 @contextlib.contextmanager
-def _cluster(address: str | None) -> Iterator[Any]:
+def cluster(address: str | None) -> Iterator[Any]:
     """Context with the executor of a Dask cluster; None without an address. **Raises** CaseError."""
     if address is None:
         yield None

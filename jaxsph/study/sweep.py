@@ -98,19 +98,19 @@ def sweep(
             f"{source.name}: a member of a sweep started a sweep when it imported its program: put all that "
             'the program does besides defining functions under if __name__ == "__main__":'
         )
-    batch = _checked_batch(workers, batch, executor)
+    batch = checked_batch(workers, batch, executor)
     if isinstance(source, Program) and not source.importable:
         batch = batch or 1  # only this process has the function
     axes = {name: _numbers(name, values) for name, values in over.items()}
     sources, shape = _members(source, axes, grid)
     file = SweepFile(Path(out).resolve())  # absolute, as workers may run in other folders
-    runner = _Runner(batch, workers, executor)
+    runner = Runner(batch, workers, executor)
     with only_study(file.path):
-        members, meanings = _run_missing(file, source, axes, shape, sources, runner, progress)
+        members, meanings = run_missing(file, source, axes, shape, sources, runner, progress)
     return _make_sweep(source, axes, shape, members, meanings)
 
 
-class _Runner(NamedTuple):
+class Runner(NamedTuple):
     """Way in which members are run: in batches, by an executor, or each in a process on a core."""
 
     batch: int | None
@@ -127,19 +127,25 @@ class _Runner(NamedTuple):
         return run_each(sources, folder, executor)
 
 
-def _run_missing(
+def run_missing(
     file: SweepFile,
     source: Source,
     axes: Mapping[str, np.ndarray],
     shape: tuple[int, ...],
     sources: Sequence[Source],
-    runner: _Runner,
+    runner: Runner,
     progress: bool,
+    about: Mapping[str, Any] | None = None,
 ) -> tuple[dict[int, Any], Meanings]:
-    """Runs the members that are not in the file yet; returns all members and their meanings."""
-    members, meanings = {}, Meanings()
+    """Runs the members that are not in the file yet; returns all members and their meanings.
+
+    **Arguments**: `source`: what all members share; `sources`: of the members, in the order of the `axes`;
+    `about`: further settings that identify the study. **Raises** FileError if the file, or a member beside
+    it, belongs to another study.
+    """
+    members, meanings, about = {}, Meanings(), dict(about or {})
     if file.path.exists():
-        members, meanings = _ended_before(file, source, axes, shape)
+        members, meanings = _ended_before(file, source, axes, shape, about)
     folder = file.path.with_name(f"{file.path.name}.members")
     check_members(sources, folder)
     folder.mkdir(exist_ok=True)
@@ -151,7 +157,7 @@ def _run_missing(
         stack.enter_context(bar)
         for i, (members[i], described) in ended:
             meanings = meanings.joined(described)
-            file.write(source.to_toml(), axes, shape, members, meanings)
+            file.write(source.to_toml(), axes, shape, members, meanings, about)
             for part in folder.glob(f"{i:04d}.*"):
                 part.unlink()
             bar.update()
@@ -161,7 +167,7 @@ def _run_missing(
     return members, meanings
 
 
-def _checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
+def checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
     """Size of batches; None for separate processes. **Raises** CaseError if choices exclude each other."""
     given = {"batch": batch, "workers": workers, "executor": executor}
     both = [f"{name} = {value}" for name, value in given.items() if value is not None]
@@ -175,13 +181,17 @@ def _checked_batch(workers: int | None, batch: int | None, executor: Executor | 
 
 
 def _ended_before(
-    file: SweepFile, source: Source, axes: Mapping[str, np.ndarray], shape: tuple[int, ...]
+    file: SweepFile,
+    source: Source,
+    axes: Mapping[str, np.ndarray],
+    shape: tuple[int, ...],
+    about: Mapping[str, Any],
 ) -> tuple[dict[int, Any], Meanings]:
     """Members that succeeded in an earlier call, and their meanings; failed members are run again."""
     stored = file.read()
     before = stored_identity(file.path, stored.case_toml, stored.version)
     before = before | _told(stored.axes, stored.shape) | stored.about
-    now = identity(source.to_toml()) | _told(axes, shape)
+    now = identity(source.to_toml()) | _told(axes, shape) | dict(about)
     refuse_other(file.path, "a sweep of another case or of other values", before, now)
     return {i: m for i, m in stored.members.items() if not m["failure"]}, stored.meanings
 
