@@ -91,6 +91,18 @@ def advance(case, model, state, samples):
     )
 
 
+def exact_and_difference(case, key, of="energy_pto", share=1e-5):
+    """Exact slope of a result over a key of a case, and that from two runs with the value `share` off."""
+    value = case.value(key)
+    exact = js.derivative(case, key, of=of, method=js.Exact()).slope
+    step = share * value
+
+    def result(x):
+        return js.run(case.replace({key: x}), progress=False).results[of]
+
+    return exact, (result(value + step) - result(value - step)) / (2 * step)
+
+
 def kill_with_two_checkpoints(process, path):
     """Kills a run (SIGKILL) after its second checkpoint, so that a checkpoint has been replaced once."""
     try:

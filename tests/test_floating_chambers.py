@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import enable_x64, exact_and_difference
 
 import jaxsph as js
 from jaxsph.errors import CaseError
@@ -174,6 +175,32 @@ def test_air_lifts_a_hull_as_hydrostatics_says(kind):
     assert np.mean(series["heave_hull"][late]) == pytest.approx(lift + rise, abs=0.002)
     level = np.mean(series["chamber_level_inner"][late])
     assert level == pytest.approx(-depression - lift, abs=0.0024)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["chamber.inner.pto.resistance", "duct.cross.area", "bodies.hull.mass"])
+def test_exact_slopes_of_a_floating_device_are_those_of_differences(key):
+    """Slopes of the energy that a turbine takes, with two chambers joined by a duct."""
+    with enable_x64():
+        two = case(
+            **{
+                "precision": "float64",
+                "scheme.tolerance": 1e-11,  # differences need a finer solution
+                "t1": 0.2,
+                "tank.length": 2.4,
+                "bodies.hull.polygon": TWO,
+                "bodies.hull.mass": 1.5 * MASS,
+                "bodies.hull.centre": [1.08, 0.4],
+                "bodies.hull.inertia": 0.3 * MASS,
+                "bodies.hull.velocity": [0.2, 0.1, 0.4],
+                "chamber.inner.at": 0.9,
+                "chamber.outer": {"body": "hull", "at": 1.3},
+                "duct.cross": {"between": ["inner", "outer"], "area": 0.02},
+                "output.sample_dt": 0.02,
+            }
+        )
+        exact, apart = exact_and_difference(two, key)
+    assert exact == pytest.approx(apart, rel=1e-4)
 
 
 @pytest.mark.parametrize(

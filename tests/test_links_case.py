@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import enable_x64
+from conftest import enable_x64, exact_and_difference
 
 import jaxsph as js
 from jaxsph.case.case import Case
@@ -131,12 +131,5 @@ def test_exact_slopes_over_a_link_are_those_of_differences(key):
                 "output": {"sample_dt": 0.02},
             }
         )
-        value = case.value(key)
-        slope = js.derivative(case, key, of="energy_pto", method=js.Exact())
-
-        def taken(x):
-            return js.run(case.replace({key: x}), progress=False).results["energy_pto"]
-
-        step = 1e-4 * value
-        apart = (taken(value + step) - taken(value - step)) / (2 * step)
-    assert slope.slope == pytest.approx(apart, rel=1e-4)
+        slope, apart = exact_and_difference(case, key)
+    assert slope == pytest.approx(apart, rel=1e-4)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import enable_x64
+from conftest import enable_x64, exact_and_difference
 
 import jaxsph as js
 from jaxsph.case.case import Case
@@ -194,13 +194,5 @@ def test_exact_slopes_over_a_mooring_are_those_of_differences(mooring, key):
                 output={"sample_dt": 0.02},
             )
         )
-        key = f"mooring.a.{key}"
-        value = case.value(key)
-        slope = js.derivative(case, key, of="energy_pto", method=js.Exact())
-
-        def taken(x):
-            return js.run(case.replace({key: x}), progress=False).results["energy_pto"]
-
-        step = 1e-5 * value
-        apart = (taken(value + step) - taken(value - step)) / (2 * step)
-    assert slope.slope == pytest.approx(apart, rel=1e-4)
+        slope, apart = exact_and_difference(case, f"mooring.a.{key}")
+    assert slope == pytest.approx(apart, rel=1e-4)

@@ -37,6 +37,7 @@ SMOOTH = (
     "scheme.delta",
     "sponge.strength",
     *(f"{body}.pto.{key}" for body in BODY_KEYS for key in ("damping", "coulomb", "spring")),
+    *(f"{body}.{key}" for body in BODY_KEYS for key in ("mass", "inertia", "density")),
     *(f"link.{NAME}.{key}" for key in ("stiffness", "pretension", "damping", "quadratic", "friction")),
     *(f"mooring.{NAME}.{key}" for key in ("length", "axial_stiffness", "weight", "mass", "lines")),
 )
