@@ -163,10 +163,10 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         tables = Tables(Neighbours(jnp.zeros((1, n), int)), None, None, {}, {"chamber": index}, None)
         sources = Sources({"x": (zero, zero), "V": zero}, {})
         start = chamber.start(float)
-        coupling = chamber.coupling(_NoPairs(tuple(grip)), water, sources, tables)
-        law = chamber.press(start, coupling.flow(u), dt * coupling.mobility(), 0.0, 0.0, dt)
+        coupling = chamber.coupling(_NoPairs(tuple(grip)), water, sources, tables, {})
+        law = chamber.press(start, coupling.flow(u, {}), dt * coupling.mobility(), 0.0, 0.0, dt)
         new = coupling.push(u, dt * law.P_a)
-        air, works, _ = chamber.finish(start, law, coupling.flow(u), coupling.flow(new), dt)
+        air, works, _ = chamber.finish(start, law, coupling.flow(u, {}), coupling.flow(new, {}), dt)
         work = sum(works.values())
         taken = float(0.5 * jnp.sum(m * jnp.sum(u**2 - new**2, axis=1)))
         # An identity, up to the round-off of the energies that are subtracted.
@@ -186,8 +186,8 @@ def test_flow_is_the_rise_times_the_chamber_s_length(vessel):
     p, rise = state.particles, 0.3
     ghosts = model.scheme.ghosts(model, state, tables, at_rest(model, state))
     sources, chamber = model.scheme.sources(ghosts, ghosts.u), model.chambers[0]
-    air = chamber.coupling(model.scheme, p, sources, tables)
-    flow = float(air.flow(jnp.zeros_like(p.u).at[:, 1].set(rise)))
+    air = chamber.coupling(model.scheme, p, sources, tables, state.parts)
+    flow = float(air.flow(jnp.zeros_like(p.u).at[:, 1].set(rise), {}))
     # Second-order sums over a lattice of 8 particles across with a fading zone of 4 spacings.
     assert flow == pytest.approx(rise * float(model.chambers[0].length), rel=0.05)
 

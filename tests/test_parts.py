@@ -86,7 +86,7 @@ def test_air_of_the_predictor_corrector_is_of_one_time(damped_vessel):
     def flows():
         ghosts = scheme.ghosts(model, at, tables, at_rest(model, at))
         sources = scheme.sources(ghosts, ghosts.u)
-        air = chamber.coupling(scheme, at.particles, sources, tables)
+        air = chamber.coupling(scheme, at.particles, sources, tables, at.parts)
         end = PredictorCorrector._advance(scheme, model, state, at, tables, model.dt)
         i = jnp.minimum(air.index, len(lifted) - 1)
         expected = -sum(jnp.sum(f * end.particles.u[i, k]) for k, f in enumerate(air.force))
