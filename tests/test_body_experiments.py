@@ -21,6 +21,7 @@ from experiments.floating_body import (
 )
 from experiments.heaving_cylinder import Cylinder, Release
 from experiments.studies import buoy_damping
+from experiments.validation import floating_devices
 from experiments.verification import draughts, forced_bodies, linear_raos, moored_periods
 
 BOX = LinearBody(box_outline(0.3, 0.1, 0.2), 0.4, 30.0, 0.378, (0.0, 0.0))
@@ -225,3 +226,23 @@ def test_draughts_at_a_coarse_spacing(tmp_path, monkeypatch):
     rows = json.loads((tmp_path / "draughts_0.04.json").read_text())["rows"]
     # three and five spacings of draught; bodies still heave a little after three seconds
     assert all(abs(row["here"]) < 0.5 for row in rows if row["unit"] == "dx")
+
+
+def test_deviations_from_theory_leave_out_motions_that_theory_hardly_has():
+    results = {"linear_amplitude_heave_a": 0.02, "linear_amplitude_heave_b": 1e-5, "linear_P_pto": 2.0}
+    results |= {"amplitude_heave_a": 0.019, "amplitude_heave_b": 1e-3, "P_pto": 1.0}
+    assert floating_devices.off_theory(results) == pytest.approx({"heave_a": -5.0, "power": -50.0})
+
+
+@pytest.mark.slow
+def test_floating_devices_are_reported(tmp_path, monkeypatch):
+    """One coarse device: rows for its readings, its power and its energies."""
+    for name in ("RUNS", "OWN"):
+        monkeypatch.setattr(common, name, tmp_path)
+    monkeypatch.setattr(common.Report, "folder", tmp_path)
+    monkeypatch.setattr(floating_devices, "DEVICES", ("buoy_heave",))
+    floating_devices.main(0.04)
+    rows = json.loads((tmp_path / "floating_devices_0.04.json").read_text())["rows"]
+    assert {"buoy_heave: power, off linear theory", "buoy_heave: incident height"} <= {
+        r["check"] for r in rows
+    }

@@ -1,0 +1,84 @@
+"""Built-in devices with bodies that float in regular waves: linear theory, and the balance of energy.
+
+Every reading that oscillates is compared with linear theory, as `jaxsph run` prints both; so is the power.
+Linear theory has small waves, and water that does not separate at corners (docs/measurements.md). Energies
+are over the work of the paddle, which absorbs the waves that return to it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, of_paddle, solved
+from jaxsph.output.plot.style import BLUE, in_style
+
+DEVICES = ("box_moored", "buoy_heave", "raft", "flap_floating", "owc_floating")
+"""Built-in cases with bodies that float."""
+ENERGIES = {"residual": 2.0, "projection": 5.0, "hyperviscosity": np.inf}
+"""Energies of the balance, and the largest that each may be, % of the paddle's work."""
+AMPLITUDE = "linear_amplitude_"
+"""Beginning of the names of results that are amplitudes by linear theory."""
+
+
+def off_theory(results: dict[str, float]) -> dict[str, float]:
+    """Deviations of a run's amplitudes and power from linear theory, %, by name.
+
+    Amplitudes that theory gives as less than a hundredth of the largest of their kind (surge, heave and so
+    on) are left out.
+    """
+    kinds: dict[str, dict[str, float]] = {}
+    for key, theory in results.items():
+        if key.startswith(AMPLITUDE):
+            name = key.removeprefix(AMPLITUDE)
+            kinds.setdefault(name.split("_")[0], {})[name] = theory
+    found = {}
+    for kind in kinds.values():
+        for name, theory in kind.items():
+            if theory > 0.01 * max(kind.values()):
+                found[name] = 100.0 * (results[f"amplitude_{name}"] / theory - 1.0)
+    if "linear_P_pto" in results:
+        found["power"] = 100.0 * (results["P_pto"] / results["linear_P_pto"] - 1.0)
+    return found
+
+
+def main(dx: float = 0.02) -> None:
+    """Runs or continues the cases at the spacing dx (m)."""
+    with Report(f"floating_devices_{dx:g}", "Floating devices in regular waves", dx) as report:
+        report.seconds, every = 0.0, {}
+        for name in DEVICES:
+            results = solved(
+                js.load_case(name).replace({"dx": dx}), f"floating_devices_{dx:g}_{name}"
+            ).results()
+            report.seconds += results["wall_seconds"]
+            every[name] = off_theory(results)
+            for reading, off in every[name].items():
+                report.row(f"{name}: {reading.replace('_', ' ')}, off linear theory", off, "%")
+            report.row(f"{name}: incident height", results["incident_height"], "m")
+            for energy, most in ENERGIES.items():
+                share = of_paddle(results, energy)
+                bar = f"within {most:g} %" if np.isfinite(most) else ""
+                words = "not accounted for" if energy == "residual" else f"lost to {energy}"
+                report.row(
+                    f"{name}: energy {words}, of the paddle's work",
+                    share,
+                    "%",
+                    bar=bar,
+                    passes=abs(share) < most if bar else None,
+                )
+        report.picture(_picture(every))
+
+
+@in_style
+def _picture(every: dict[str, dict[str, float]]) -> Figure:
+    """Deviations from linear theory of all devices."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    for ax, (name, off) in zip(figure.subplots(1, len(every), sharex=True), every.items(), strict=True):
+        rows = np.arange(len(off))
+        ax.barh(rows, list(off.values()), color=BLUE)
+        ax.set_yticks(rows, [one.replace("_", " ") for one in off], fontsize=6)
+        ax.axvline(0.0, color="black", lw=0.8)
+        ax.set_title(name, fontsize=8)
+        ax.set_xlabel("off theory (%)", fontsize=7)
+    return figure
