@@ -36,7 +36,7 @@ def at_rest(case: Sections, geometry: Geometry, name: str, x: float) -> BodyAtRe
 
 
 def water_stiffness(case: Sections, geometry: Geometry, modes: Sequence[Mode]) -> NDArray[np.float64]:
-    """Stiffness `[n, n]` of the water's force on bodies over their modes, without weight, N/m2, N/m or N."""
+    """Hydrostatic stiffness `[n, n]` of the modes by buoyancy alone, not by weight, N/m2, N/m or N."""
     found = np.zeros((len(modes),) * 2)
     for i, one in enumerate(modes):
         shape = geometry.bodies[one.body]

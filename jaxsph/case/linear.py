@@ -17,7 +17,7 @@ from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
 
 
 def incident_power(case: Sections) -> float:
-    """Mean power of a case's waves, W per metre of crest, to which every efficiency is relative.
+    """Mean power of the waves that a case specifies, W per metre of crest.
 
     The depth is rounded to whole spacings, as for the paddle and all results.
     """

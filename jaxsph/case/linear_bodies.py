@@ -256,8 +256,8 @@ class _Response:
         linear = abs(stiffness * s)
         if max(abs(high - middle - linear), abs(middle - low - linear)) > BENT * linear + 1e-9:
             raise ValueError(
-                f"the elastic force of {link.name} is not linear over its motion by linear theory, "
-                f"{abs(s):.3g} {link.ends.unit}: it becomes slack, or meets its end stops"
+                f"the elastic force of {link.name} is not linear for the amplitude that linear theory "
+                f"predicts, {abs(s):.3g} {link.ends.unit}: the link becomes slack, or meets its end stops"
             )
         return -(stiffness - 2j * np.pi / given_waves(self.case).period * damping) * s
 

@@ -39,7 +39,7 @@ def make_moorings(case: Sections, leaf: Any) -> tuple[Mooring, ...]:
 
 
 def _at_rest(case: Sections, section: MooringSection, leaf: Any) -> AbstractCatenary:
-    """The line, or all lines of a metre of width, in static equilibrium."""
+    """Catenary of all lines of a mooring (in 2-D, those per metre of width) in static equilibrium."""
     kind = GroundedCatenary if section.anchor[1] <= ON_BED else HangingCatenary
     weight = section.weight_in_water(case.fluid.rho0, case.g)
     return kind(

@@ -28,7 +28,7 @@ from jaxsph.model.solids import AbstractBody
 __all__ = ["Posture", "Resting"]
 
 BALANCED = 1e-8
-"""Largest force on the bodies in equilibrium, relative to their weight."""
+"""Largest net force, relative to the bodies' weight, at which the bodies count as in equilibrium (-)."""
 
 Real = NDArray[Any]
 """Array of real numbers."""

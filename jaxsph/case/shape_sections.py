@@ -101,9 +101,9 @@ class LinkSection(Section):
     latch: Duration | None = None
     """Time for which a latch holds the link whenever its motion reverses, s; needs `latch_damping`."""
     latch_damping: Coefficient = 0.0
-    """Linear damping by which the latch holds, N s/m; large compared with the mass over a time step."""
+    """Linear damping by which the latch holds, N s/m; much larger than the mass divided by the time step."""
     take_off: bool = False
-    """Whether the energy that the link takes is the device's power."""
+    """Whether the link is a power take-off, whose power counts as power of the device."""
 
     @model_validator(mode="after")
     def _whole_link(self) -> LinkSection:

@@ -50,15 +50,15 @@ class AbstractFrame(eqx.Module):
 
     @abc.abstractmethod
     def back(self, parts: Mapping[str, Any], x: Components) -> Components:
-        """Positions (m) with all bodies at rest of points of the frame that are at x (m)."""
+        """Positions at rest (m) of the points of the frame that are now at x (m)."""
 
     @abc.abstractmethod
     def turned_back(self, parts: Mapping[str, Any], vectors: Components) -> Components:
-        """Vectors with the bodies at rest, from present vectors."""
+        """Vectors rotated from the frame's present orientation to its orientation at rest."""
 
     @abc.abstractmethod
     def turned(self, parts: Mapping[str, Any], vectors: Components) -> Components:
-        """Present vectors, from vectors with the bodies at rest."""
+        """Vectors rotated from the frame's orientation at rest to its present orientation."""
 
     @abc.abstractmethod
     def reaction(

@@ -1,6 +1,6 @@
 """Motion of rigid bodies that are joined to the tank and to each other, as one multibody system.
 
-The generalised coordinates are the coordinates of all joints, followed by the time once for every joint. As a
+The generalised coordinates are the coordinates of all joints, followed by one time coordinate per joint. As a
 coordinate the time has the constant rate 1, and a given motion is a function of it. A motion that is not free
 is a coordinate with a constant rate, too. The equations of motion are
 

@@ -158,12 +158,12 @@ class Damper(AbstractLaw):
 
 
 class Friction(AbstractLaw):
-    """Coulomb friction, which builds up smoothly over about the rate `scale`."""
+    """Coulomb friction with a smoothed reversal: force -size tanh(v / scale) at the rate v."""
 
     size: Scalar
     """Force of the friction, N."""
     scale: Scalar
-    """Rate over which the friction builds up, m/s."""
+    """Rate at which the friction reaches 76 % of `size`, m/s."""
 
     def force(self, own, s, v, t):
         """See `AbstractLaw`."""

@@ -268,7 +268,7 @@ class ClosedPTO(AbstractPTO):
 
 
 class PrescribedPressure(AbstractPTO):
-    """Air pressure given as a function of time, which rises linearly to P_a and is then constant."""
+    """Prescribed air pressure that rises linearly to `P_a` over `ramp` and then stays constant."""
 
     P_a: Scalar
     """Gauge pressure at the end of the rise, Pa."""

@@ -60,7 +60,7 @@ UNSHOWN = (
     "rms_speed",
     "limited",
 )
-"""Series without a panel: those that another panel shows, and counts of the scheme's limiters."""
+"""Series without a panel of their own: those that another panel shows, and counts of the limiters."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
 """Series whose current values are shown while the particles are played back."""
 

@@ -106,7 +106,7 @@ def simulate_chunk(
     sample_every: int,
     most: int | None = None,
 ) -> tuple[State, dict[str, jax.Array]]:
-    """Advances a state by `n_steps` time steps as `simulate` does, compiled.
+    """Compiled form of `simulate`: advances a state by `n_steps` time steps.
 
     `most`: the largest number of steps of this run's chunks, by default `n_steps`; all chunks share one
     compiled program.

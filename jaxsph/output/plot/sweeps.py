@@ -1,4 +1,4 @@
-"""Picture of a sweep, an ensemble or a search: a result over the varied parameters."""
+"""Picture of a sweep, an ensemble or a search: a result plotted against the varied parameters."""
 
 from __future__ import annotations
 
