@@ -167,8 +167,8 @@ class AbstractJoint(eqx.Module):
         """Displacement of the body's pivot along x and z (m), and pitch (rad), from the position at rest.
 
         Override this method in a closed chain, where the pose relative to the parent depends on the parent's
-        pose. **Arguments**: `above`: the same for the parent's pivot; `arm`: from the parent's pivot to the body's pivot at rest (x, z), m; `q` and
-        `t` as for `pose`.
+        pose. **Arguments**: `above`: the same for the parent's pivot; `arm`: from the parent's pivot to the
+        body's pivot at rest (x, z), m; `q` and `t` as for `pose`.
         """
         pose = self.pose(q, t)
         shift = above[:2] + turned(arm + pose[:2], above[2]) - arm

@@ -24,7 +24,7 @@ CLOSE = 1e-7
 """Distance, relative to the depth, below which two points of a section are the same point."""
 REACH = 0.5
 """Distance from the outermost hull to a radiating end, relative to the depth. Over this distance the slowest
-evanescent mode decays to 0.21 in shallow and 0.46 in deep water; the end is matched to `panels.MODES` modes."""
+evanescent mode decays to 0.21 in shallow, 0.46 in deep water; the end is matched to `panels.MODES` modes."""
 
 
 @dataclass(frozen=True)
