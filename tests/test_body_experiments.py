@@ -229,8 +229,8 @@ def test_draughts_at_a_coarse_spacing(tmp_path, monkeypatch):
 
 
 def test_deviations_from_theory_leave_out_motions_that_theory_hardly_has():
-    results = {"linear_amplitude_heave_a": 0.02, "linear_amplitude_heave_b": 1e-5, "linear_P_pto": 2.0}
-    results |= {"amplitude_heave_a": 0.019, "amplitude_heave_b": 1e-3, "P_pto": 1.0}
+    results = {"linear_amplitude_heave_a": 0.02, "linear_amplitude_heave_b": 1e-5, "linear_xi": 0.2}
+    results |= {"amplitude_heave_a": 0.019, "amplitude_heave_b": 1e-3, "xi": 0.1}
     assert floating_devices.off_theory(results) == pytest.approx({"heave_a": -5.0, "power": -50.0})
 
 

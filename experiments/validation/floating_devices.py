@@ -38,8 +38,8 @@ def off_theory(results: dict[str, float]) -> dict[str, float]:
         for name, theory in kind.items():
             if theory > 0.01 * max(kind.values()):
                 found[name] = 100.0 * (results[f"amplitude_{name}"] / theory - 1.0)
-    if "linear_P_pto" in results:
-        found["power"] = 100.0 * (results["P_pto"] / results["linear_P_pto"] - 1.0)
+    if "linear_xi" in results:
+        found["power"] = 100.0 * (results["xi"] / results["linear_xi"] - 1.0)
     return found
 
 
