@@ -117,6 +117,7 @@ def test_a_run_with_links_is_resumed_to_the_bit(tmp_path):
         np.testing.assert_array_equal(resumed[name], again[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["link.take.damping", "link.take.stiffness"])
 def test_exact_slopes_over_a_link_are_those_of_differences(key):
     with enable_x64():
