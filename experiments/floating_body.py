@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from jaxsph.case.hydrostatics import buoyancy_stiffness
 from jaxsph.waves.panels import MOTIONS, Hull, Hydrodynamics, Section, hydrodynamics
 
 RHO, G = 1000.0, 9.81
@@ -149,14 +150,7 @@ def hydrostatic_stiffness(outline: Points, centre: tuple[float, float]) -> Value
 
     With the pivot of a body that does not float freely as `centre`, the matrix is that of the buoyancy alone.
     """
-    whole = shapely.Polygon(outline)
-    low, high = whole.bounds[0] - 1.0, whole.bounds[2] + 1.0
-    wet = whole.intersection(shapely.box(low, whole.bounds[1] - 1.0, high, 0.0))
-    x0, _, x1, _ = whole.intersection(shapely.LineString([(low, 0.0), (high, 0.0)])).bounds
-    x0, x1 = x0 - centre[0], x1 - centre[0]
-    first, second = (x1**2 - x0**2) / 2.0, (x1**3 - x0**3) / 3.0
-    turning = second + wet.area * (wet.centroid.y - centre[1])
-    return RHO * G * np.array([[0.0, 0.0, 0.0], [0.0, x1 - x0, -first], [0.0, -first, turning]])
+    return buoyancy_stiffness(shapely.Polygon(outline), 0.0, np.asarray(centre), RHO * G)
 
 
 def box_outline(width: float, draught: float, height: float, bilge: float = 0.0, sides: int = 8) -> Points:
