@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsph.waves.panels import Hydrodynamics
+from jaxsph.waves.radiation import group_velocity
 
 __all__ = ["Compliance", "Damping", "LinearBodies", "SmallMotion", "linear_motion"]
 
@@ -127,8 +128,7 @@ class LinearBodies:
     @property
     def P_inc(self) -> float:
         """Mean incident power, W/m."""
-        k, h, omega = self.water.k, self.water.section.depth, self.water.omega
-        c_g = 0.5 * omega / k * (1.0 - 4.0 * k * h * np.exp(-2.0 * k * h) / np.expm1(-4.0 * k * h))
+        c_g = group_velocity(self.water.omega, self.water.k, self.water.section.depth)
         return float(0.125 * self.water.rho * self.water.g * c_g * self.H**2)
 
 

@@ -107,8 +107,7 @@ class RadiationAndScattering:
     @property
     def group_velocity(self) -> float:
         """Group velocity c_g, m/s."""
-        kd = self.k * self.geometry.depth
-        return float(0.5 * self.omega / self.k * (1.0 - 4.0 * kd * np.exp(-2.0 * kd) / np.expm1(-4.0 * kd)))
+        return group_velocity(self.omega, self.k, self.geometry.depth)
 
     @property
     def Kh(self) -> float:
@@ -134,6 +133,13 @@ class RadiationAndScattering:
     def Z(self, rho0: float = 1000.0) -> complex:
         """Radiation admittance Z = B - iA: flow of air into the chamber per unit air pressure, m2/(s Pa)."""
         return -1j * self.omega / (rho0 * self.g) * self.q_R
+
+
+def group_velocity(omega: float, k: float, depth: float) -> float:
+    """Group velocity (m/s) of waves of angular frequency omega (rad/s) and wavenumber k (rad/m), in double
+    precision."""
+    kd = k * depth
+    return float(0.5 * omega / k * (1.0 - 4.0 * kd * np.exp(-2.0 * kd) / np.expm1(-4.0 * kd)))
 
 
 @lru_cache(maxsize=256)
