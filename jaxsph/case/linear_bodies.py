@@ -23,6 +23,7 @@ from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Sections
 from jaxsph.case.settling import given_waves
 from jaxsph.errors import CaseError
 from jaxsph.model.links import Link
+from jaxsph.model.part import name_of
 from jaxsph.parts.joint import MOTIONS
 from jaxsph.problem.results import amplitude
 from jaxsph.waves.linear_bodies import Compliance, Damping, LinearBodies, SmallMotion, linear_motion
@@ -84,7 +85,7 @@ class LinearMotions:
         found = {name: [-size, size] for name, size in air.items()}
         for body in self.motions:
             for index, motion in ((1, "heave"), (2, "pitch")):
-                name = motion if body == ONLY_BODY else f"{motion}_{body}"
+                name = name_of(motion, body, ONLY_BODY)
                 if name in self.swings:
                     size, rest = abs(self.swings[name]), self.rest[body][index]
                     found[name] = [float(rest - size), float(rest + size)]
@@ -142,7 +143,7 @@ def _found(of: type[Sections], text: str) -> LinearMotions:
 
 
 def _not_covered(case: Sections) -> str:
-    """Reason in a case's keys why linear theory does not cover its bodies; empty if there is none."""
+    """Reason, by the keys of a case, why linear theory does not cover its bodies; empty if it does."""
     if case.waves is None or not has_free_bodies(case):
         return "linear theory of bodies needs waves, and a body with a motion in free"
     if case.waves.kind != "regular":
@@ -337,4 +338,4 @@ def _turbine(section: Any) -> Compliance:
 
 def _called(what: str, chamber: str) -> str:
     """Name of a chamber's reading, as `AbstractPart.called` makes it."""
-    return what if chamber == DEVICE_CHAMBER else f"{what}_{chamber}"
+    return name_of(what, chamber, DEVICE_CHAMBER)

@@ -12,7 +12,13 @@ import jax
 from jaxsph.core.arrays import Array, Components, Float, Scalar
 from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
 
-__all__ = ["AbstractPart", "Sampled"]
+__all__ = ["AbstractPart", "Sampled", "name_of"]
+
+
+def name_of(what: str, part: str, usual: str) -> str:
+    """Name of the energy or reading `what` of a part, followed by the part's name if that is not the usual
+    name."""
+    return what if part == usual else f"{what}_{part}"
 
 
 class Sampled(NamedTuple):
@@ -48,7 +54,7 @@ class AbstractPart(eqx.Module):
     def called(self, what: str) -> str:
         """Name of this part's energy or reading `what`, followed by the part's name if that is not the usual
         name."""
-        return what if self.name == self.usual_name else f"{what}_{self.name}"
+        return name_of(what, self.name, self.usual_name)
 
     @abc.abstractmethod
     def entries(self) -> Mapping[str, Entry]:

@@ -30,6 +30,7 @@ from jaxsph.case.linear_radiation import linear_coefficients
 from jaxsph.case.sections import ONLY_BODY
 from jaxsph.case.speeds import wavenumber
 from jaxsph.errors import CaseError, FileError
+from jaxsph.model.part import name_of
 from jaxsph.output.coefficient_files import AbstractCoefficientFile, file_at
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.study.ownership import only_study
@@ -250,4 +251,4 @@ class _Run(NamedTuple):
 
 def _called(reading: str, body: str) -> str:
     """Name of a reading of a body."""
-    return reading if body == ONLY_BODY else f"{reading}_{body}"
+    return name_of(reading, body, ONLY_BODY)
