@@ -14,7 +14,7 @@ from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.particles import animate, particles
 from jaxsph.output.plot.pictures import plot_run
-from jaxsph.output.plot.series import chamber, energy, energy_terms, gauges
+from jaxsph.output.plot.series import body, chamber, energy, energy_terms, gauges
 from jaxsph.output.plot.spectrum import draw_sea
 from jaxsph.output.plot.style import ORANGE
 from jaxsph.output.plot.sweeps import _over_grid, _over_one, plot_sweep
@@ -316,3 +316,18 @@ def test_spectrum_has_both_ways_the_band_and_what_was_asked_for():
     shown = f > 0.5
     assert np.allclose(lines["target spectrum"][shown], asked[shown], rtol=0.1, atol=1e-5)
     assert "target 0.04 m" in ax.get_title(loc="left") + ax.get_title()
+
+
+def test_figure_of_a_fixed_body_shows_the_forces_only():
+    class Fixed:
+        """Readings of a body without motions."""
+
+        def series(self):
+            time = np.linspace(0.0, 1.0, 5)
+            return {"time": time, "body_force": np.stack([time, 2.0 * time, np.zeros(5)], 1)}
+
+        def variables(self):
+            return {}
+
+    figure = body(Fixed())
+    assert [ax.get_ylabel() for ax in figure.axes] == ["F$_x$", "F$_z$"]

@@ -6,7 +6,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
 from jaxsph.case.scheme import stable_time_step
 from jaxsph.case.sections import Sections
-from jaxsph.case.shapes import ends_at
+from jaxsph.case.shapes import ends_at, inertia_of
 from jaxsph.case.speeds import reference_speed, sound_speed
 from jaxsph.waves import theory
 
@@ -45,6 +45,7 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             f"{case.dx:g} m): water is noisy at the wall's tip, and the efficiency may be a tenth too low; "
             "use a smaller dx, or a thicker wall"
         )
+    notes += _sinking(case, geometry)
     notes += _gauge_notices(case, geometry)
     stable, sample = stable_time_step(case), case.output.sample_dt
     if SHORTER * 0.5 * sample < stable:
@@ -101,3 +102,23 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
         for what, low, high in spans
         if low - reach < x < high + reach
     ]
+
+
+def _sinking(case: Sections, geometry: Geometry) -> list[str]:
+    """Notices of bodies that sink: free in heave, heavier than the water they displace, and not held."""
+    held = {name for one in case.every_body.values() for name in (one.joined_to,) if name}
+    for link in case.link.values():
+        held |= {link.body, *(link.between or ())}
+    held |= {mooring.body for mooring in case.mooring.values()}
+    notes, per = [], "kg/m" if case.dim == 2 else "kg"
+    for name, section in case.every_body.items():
+        if "heave" not in section.free or section.joined_to or name in held:
+            continue
+        shape, key = geometry.bodies[name], case.body_key(name)
+        mass, most = inertia_of(section, shape, key).mass, case.fluid.rho0 * shape.moments()[0]
+        if mass > most:
+            notes.append(
+                f"{key} sinks: its mass of {mass:.4g} {per} is more than the {most:.4g} {per} of water that "
+                "it can displace, and no link or mooring holds it; the run stops when it reaches the bed"
+            )
+    return notes

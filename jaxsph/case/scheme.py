@@ -62,6 +62,9 @@ def remedies(case: Sections) -> Remedies:
         ),
         Trouble.TOO_DENSE: 'set tank.walls = "mirror"',
         Trouble.NO_TABLES: "reduce scheme.cfl or dx",
+        Trouble.TOUCHING: (
+            "give the body less density or mass, or a [link.NAME] or [mooring.NAME] that holds it away"
+        ),
     }
     if isinstance(case.scheme, Incompressible):
         fast, unsteady = (

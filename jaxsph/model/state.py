@@ -135,6 +135,8 @@ class Failure(enum.IntFlag):
     """A particle is faster than the scheme allows."""
     NOT_CONVERGED = 64
     """A linear solve for the pressure did not converge."""
+    TOUCHING = 128
+    """A body is too near to another solid."""
 
 
 SIZES = ("capacity", "node_capacity", "chamber_capacity", "halo", "points")

@@ -27,6 +27,8 @@ class Trouble(enum.Enum):
     """More particles are near a wall than there are ghosts for their images."""
     NO_TABLES = "take a smaller spacing, or shorter time steps"
     """The neighbour tables overflow again and again."""
+    TOUCHING = "give the body less mass, or a link that stops it before it reaches the other solid"
+    """A body is too near to another solid."""
 
 
 Remedies = Mapping[Trouble, str]

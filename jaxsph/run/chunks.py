@@ -124,7 +124,7 @@ def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> 
     t = float(model.t0) + step * float(model.dt)
     where = tuple(float(a) for a in state.status.where)
     place = ", ".join(f"{a:.3f}" for a in where)
-    what, cause = _cause(model, state.status)
+    what, cause = _cause(model, state)
     if isinstance(cause, Trouble):
         top = float(model.walls.high[-1])
         higher = f"{max(1.25 * top, where[-1] + 0.25 * top):.3g}"
@@ -138,9 +138,13 @@ def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> 
     )
 
 
-def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
+def _cause(model: Model, state: State) -> tuple[str, Trouble | str]:
     """Description of the failure, and the `Trouble` whose remedy applies, or the remedy itself."""
+    status = state.status
     failed = Failure(int(status.bits))
+    if failed & Failure.TOUCHING:
+        body = _nearest_body(model, state)
+        return f"the body {body!r} is too near to the bed, a wall or another solid", Trouble.TOUCHING
     top = float(model.walls.high[-1])
     if failed & Failure.THROUGH_WALL and float(status.where[-1]) >= top:
         return f"a particle has left the tank over its rim, which is {top:g} m high", Trouble.OVER_RIM
@@ -171,3 +175,11 @@ def _cause(model: Model, status: Status) -> tuple[str, Trouble | str]:
         # the tables are rebuilt at every step by now, and a particle still outruns them within one step
         return "a particle outruns its neighbour table in a single step", Trouble.TOO_FAST
     return f"the neighbour tables keep overflowing ({failed.name})", Trouble.NO_TABLES
+
+
+def _nearest_body(model: Model, state: State) -> str:
+    """Name of the body whose surface is nearest to the place of the first failure."""
+    where = state.status.where[None]
+    return min(
+        model.bodies, key=lambda body: abs(float(body.distance(state.parts[body.name], where)[0]))
+    ).name

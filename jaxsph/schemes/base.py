@@ -19,6 +19,7 @@ from jaxsph.model.interfaces import AbstractScheme, Model
 from jaxsph.model.regularisation import Regularisation
 from jaxsph.model.state import Failure, Particles, Response, State, Tables
 from jaxsph.schemes.step import GhostFields, Interval, book, drift
+from jaxsph.schemes.touching import touching
 
 __all__ = [
     "AbstractParticleScheme",
@@ -79,6 +80,8 @@ class AbstractParticleScheme(AbstractScheme):
             "points": crowd,
         }
         status = _checked_tables(state, s, found, too_many)
+        near, where = touching(model, state.parts)
+        status = status.flag(Failure.TOUCHING, near, state.step, where)
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
         tables = Tables(fluid, images, at_nodes, around, chambers, p.x)
         return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))

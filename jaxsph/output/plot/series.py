@@ -108,10 +108,16 @@ def body(run: RunFile) -> Figure | None:
     if not has_samples(series, "body_force"):
         return None
     force = series["body_force"]
+    motions = [
+        ("surge", 1.0, "surge (m)", "displacement along the tank"),
+        ("heave", 1.0, "heave (m)", "displacement upwards"),
+        ("pitch", 180.0 / np.pi, "pitch (deg)", "angle, positive landward"),
+    ]
+    # a fixed body has no motions
     panels = [
-        (series["surge"], "surge (m)", "displacement along the tank", BLUE),
-        (series["heave"], "heave (m)", "displacement upwards", BLUE),
-        (np.degrees(series["pitch"]), "pitch (deg)", "angle, positive landward", BLUE),
+        (scale * series[name], label, title, BLUE) for name, scale, label, title in motions if name in series
+    ]
+    panels += [
         (force[:, 0], "F$_x$", "the water's force along the tank (N; N/m in two dimensions)", RED),
         (force[:, 1], "F$_z$", "the water's force upwards", RED),
         (force[:, 2], "M", "the water's moment about the pivot (N m; N in two dimensions)", RED),
