@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxsph.core.pairs import SPARE
+from jaxsph.core.programs import forget_programs
 from jaxsph.core.search.base import SPREADING, needed_capacity
 from jaxsph.core.search.tables import NARROW
 from jaxsph.core.slabs import Slabs
@@ -67,6 +68,7 @@ def replay_chunk(
     model: Model, advance: Callable[[Model], tuple[State, Any]], say: Callable[[str], None]
 ) -> tuple[Model, State, Any]:
     """Advances a state or a batch as `advance_chunk` does; keeps other failures in the status."""
+    forget_programs()
     for _ in range(REPLAYS):
         new, found = advance(model)
         changed = better_settings(model, new.status)

@@ -1,0 +1,31 @@
+"""Compiled programs that JAX keeps in memory."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+
+import jax
+
+MOST = 0.5
+"""Share of the memory maps that a process may have, beyond which compiled programs are forgotten."""
+MAPS, LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+"""Lists of Linux: the memory maps of this process, and the largest number that a process may have."""
+
+
+def forget_programs() -> None:
+    """Forgets all compiled programs if they take so many memory maps that another program may not fit.
+
+    A program compiled for the CPU takes 1500 to 6000 memory maps and keeps them, and Linux ends a process
+    that needs more than 65530. Programs that are needed again are read from the cache on disk. On other
+    systems this function does nothing.
+    """
+    try:
+        limit = int(LIMIT.read_text(encoding="ascii"))
+        with MAPS.open("rb") as maps:
+            count = sum(1 for _ in maps)
+    except (OSError, ValueError):
+        return
+    if count > MOST * limit:
+        jax.clear_caches()
+        gc.collect()
