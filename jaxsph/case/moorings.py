@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import jax
-import jax.numpy as jnp
+import equinox as eqx
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
@@ -124,8 +123,8 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
     """**Raises** CaseError for a line that is in a solid, or below the bed, with all bodies at rest."""
     (x, z), (x_a, z_a) = section.at, section.anchor
     line = _at_rest(case, section, np.float32)
-    places = np.asarray(_shape(line, np.float32(abs(x - x_a)), np.float32(z - z_a)))
-    points = np.stack([x_a + math.copysign(1.0, x - x_a) * places[:, 0], z_a + places[:, 1]], axis=1)
+    ends = np.array([x - x_a, z - z_a], np.float32)
+    points = np.asarray(section.anchor) + np.asarray(_shape(QuasiStatic(line), (), ends))
     lowest = float(points[:, 1].min())
     if lowest < -0.5 * case.dx:
         raise CaseError(
@@ -151,7 +150,4 @@ def _depth_in(shape: Any, points: Any) -> float:
     return max(float(-np.min(at_points(shape.distance, places))), 0.0)
 
 
-@jax.jit
-def _shape(line: AbstractCatenary, span: jax.Array, height: jax.Array) -> jax.Array:
-    """Points (m) of a line relative to its anchor."""
-    return line.shape(span, height, jnp.linspace(0.0, line.length, 101))
+_shape = eqx.filter_jit(QuasiStatic.shape)

@@ -9,7 +9,10 @@ import numpy as np
 
 from jaxsph.model.interfaces import Model
 
-__all__ = ["check_parts", "part_states"]
+__all__ = ["RESERVED", "check_parts", "part_states"]
+
+RESERVED = ("id", "p", "step", "time", "u", "x")
+"""Names that no part may have: a snapshot has fields of the particles with these names beside its parts."""
 
 
 def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
@@ -21,8 +24,9 @@ def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
 def check_parts(model: Model) -> None:
     """Checks that the parts of a model are consistent.
 
-    **Raises** ValueError if parts share a name or an energy, a duct ends at no chamber, a model with body
-    forces has a movable body, or the ghosts of moving solids do not match those of the walls.
+    **Raises** ValueError if parts share a name or an energy, a part has a name of `RESERVED`, a duct ends at
+    no chamber, a model with body forces has a movable body, or the ghosts of moving solids do not match those
+    of the walls.
     """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
@@ -30,6 +34,9 @@ def check_parts(model: Model) -> None:
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
             raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
+    taken = sorted(set(names) & set(RESERVED))
+    if taken:
+        raise ValueError(f"parts are called {', '.join(taken)}, like fields of the particles: rename them")
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
         raise ValueError(f"ducts end at {', '.join(sorted(ends))}: give names of chambers of the model")

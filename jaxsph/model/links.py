@@ -58,6 +58,11 @@ class AbstractEnds(eqx.Module):
     def extension(self, places: Places) -> Extension:
         """Extension s, m or rad."""
 
+    def points(self, places: Places) -> Float[Array, "E 2"]:
+        """Positions (m) of the two ends, for pictures; none by default."""
+        del places
+        return jnp.zeros((0, 2))
+
     @property
     @abc.abstractmethod
     def bodies(self) -> tuple[str, ...]:
@@ -163,6 +168,11 @@ class Link(AbstractPart):
         own = self.law.start(s)
         other = self.law.force(own, s, jnp.zeros_like(s), t)
         return LinkMotion(own, s, other - jax.grad(self.law.stored, argnums=1)(own, s))
+
+    def drawn(self, motion: LinkMotion, places: Places) -> Float[Array, "K 2"]:
+        """Points (m) of the line that pictures show, from end to end; none for a link along a joint."""
+        del motion
+        return self.ends.points(places)
 
     def entries(self):
         """See `AbstractPart`."""

@@ -138,6 +138,15 @@ class Mechanism(NamedTuple):
         z, rates = self._gathered(parts, t)
         return self._spread(parts, z, rates)
 
+    def drawn(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, "K 2"]]:
+        """Points (m) of the lines by which pictures show the links at the time t (s), by the link's name.
+
+        Links along a joint are not shown.
+        """
+        places = self._places(self._gathered(parts, t)[0])
+        lines = {link.name: link.drawn(parts[link.name], places) for link in self.links}
+        return {name: line for name, line in lines.items() if len(line)}
+
     def kinematics(self, parts: Mapping[str, Any], t: Scalar) -> Kinematics:
         """Kinematics of the bodies at the time t (s); `parts`: states of the parts by name."""
         return self._at(*self._gathered(parts, t), self._movable(t))

@@ -143,6 +143,11 @@ class LumpedLine(AbstractMooringLaw):
         x, u = self._whole(own.x, own.u, own.end, jnp.zeros_like(own.end))
         return jnp.linalg.norm(self._tensions(x, u)[0])
 
+    def shape(self, own, s):
+        """See `AbstractMooringLaw`."""
+        del s
+        return self._whole(own.x, own.u, own.end, jnp.zeros_like(own.end))[0]
+
     def stable_step(self) -> float:
         """Largest stable step (s) of the line, from the stiffness and damping of its segments and the bed.
 

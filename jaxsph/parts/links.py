@@ -53,6 +53,10 @@ class BetweenPoints(AbstractEnds):
         # 1e-12 m2 keeps the direction finite where both ends are at one place
         return jnp.sqrt(jnp.sum(apart**2) + 1e-12) - self.rest
 
+    def points(self, places):
+        """See `AbstractEnds`."""
+        return jnp.stack([places.point(self.first, self.a), places.point(self.second, self.b)])
+
     @property
     def bodies(self):
         """See `AbstractEnds`."""

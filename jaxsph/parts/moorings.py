@@ -15,6 +15,9 @@ from jaxsph.parts.catenary import AbstractCatenary
 
 __all__ = ["AbstractMooringLaw", "FromAnchor", "Mooring", "QuasiStatic"]
 
+POINTS = 101
+"""Number of points in the shape of a catenary."""
+
 
 class FromAnchor(AbstractEnds):
     """Ends of a mooring, whose extension is the vector (x, z) from the anchor to the fairlead."""
@@ -35,6 +38,10 @@ class FromAnchor(AbstractEnds):
         """See `AbstractEnds`."""
         return places.point(self.body, self.fairlead) - self.anchor
 
+    def points(self, places):
+        """See `AbstractEnds`."""
+        return jnp.stack([self.anchor, places.point(self.body, self.fairlead)])
+
     @property
     def bodies(self):
         """See `AbstractEnds`."""
@@ -47,6 +54,10 @@ class AbstractMooringLaw(AbstractLaw):
     @abc.abstractmethod
     def anchor_tension(self, own: Any, s: Float[Array, "2"]) -> Scalar:
         """Tension at the anchor, N (N/m in 2-D). `own`: state of the law."""
+
+    @abc.abstractmethod
+    def shape(self, own: Any, s: Float[Array, "2"]) -> Float[Array, "K 2"]:
+        """Points (m) of the line from the anchor to the fairlead, relative to the anchor."""
 
 
 class QuasiStatic(AbstractMooringLaw):
@@ -71,6 +82,13 @@ class QuasiStatic(AbstractMooringLaw):
         force = self.catenary.end_forces(jnp.abs(s[0]), s[1])
         return jnp.sqrt(force.across**2 + force.below**2)
 
+    def shape(self, own, s):
+        """See `AbstractMooringLaw`."""
+        del own
+        along = self.catenary.length * jnp.linspace(0.0, 1.0, POINTS, dtype=s.dtype)
+        x = self.catenary.shape(jnp.abs(s[0]), s[1], along)
+        return x.at[:, 0].multiply(jnp.where(s[0] < 0.0, -1.0, 1.0))
+
 
 class Mooring(Link):
     """Mooring of a body to an anchor in the tank."""
@@ -79,6 +97,10 @@ class Mooring(Link):
     """Law of the force on the fairlead."""
     name: str = eqx.field(static=True, default="mooring", kw_only=True)
     usual_name: ClassVar[str] = "mooring"
+
+    def drawn(self, motion, places):
+        """See `Link`."""
+        return self.ends.points(places)[0] + self.law.shape(motion.own, motion.extension)
 
     def entries(self):
         """See `AbstractPart`."""

@@ -131,6 +131,7 @@ class Frames:
                     for one in tank.solids
                     if one.name
                 },
+                "lines": {name: np.reshape(snapshot.get(name, ()), (-1, 2)) for name in tank.lines},
                 **{name: field.values(kept).astype(np.float32) for name, field in FIELDS.items()},
             }
         return self._known[index]
@@ -180,7 +181,9 @@ def _scene(tank: Tank, frames: list[dict[str, Any]], pack: Pack) -> dict[str, An
                 "poses": pack.array(np.concatenate(poses)) if poses else None,
             }
         )
+    lines = [[frame["lines"][name] for frame in frames] for name in tank.lines]
     return {
+        "lines": [{"count": len(one[0]), "points": pack.array(np.concatenate(one))} for one in lines],
         "x0": tank.x0,
         "x1": tank.x1,
         "top": tank.top,

@@ -22,7 +22,7 @@ from jaxsph.problem.problem import Problem
 from jaxsph.problem.source import Source
 from jaxsph.run.chunks import sample_times, search_settings
 from jaxsph.run.devices import describe_machine
-from jaxsph.run.scene import poses_of, scene_of
+from jaxsph.run.scene import places_of, scene_of
 
 
 class Start:
@@ -80,7 +80,7 @@ class Recorder:
         return dataclasses.replace(solution, results=results, notices=notices, labels=self.problem.labels)
 
     def _snapshot(self, model: Model, state: State) -> dict[str, Any]:
-        """Particles in the order of their ids, and the poses of the solids."""
+        """Particles in the order of their ids, and the places of the solids and links."""
         p = state.particles
         order = np.argsort(np.asarray(p.id))
         snapshot = {
@@ -91,7 +91,7 @@ class Recorder:
             "p": np.asarray(model.pressure(state))[order],
             "id": np.asarray(p.id)[order],
         }
-        return snapshot | poses_of(model, state)
+        return snapshot | places_of(model, state)
 
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 import shapely
 
 from jaxsph.model.interfaces import Model
+from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.state import State
 from jaxsph.problem.problem import Problem
 from jaxsph.solids.box import SIDES
@@ -23,7 +25,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
     Moving solids are drawn in their rest positions. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
     `walls`: whether the box has a left, a right and a bottom wall; `level`: still water level, None if the
     model has none; `solids`: `name` (key of the pose in snapshots, empty for a fixed solid), `corners`,
-    `pivot`.
+    `pivot`; `lines`: names of the links that are drawn, whose points snapshots hold.
     """
     model = problem.model
     walls = model.walls
@@ -50,6 +52,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
         "walls": [bool(beside[0] and not walls.paddle), bool(beside[1]), bool(below[0])],
         "level": depth if depth < 0.999 * (high[1] - low[1]) else None,
         "solids": solids,
+        "lines": list(_lines(model, problem.state)),
     }
 
 
@@ -59,7 +62,23 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
     return {"name": name} | {key: np.round(a.astype(float), 6).tolist() for key, a in rounded.items()}
 
 
-def poses_of(model: Model, state: State) -> dict[str, np.ndarray]:
-    """Poses of all moving solids by name, each with surge (m), heave (m) and pitch (rad)."""
+def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
+    """What pictures draw around the particles of a snapshot, by name.
+
+    These are the poses of all moving solids, each with surge (m), heave (m) and pitch (rad), and the points
+    `[K, 2]` (m) of links.
+    """
     moving = (*model.moving, *model.bodies)
-    return {solid.name: np.asarray(solid.pose(state.parts[solid.name])[0]) for solid in moving}
+    poses = {solid.name: np.asarray(solid.pose(state.parts[solid.name])[0]) for solid in moving}
+    return poses | _lines(model, state)
+
+
+def _lines(model: Model, state: State) -> dict[str, np.ndarray]:
+    """Points `[K, 2]` (m) of the links that are drawn, by name."""
+    if not model.links:
+        return {}
+    drawn = _drawn(model.mechanism, dict(state.parts), model.time(state))
+    return {name: np.asarray(line) for name, line in drawn.items()}
+
+
+_drawn = eqx.filter_jit(Mechanism.drawn)

@@ -17,7 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patheffects import withStroke
 
 from jaxsph.output.plot.style import WALL, WIDTH, in_style
 from jaxsph.output.plot.tank import Outline, Tank, cut_in_plane, pick_snapshots
@@ -81,6 +83,7 @@ class _Picture:
         self.axes = [self.figure.add_subplot(grid[i]) for i in range(len(ranges))]
         self.dots: list[PathCollection] = []
         self.moving: list[tuple[Outline, Polygon]] = []
+        self.lines: list[tuple[str, Line2D]] = []
         for ax, (a, b) in zip(self.axes, ranges, strict=True):
             self._prepare(ax, (a, b), (bottom, tank.top))
             self.dots.append(self._scatter(ax, limits))
@@ -120,6 +123,11 @@ class _Picture:
             patch = Polygon(outline.corners, **solid)
             ax.add_patch(patch)
             self.moving += [(outline, patch)] if outline.name else []
+        halo = [withStroke(linewidth=2.6, foreground="white")]
+        for name in tank.lines:
+            self.lines += [
+                (name, line) for line in ax.plot([], [], color=WALL, lw=1.2, zorder=2.5, path_effects=halo)
+            ]
         if tank.depth is not None:
             ax.axhline(tank.depth, color="0.5", lw=0.8, ls=(0, (6, 4)), zorder=1)
 
@@ -147,6 +155,8 @@ class _Picture:
             dots.set_array(values[near])
         for outline, patch in self.moving:
             patch.set_xy(outline.at(snapshot))
+        for name, line in self.lines:
+            line.set_data(*np.reshape(snapshot.get(name, ()), (-1, 2)).T)
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
 

@@ -10,6 +10,9 @@ import numpy as np
 
 from jaxsph.output.run_reader import RunReader
 
+ROOF = 1.6
+"""Height of a solid over that of the water up to which pictures show all of the solid."""
+
 
 @dataclass(frozen=True)
 class Outline:
@@ -42,6 +45,8 @@ class Tank:
     walls: tuple[bool, bool, bool]
     """Whether there is a wall to the left, to the right, and below."""
     solids: tuple[Outline, ...]
+    lines: tuple[str, ...] = ()
+    """Names of the links that are drawn, whose points snapshots hold."""
 
     @classmethod
     def of(cls, run: RunReader) -> Tank:
@@ -52,6 +57,14 @@ class Tank:
         spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
         dx, depth = float(scene.get("dx", spacing)), scene.get("level")
         top = float(max(high[-1], depth or high[-1]))
+        solids = tuple(
+            Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float))
+            for one in scene.get("solids", ())
+            if one["corners"]
+        )
+        # a floating body is seen as a whole, but not a wall that is drawn to far above the water
+        roofs = [float(one.corners[:, 1].max()) for one in solids]
+        top = max([top, *(roof for roof in roofs if roof < ROOF * top)])
         top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
         return cls(
             name=str(run.case_keys().get("name", run.path.stem)),
@@ -61,11 +74,8 @@ class Tank:
             depth=depth,
             top=top,
             walls=tuple(scene.get("walls", (False, False, False))),
-            solids=tuple(
-                Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float))
-                for one in scene.get("solids", ())
-                if one["corners"]
-            ),
+            solids=solids,
+            lines=tuple(scene.get("lines", ())),
         )
 
     def strips(self) -> list[tuple[float, float]]:

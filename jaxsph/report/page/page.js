@@ -32,7 +32,7 @@ function seek(t, follow = false) {
 }
 
 function show() {
-  const style = { back: backColour(), wall: css("--wall"), still: css("--still") };
+  const style = { back: backColour(), wall: css("--wall"), still: css("--still"), halo: css("--card") };
   for (const water of page.players) page.drawn = water.show(page.t, page.field, style);
   if (page.firstPicture === undefined && page.players.length) page.firstPicture = performance.now();
   page.pictures = (page.pictures || 0) + 1;

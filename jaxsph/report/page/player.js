@@ -135,6 +135,18 @@ class Water {
       context.closePath();
       context.fill();
     }
+    for (const [width, colour] of [[4, style.halo], [1.8, style.wall]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = width;
+      for (const { count, points } of tank.lines) {
+        context.beginPath();
+        for (let i = 0; i < count; i++) {
+          const [x, z] = [0, 1].map((j) => between(points, (k) => 2 * (count * k + i) + j));
+          context.lineTo(X(x), Z(z));
+        }
+        context.stroke();
+      }
+    }
     if (tank.depth) {
       context.strokeStyle = style.still;
       context.setLineDash([8, 6]);
