@@ -97,8 +97,14 @@ def test_pictures_and_pages_show_lines_and_the_whole_body(moored, moved, tmp_pat
 @pytest.mark.parametrize("name", RESERVED)
 def test_no_part_has_the_name_of_a_field_of_the_particles(name, moored):
     """A snapshot would hold the pose of the body in place of the positions of the particles."""
-    with pytest.raises(CaseError, match="names of fields of the particles"):
+    step = {"block": {"low": [3.0, 0.0], "high": [3.2, 0.2]}}
+    with pytest.raises(CaseError, match=f"bodies.{name}: the names .* are reserved"):
         js.Case.from_dict(TANK | {"bodies": {name: BODY}})
+    # a solid at rest is drawn where it is, without an entry in the snapshots
+    fixed = js.Case.from_dict(TANK | {"solid": {name: step}}).problem()
+    assert name not in places_of(fixed.model, fixed.state)
+    (drawn,) = (one for one in scene_of(fixed)["solids"] if np.max(one["corners"]) < 4.0)
+    assert drawn["name"] == "" and np.max(drawn["corners"], axis=0) == pytest.approx([3.2, 0.2])
     link, *others = moored.model.links
     links = (dataclasses.replace(link, name=name), *others)
     with pytest.raises(ValueError, match="like fields of the particles"):

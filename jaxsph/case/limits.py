@@ -15,8 +15,9 @@ import shapely
 
 from jaxsph.case.air_sections import ChamberSection
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
+from jaxsph.case.names import check_names
 from jaxsph.case.scheme import shortest_limit, stable_time_step
-from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, TANK, Sections
+from jaxsph.case.sections import ONLY_BODY, Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_sections import AbstractWavesSection
 from jaxsph.core.points import at_points
@@ -41,16 +42,12 @@ STANDING_BREAKING = 0.218
 """Largest ratio of the height of a standing wave to its wavelength (Penney and Price 1952)."""
 
 
-TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone", TANK, "contact", "projection")
-"""Reserved names: the program itself gives these names to parts, and a case must not give them to others."""
-
-
 def check_limits(case: Sections, geometry: Geometry) -> None:
     """**Raises** CaseError if a case cannot be run, for example with breaking waves or too many steps."""
     _check_waves(case, geometry)
     _check_standing_wave(case, geometry)
     _check_places(case, geometry)
-    _check_names(case)
+    check_names(case)
     for name, section in case.chambers.items():
         _check_air(case, geometry, name, section)
     _check_ducts(case)
@@ -331,22 +328,6 @@ def _check_ducts(case: Sections) -> None:
                 f"duct.{name}.pto.P_a: the pressure of a duct follows from its flow: give K_dm, resistance, "
                 "area or curve instead"
             )
-
-
-def _check_names(case: Sections) -> None:
-    """**Raises** CaseError for parts that share a name, or have a reserved name."""
-    kinds = ("bodies", "link", "mooring", "solid", "chamber", "duct")
-    named = [(f"{kind}.{name}", name) for kind in kinds for name in getattr(case, kind)]
-    named += [(f"{case.body_key(body)}.pto", name) for body, name in case.pto_names.items()]
-    if case.body is not None and ONLY_BODY in case.bodies:
-        raise CaseError(f"bodies.{ONLY_BODY}: is the same body as [{ONLY_BODY}]: give one of the two")
-    alone = "" if case.body is not None else f"bodies.{ONLY_BODY}"
-    for key, name in named:
-        if name in TAKEN and key not in (f"chamber.{DEVICE_CHAMBER}", alone):
-            raise CaseError(f"{key}: the names {', '.join(TAKEN)} are reserved: give it another name")
-        twice = [other for other, one in named if one == name and other != key]
-        if twice:
-            raise CaseError(f"{key} and {twice[0]}: have the same name: rename one of them")
 
 
 def _check_probes(case: Sections, geometry: Geometry) -> None:

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
@@ -123,7 +124,7 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
     """**Raises** CaseError for a line that is in a solid, or below the bed, with all bodies at rest."""
     (x, z), (x_a, z_a) = section.at, section.anchor
     line = _at_rest(case, section, np.float32)
-    ends = np.array([x - x_a, z - z_a], np.float32)
+    ends = jnp.asarray([x - x_a, z - z_a], jnp.float32)
     points = np.asarray(section.anchor) + np.asarray(_shape(QuasiStatic(line), (), ends))
     lowest = float(points[:, 1].min())
     if lowest < -0.5 * case.dx:

@@ -9,8 +9,6 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from jaxsph.model.consistency import RESERVED
-
 # Ranges wide enough for every tank, and narrow enough that no product of a few values overflows float32.
 Length = Annotated[float, Field(ge=1e-5, le=1e5)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -32,8 +30,6 @@ def _plain_name(name: str) -> str:
         raise ValueError(
             "must begin with a small letter and have at most 39 further small letters, digits and underscores"
         )
-    if name in RESERVED:
-        raise ValueError(f"must not be {', '.join(RESERVED)}, which are names of fields of the particles")
     return name
 
 

@@ -12,7 +12,8 @@ from jaxsph.model.interfaces import Model
 __all__ = ["RESERVED", "check_parts", "part_states"]
 
 RESERVED = ("id", "p", "step", "time", "u", "x")
-"""Names that no part may have: a snapshot has fields of the particles with these names beside its parts."""
+"""Names that no moving part may have: a snapshot has fields of the particles with these names beside the
+places of the parts."""
 
 
 def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
@@ -34,7 +35,8 @@ def check_parts(model: Model) -> None:
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
             raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
-    taken = sorted(set(names) & set(RESERVED))
+    shown = (*model.moving, *(body for body in model.bodies if not body.fixed), *model.links)
+    taken = sorted({part.name for part in shown} & set(RESERVED))
     if taken:
         raise ValueError(f"parts are called {', '.join(taken)}, like fields of the particles: rename them")
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import shapely
 
 from jaxsph.model.interfaces import Model
 from jaxsph.model.mechanism import Mechanism
+from jaxsph.model.solids import AbstractMovingSolid
 from jaxsph.model.state import State
 from jaxsph.problem.problem import Problem
 from jaxsph.solids.box import SIDES
@@ -22,7 +24,7 @@ FAR = 10.0
 def scene_of(problem: Problem) -> dict[str, Any]:
     """Box of the water, its walls, and the outlines of all solids in the x-z plane; lengths in m.
 
-    Moving solids are drawn in their rest positions. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
+    Moving solids have their positions at rest. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
     `walls`: whether the box has a left, a right and a bottom wall; `level`: still water level, None if the
     model has none; `solids`: `name` (key of the pose in snapshots, empty for a fixed solid), `corners`,
     `pivot`; `lines`: names of the links that are drawn, whose points snapshots hold.
@@ -42,9 +44,12 @@ def scene_of(problem: Problem) -> dict[str, Any]:
             cut = shapely.Polygon(corners).intersection(inside)
             if isinstance(cut, shapely.Polygon) and not cut.is_empty:
                 solids.append(_outline("", np.asarray(cut.exterior.coords)[:-1], np.zeros(2)))
-    for solid in (*model.moving, *model.bodies):
+    for solid in _moving(model):
         _, pivot = solid.pose(problem.state.parts[solid.name])
         solids.append(_outline(solid.name, solid.outline(far), np.asarray(pivot)))
+    for body in (body for body in model.bodies if body.fixed):
+        corners = body.carry(problem.state.parts[body.name], jnp.asarray(body.outline(far)))
+        solids.append(_outline("", np.asarray(corners), np.zeros(2)))
     return {
         "dx": float(model.dx),
         "low": low,
@@ -68,9 +73,13 @@ def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
     These are the poses of all moving solids, each with surge (m), heave (m) and pitch (rad), and the points
     `[K, 2]` (m) of links.
     """
-    moving = (*model.moving, *model.bodies)
-    poses = {solid.name: np.asarray(solid.pose(state.parts[solid.name])[0]) for solid in moving}
+    poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in _moving(model)}
     return poses | _lines(model, state)
+
+
+def _moving(model: Model) -> tuple[AbstractMovingSolid, ...]:
+    """Solids that move."""
+    return (*model.moving, *(body for body in model.bodies if not body.fixed))
 
 
 def _lines(model: Model, state: State) -> dict[str, np.ndarray]:
