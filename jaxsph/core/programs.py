@@ -16,9 +16,9 @@ MAPS, LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 def forget_programs() -> None:
     """Forgets all compiled programs if they take so many memory maps that another program may not fit.
 
-    A program compiled for the CPU takes 1500 to 6000 memory maps and keeps them, and Linux ends a process
-    that needs more than 65530. Programs that are needed again are read from the cache on disk. On other
-    systems this function does nothing.
+    A program compiled for the CPU takes 1500 to 6000 memory maps and keeps them. Linux allows a process 65530
+    by default, and Python ends without an exception if the compiler gets no more. Programs that are needed
+    again are read from the cache on disk. On other systems this function does nothing.
     """
     try:
         limit = int(LIMIT.read_text(encoding="ascii"))
