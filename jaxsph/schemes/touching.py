@@ -27,7 +27,7 @@ def touching(model: Model, parts: Mapping[str, Any]) -> tuple[Array, Float[Array
     fixed pivot cannot sink. `parts`: states of the parts by name.
     """
     x = jax.lax.stop_gradient(model.walls.x)
-    found, where = jnp.zeros((), bool), jnp.zeros_like(x[0])
+    found, where = jnp.zeros((), bool), jnp.zeros(x.shape[1], x.dtype)
     for body in model.bodies:
         if not (body.joint.parent or any(body.joint.moves[:2])):
             continue
