@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from jaxsph.case.hydrostatics import buoyancy_stiffness
+from jaxsph.case.hydrostatics import buoyancy_stiffness, submerged
 from jaxsph.waves.panels import MOTIONS, Hull, Hydrodynamics, Section, hydrodynamics
 
 RHO, G = 1000.0, 9.81
@@ -151,6 +151,11 @@ def hydrostatic_stiffness(outline: Points, centre: tuple[float, float]) -> Value
     With the pivot of a body that does not float freely as `centre`, the matrix is that of the buoyancy alone.
     """
     return buoyancy_stiffness(shapely.Polygon(outline), 0.0, np.asarray(centre), RHO * G)
+
+
+def displaced(outline: Points) -> float:
+    """Mass of the water that an outline (m) displaces with the still water level at z = 0, kg/m."""
+    return RHO * submerged(shapely.Polygon(outline), 0.0).area
 
 
 def box_outline(width: float, draught: float, height: float, bilge: float = 0.0, sides: int = 8) -> Points:

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, solved
-from experiments.floating_body import RHO, LinearBody, box_outline
+from experiments.floating_body import LinearBody, box_outline, displaced
 from jaxsph.output.plot.style import BLUE, in_style
 
 H, T = 0.03, 1.2
@@ -41,8 +41,7 @@ BILGE = 0.05
 def linear(bilge: float = 0.0) -> LinearBody:
     """The buoy in linear theory, with bilges of the radius `bilge` (m). Its inertia does not matter."""
     outline = box_outline(0.3, 0.1, 0.2, bilge)
-    wet = shapely.Polygon(outline).intersection(shapely.box(-1.0, -1.0, 1.0, 0.0))
-    return LinearBody(outline, 0.4, RHO * wet.area, 0.3, (0.0, 0.0))
+    return LinearBody(outline, 0.4, displaced(outline), 0.3, (0.0, 0.0))
 
 
 BODY = linear()

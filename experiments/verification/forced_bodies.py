@@ -34,6 +34,7 @@ import jaxsph as js
 from experiments.common import Report, solved
 from experiments.floating_body import RHO, G, Points, box_outline, disc_outline
 from jaxsph.analysis.coefficients import added_mass_and_damping, harmonics, of_means
+from jaxsph.case.hydrostatics import submerged
 from jaxsph.output.plot.style import BLUE, RED, in_style
 from jaxsph.waves.panels import Hull, Section, hydrodynamics
 from jaxsph.waves.theory import wavenumber
@@ -170,7 +171,7 @@ class Forced:
                 [c * corners[:, 0] + s * corners[:, 1], c * corners[:, 1] - s * corners[:, 0]], 1
             )
         rise = moved if self.index == 1 else 0.0
-        wet = shapely.Polygon(corners).intersection(shapely.box(-9.0, -9.0, 9.0, -self.pivot[1] - rise))
+        wet = submerged(shapely.Polygon(corners), -self.pivot[1] - rise)
         return RHO * G * wet.area * (1.0 if self.index == 1 else -float(wet.centroid.x))
 
     def measured(self, series: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -19,12 +19,11 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments.common import Report, solved
-from experiments.floating_body import RHO, LinearBody, Points, Spring, box_outline
+from experiments.floating_body import LinearBody, Points, Spring, box_outline, displaced
 from jaxsph import analysis
 from jaxsph.output.plot.style import BLUE, GREEN, RED, in_style
 
@@ -66,7 +65,7 @@ class Box:
     @property
     def mass(self) -> float:
         """Mass of the displaced water, kg/m."""
-        return RHO * shapely.Polygon(self.outline).intersection(shapely.box(-1.0, -1.0, 1.0, 0.0)).area
+        return displaced(self.outline)
 
     def case(self, T: float, dx: float) -> js.Case:
         """The box in waves of the period T (s), at the spacing dx (m)."""

@@ -106,7 +106,7 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
 
 def _sinking(case: Sections, geometry: Geometry) -> list[str]:
     """Notices of bodies that sink: free in heave, heavier than the water they displace, and not held."""
-    held = {name for one in case.every_body.values() for name in (one.joined_to,) if name}
+    held = {one.joined_to for one in case.every_body.values()}
     for link in case.link.values():
         held |= {link.body, *(link.between or ())}
     held |= {mooring.body for mooring in case.mooring.values()}

@@ -35,8 +35,7 @@ def check_parts(model: Model) -> None:
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
             raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
-    shown = (*model.moving, *(body for body in model.bodies if not body.fixed), *model.links)
-    taken = sorted({part.name for part in shown} & set(RESERVED))
+    taken = sorted({part.name for part in (*model.movers(), *model.links)} & set(RESERVED))
     if taken:
         raise ValueError(f"parts are called {', '.join(taken)}, like fields of the particles: rename them")
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}

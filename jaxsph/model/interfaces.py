@@ -27,7 +27,7 @@ from jaxsph.model.links import Link
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.part import AbstractPart
-from jaxsph.model.solids import AbstractBody, AbstractSolid, AbstractWall
+from jaxsph.model.solids import AbstractBody, AbstractMovingSolid, AbstractSolid, AbstractWall
 from jaxsph.model.state import Particles, Search, State, Tables
 
 __all__ = [
@@ -336,6 +336,10 @@ class Model(eqx.Module):
     def every_solid(self) -> Sequence[AbstractSolid]:
         """All solids of the model: those at rest, moving walls and bodies."""
         return (*self.solids, *self.moving, *self.bodies)
+
+    def movers(self) -> Sequence[AbstractMovingSolid]:
+        """Solids that move: all but those at rest and fixed bodies."""
+        return (*self.moving, *(body for body in self.bodies if not body.fixed))
 
     def walls_at(
         self, parts: Mapping[str, Any], *mirrored: Float[Array, "I D"]

@@ -11,7 +11,6 @@ import shapely
 
 from jaxsph.model.interfaces import Model
 from jaxsph.model.mechanism import Mechanism
-from jaxsph.model.solids import AbstractMovingSolid
 from jaxsph.model.state import State
 from jaxsph.problem.problem import Problem
 from jaxsph.solids.box import SIDES
@@ -44,7 +43,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
             cut = shapely.Polygon(corners).intersection(inside)
             if isinstance(cut, shapely.Polygon) and not cut.is_empty:
                 solids.append(_outline("", np.asarray(cut.exterior.coords)[:-1], np.zeros(2)))
-    for solid in _moving(model):
+    for solid in model.movers():
         _, pivot = solid.pose(problem.state.parts[solid.name])
         solids.append(_outline(solid.name, solid.outline(far), np.asarray(pivot)))
     for body in (body for body in model.bodies if body.fixed):
@@ -73,13 +72,8 @@ def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
     These are the poses of all moving solids, each with surge (m), heave (m) and pitch (rad), and the points
     `[K, 2]` (m) of links.
     """
-    poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in _moving(model)}
+    poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in model.movers()}
     return poses | _lines(model, state)
-
-
-def _moving(model: Model) -> tuple[AbstractMovingSolid, ...]:
-    """Solids that move."""
-    return (*model.moving, *(body for body in model.bodies if not body.fixed))
 
 
 def _lines(model: Model, state: State) -> dict[str, np.ndarray]:

@@ -31,16 +31,18 @@ def touching(model: Model, parts: Mapping[str, Any]) -> tuple[Array, Float[Array
     for body in model.bodies:
         if not (body.joint.parent or any(body.joint.moves[:2])):
             continue
-        dummies = x[slice(*body.rows)]
+        start, dummies = body.start(x.dtype), x[slice(*body.rows)]
+        # the points of the surface nearest to the dummies, at rest
+        beneath = body.distance(start, dummies)
+        surface = dummies - beneath[:, None] * body.normals(start, dummies)
         for solid in model.every_solid():
             if solid is body or _joined(body, solid):
                 continue
             movers = (one for one in (body, solid) if isinstance(one, AbstractMovingSolid))
-            at_rest = {one.name: one.start(dummies.dtype) for one in movers}
-            at_first, _ = _near(model, body, solid, at_rest, dummies, model.dx)
-            near, surface = _near(model, body, solid, parts, dummies, NEAREST * model.dx)
-            near = near & ~at_first
-            here, there = jnp.any(near), surface[jnp.argmax(near)]
+            at_rest = {one.name: one.start(x.dtype) for one in movers}
+            at_first = _near(model, body, solid, at_rest, surface, model.dx)
+            near = ~at_first & _near(model, body, solid, parts, surface, NEAREST * model.dx)
+            here, there = jnp.any(near), body.carry(parts[body.name], surface)[jnp.argmax(near)]
             where, found = jnp.where(here & ~found, there, where), found | here
     return jax.lax.stop_gradient((found, where))
 
@@ -57,21 +59,16 @@ def _near(
     body: AbstractBody,
     solid: AbstractSolid,
     parts: Mapping[str, Any],
-    dummies: Float[Array, "B D"],
+    surface: Float[Array, "B D"],
     gap: Scalar,
-) -> tuple[Array, Float[Array, "B D"]]:
-    """Whether a solid is within `gap` (m), along x or z, of the points of a body's surface nearest to its
-    dummies, and these points (m).
-
-    `dummies`: positions at rest, m.
-    """
-    dx, found, motion = model.dx, jnp.zeros(len(dummies), bool), parts[body.name]
-    x = body.carry(motion, dummies)
-    x = x - body.distance(motion, x)[:, None] * body.normals(motion, dummies)
+) -> Array:
+    """Whether a solid is within `gap` (m), along x or z, of the points of a body at `surface` (m) at rest."""
+    dx, found = model.dx, jnp.zeros(len(surface), bool)
+    x = body.carry(parts[body.name], surface)
     for axis, sign in ((0, -1.0), (0, 1.0), (-1, -1.0), (-1, 1.0)):
         # `contains` begins half a spacing inside the solid
         ahead = x.at[:, axis].add(sign * (gap + 0.5 * dx))
         # a body may rise above the walls of the tank
         ahead = ahead.at[:, -1].min(model.walls.high[-1])
         found = found | solid.contains(parts.get(solid.name), ahead, dx)
-    return found, x
+    return found

@@ -125,9 +125,8 @@ class _Picture:
             self.moving += [(outline, patch)] if outline.name else []
         halo = [withStroke(linewidth=2.6, foreground="white")]
         for name in tank.lines:
-            self.lines += [
-                (name, line) for line in ax.plot([], [], color=WALL, lw=1.2, zorder=2.5, path_effects=halo)
-            ]
+            (line,) = ax.plot([], [], color=WALL, lw=1.2, zorder=2.5, path_effects=halo)
+            self.lines.append((name, line))
         if tank.depth is not None:
             ax.axhline(tank.depth, color="0.5", lw=0.8, ls=(0, (6, 4)), zorder=1)
 
