@@ -95,6 +95,13 @@ class Report:
         self.rows.append(found)
         print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
 
+    def against(self, check: str, here: float, theory: float, unit: str = "", *, bar: float) -> None:
+        """Adds the check that a value is within the share `bar` of theory, and the difference in %."""
+        off = here / theory - 1.0
+        words, passes = f"within {100 * bar:g} %", abs(off) < bar
+        self.row(check, here, unit, theory=theory, bar=words, passes=passes)
+        self.row("the same: off theory", 100 * off, "%")
+
     def picture(self, figure: Figure, suffix: str = "") -> None:
         """Saves a figure beside the rows, as `<name><suffix>.png`."""
         self.folder.mkdir(parents=True, exist_ok=True)

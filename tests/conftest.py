@@ -2,13 +2,11 @@
 
 import atexit
 import collections
-import gc
 import os
 import shutil
 import signal
 import tempfile
 import time
-from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # One cache for all workers, commands and notebooks of this run, so that every program is compiled once.
@@ -23,6 +21,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxsph as js
+from jaxsph.core import programs
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.simulate import simulate as simulate_
 
@@ -129,17 +128,11 @@ def with_velocity(state, u):
     return eqx.tree_at(lambda s: s.particles.u, state, jnp.broadcast_to(jnp.asarray(u, old.dtype), old.shape))
 
 
-MAPS, MOST_MAPS = Path("/proc/self/maps"), 30_000
-"""List of a process's memory maps, and half the number that Linux allows by default (vm.max_map_count)."""
-
-
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
     """Clears compiled programs in time: each adds memory maps, and a compilation aborts at their limit."""
     yield
-    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
-        jax.clear_caches()
-        gc.collect()
+    programs.forget_programs()
 
 
 def _built(name):

@@ -147,11 +147,11 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ),
         (
             {"solid.front.polygon": [[1.48, 0.24], [1.6, 0.24], [1.6, 0.56], [1.48, 0.56]]},
-            r"the walls are .* m apart, and must be at least three spacings",
+            r"the chamber is .* m long at the still water level, and must be at least three spacings",
         ),
         (
             {"solid.post.block": {"low": [1.36, 0.2], "high": [1.5, 0.6]}},
-            "solid.post pierces the surface between these walls",
+            "solid.post pierces the surface in the chamber",
         ),
         ({"chamber.column.pto": None}, "chamber.column: nothing lets its air out"),
         (
@@ -162,7 +162,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ({"chamber.column.air": {"volume": 0.2}}, r"chamber.column.air: compressible air needs a turbine"),
         (
             {"chamber.other": {"between": ["front", "far"], "pto": {"K_dm": 3.0}}},
-            "solid.back pierces the surface between these walls",
+            "solid.back pierces the surface in the chamber",
         ),
         (
             {"chamber.other": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},

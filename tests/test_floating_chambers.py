@@ -223,6 +223,18 @@ def test_exact_slopes_of_a_floating_device_are_those_of_differences(key):
             r"its hollow from x = 0.76 to 1 m is open above: close it with a roof",
         ),
         ({"bodies.hull.polygon": TWO, "tank.length": 2.4}, r"hollows from x = .*; give chamber.inner.at"),
+        (
+            {"dx": 0.1},
+            r"the chamber is .* m long at the still water level, and must be at least three spacings",
+        ),
+        (
+            {"bodies.hull.polygon": [(x, max(z, 0.36)) for x, z in HULL]},
+            r"lower edge is at z = 0.36 m, and must be at least two spacings below still water",
+        ),
+        (
+            {"solid.post.block": {"low": [0.84, 0.0], "high": [0.92, 0.56]}},
+            r"solid.post pierces the surface in the chamber, from x = 0.84 to 0.92 m",
+        ),
         ({"chamber.inner.pto.resistance": None}, r"nothing lets its air out|give exactly one of pto.K_dm"),
     ],
 )

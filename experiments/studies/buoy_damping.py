@@ -130,36 +130,15 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
         (best, highest), optimum = best_of(damping, values), linear_best()
         most = linear_power(optimum)
         report.row("best of the search", last, "N s/m2", theory=optimum)
-        off = best / optimum - 1.0
-        report.row(
-            "best damping, by the parabola through all runs",
-            best,
-            "N s/m2",
-            theory=optimum,
-            bar="within 10 %",
-            passes=abs(off) < 0.1,
-        )
-        report.row("the same: off theory", 100 * off, "%")
-        off = highest / most - 1.0
-        report.row(
-            "largest power over the squared wave amplitude",
-            highest,
-            "W/m3",
-            theory=most,
-            bar="within 5 %",
-            passes=abs(off) < 0.05,
-        )
-        report.row("the same: off theory", 100 * off, "%")
+        report.against("best damping, by the parabola through all runs", best, optimum, "N s/m2", bar=0.1)
+        report.against("largest power over the squared wave amplitude", highest, most, "W/m3", bar=0.05)
         fit = np.polyval(np.polyfit(damping, damping / values, 2, w=values / damping), damping)
         scatter = float(np.std(damping / values / fit - 1.0)) * np.sqrt(len(fit) / max(len(fit) - 3, 1))
         report.row("scatter of the runs about the parabola", 100 * scatter, "%")
         body = linear(BILGE)
         best = float(f"{linear_best(body):.4g}")
-        most = linear_power(best, body)
-        off = run(best, BILGE) / most - 1.0
         what = f"with round bilges, at {best:g} N s/m2: power over the squared wave amplitude"
-        report.row(what, most * (1.0 + off), "W/m3", theory=most, bar="within 5 %", passes=abs(off) < 0.05)
-        report.row("the same: off theory", 100 * off, "%")
+        report.against(what, run(best, BILGE), linear_power(best, body), "W/m3", bar=0.05)
         report.seconds = sum(seconds)
         report.row("incident height over that asked for, mean", float(np.mean(heights)) / H)
         report.picture(_picture(damping, values, best, highest))

@@ -155,13 +155,4 @@ def _compare(report: Report, name: str, here: tuple[float, float], theory: tuple
         theory,
         strict=True,
     ):
-        off = found / expected - 1.0
-        report.row(
-            f"{name}: {what}",
-            found,
-            unit,
-            theory=expected,
-            bar=f"within {100 * bar:g} %",
-            passes=abs(off) < bar,
-        )
-        report.row("the same: off theory", 100 * off, "%")
+        report.against(f"{name}: {what}", found, expected, unit, bar=bar)

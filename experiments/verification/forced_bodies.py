@@ -235,10 +235,7 @@ def _rows(report: Report, one: Forced, found: tuple[np.ndarray, np.ndarray]) -> 
         if on_axis:
             report.row(f"{check}, over that about its lowest point", here / expected, theory=0.0)
             continue
-        off = here / expected - 1.0
-        words = f"within {100 * bar:g} %"
-        report.row(check, here, unit, theory=expected, bar=words, passes=abs(off) < bar)
-        report.row("the same: off theory", 100 * off, "%")
+        report.against(check, here, expected, unit, bar=bar)
         spread = float(np.std(values, ddof=1) / np.sqrt(len(values)))
         report.row("the same: standard error of its mean over the periods", 100 * spread / expected, "%")
 

@@ -123,16 +123,7 @@ def main(dx: float = 0.01) -> None:
 def _rows(report: Report, one: Release, here, there) -> None:
     """Reports the period, and the share of the displacement left after it."""
     (times, heights), (expected, left) = (extremes(path[0], path[1], SWINGS) for path in (here, there))
-    off = times[2] / expected[2] - 1.0
-    report.row(
-        f"{one.motion}: period",
-        times[2],
-        "s",
-        theory=expected[2],
-        bar=f"within {100 * BAR:g} %",
-        passes=abs(off) < BAR,
-    )
-    report.row("the same: off theory", 100 * off, "%")
+    report.against(f"{one.motion}: period", times[2], expected[2], "s", bar=BAR)
     swings, theory = (abs((h[2] - h[1]) / (h[1] - h[0])) for h in (heights, left))
     report.row("the same: second swing over the first", swings, theory=theory)
     back = (one.length - 0.3) / SPEED

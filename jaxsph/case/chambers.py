@@ -108,20 +108,11 @@ def stretch_between(key: str, between: tuple[str, str], tank: Tank) -> Stretch:
         raise CaseError(f"{asked}: a chamber needs two different walls")
     placed = sorted((_at_surface(name, asked, tank) for name in between), key=lambda pair: pair[0])
     ((_, first), front), ((last, _), back) = placed
-    if last - first < 3.0 * tank.dx:
-        raise CaseError(
-            f"{asked}: the walls are {max(last - first, 0.0):.4g} m apart, and must be at least three "
-            f"spacings of dx = {tank.dx:g} m apart"
-        )
     tip = max(wall.heights()[0] for wall in (front, back))
     top = min(wall.heights()[1] for wall in (front, back))
-    if tip > tank.depth - 2.0 * tank.dx:
-        raise CaseError(
-            f"{asked}: the lower end of a wall is at z = {tip:.4g} m, and must be at least two spacings "
-            f"below still water at z = {tank.depth:g} m"
-        )
-    _check_free(asked, (first, last), between, tank)
-    return Stretch(asked, "", front.face(1), back.face(0), tip, top, first, last)
+    found = Stretch(asked, "", front.face(1), back.face(0), tip, top, first, last)
+    _check(found, between, tank)
+    return found
 
 
 def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank: Tank) -> Stretch:
@@ -143,11 +134,6 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
         given = "give" if at is None else f"{key}.at = {at:g} m is in none: give"
         raise CaseError(f"{asked}: the body has hollows from x = {places}; {given} {key}.at in one of them")
     ((first, last),) = found
-    if last - first < 3.0 * tank.dx:
-        raise CaseError(
-            f"{asked}: its hollow is {last - first:.4g} m long, and must be at least three spacings of dx = "
-            f"{tank.dx:g} m long"
-        )
     middle, beside = 0.5 * (first + last), 1e-4 * tank.dx
     corners = np.sort(np.unique(np.concatenate([shape.outline()[:, 1], [tank.depth]])))
     front, back = [], []
@@ -171,12 +157,9 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
             "on which the air pushes"
         )
     tip = float(np.round(max(tip, corners[0]), 9))
-    if tip > tank.depth - 2.0 * tank.dx:
-        raise CaseError(
-            f"{asked}: the hollow's lower end is at z = {tip:.4g} m, and must be at least two spacings below "
-            f"still water at z = {tank.depth:g} m"
-        )
-    return Stretch(asked, body, np.array(front), np.array(back), tip, top, first, last)
+    here = Stretch(asked, body, np.array(front), np.array(back), tip, top, first, last)
+    _check(here, (body,), tank)
+    return here
 
 
 def _crossings(shape: AbstractShape, level: float) -> np.ndarray:
@@ -211,16 +194,29 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
     raise CaseError(f"{asked}: there is no wall {name!r}; the walls are {allowed}")
 
 
-def _check_free(asked: str, ends: tuple[float, float], walls: tuple[str, str], tank: Tank) -> None:
-    """**Raises** CaseError if another solid pierces the surface between a chamber's walls."""
+def _check(stretch: Stretch, walls: tuple[str, ...], tank: Tank) -> None:
+    """**Raises** CaseError if a chamber is too small for the spacing, or if a solid other than the `walls`
+    pierces the surface in it.
+    """
+    asked, first, last = stretch.given, stretch.first, stretch.last
+    if last - first < 3.0 * tank.dx:
+        raise CaseError(
+            f"{asked}: the chamber is {max(last - first, 0.0):.4g} m long at the still water level, and must "
+            f"be at least three spacings of dx = {tank.dx:g} m long"
+        )
+    if stretch.tip > tank.depth - 2.0 * tank.dx:
+        raise CaseError(
+            f"{asked}: the chamber's lower edge is at z = {stretch.tip:.4g} m, and must be at least two "
+            f"spacings below still water at z = {tank.depth:g} m"
+        )
     for called, shape in tank.shapes.items():
-        if called.removeprefix("solid.") in walls:
+        if called.removeprefix("solid.").removeprefix("bodies.") in walls:
             continue
         found = ends_at(shape, tank.depth)
-        if found is not None and found[0] < ends[1] - 1e-9 and found[1] > ends[0] + 1e-9:
+        if found is not None and found[0] < last - 1e-9 and found[1] > first + 1e-9:
             raise CaseError(
-                f"{asked}: {called} pierces the surface between these walls, from x = {found[0]:.4g} to "
-                f"{found[1]:.4g} m: choose two walls next to each other"
+                f"{asked}: {called} pierces the surface in the chamber, from x = {found[0]:.4g} to "
+                f"{found[1]:.4g} m: move it out of the chamber, or choose two walls next to each other"
             )
 
 
