@@ -79,7 +79,7 @@ PROSE = (
         (README,),
     ),
     Sentence(
-        "energy not accounted for, of the paddle's work | 2 % | {:.3f} %",
+        "energy not accounted for, over the paddle's work | 2 % | {:.3f} %",
         lambda r: (r("owc_0.02", "not accounted for / paddle"),),
         (README,),
     ),
@@ -176,7 +176,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "floats with a draught {:.1f} % off",
+        "floats with a draught error of {:.1f} %",
         lambda r: (abs(r("floating", "box of 0.3 of the water's density: draught's error")),),
         (METHOD,),
     ),
@@ -199,7 +199,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "incompressible water goes on moving at {:.2f} m/s, beside one of five at {:.3f} m/s",
+        "incompressible water keeps moving at {:.2f} m/s, and at {:.3f} m/s beside a wall five spacings thick",
         lambda r: tuple(
             r("thin_wall", f"incompressible, wall of {n} spacings, after all of it") for n in (1, 5)
         ),

@@ -30,8 +30,8 @@ HEAVE = {"body": "body", "motion": "heave", "damping": 100.0}
         (HEAVE | {"damping": 0.0}, "the link has no force"),
         (ROPE | {"take_off": True}, "take_off needs a force that takes energy"),
         (HEAVE | {"rest": 0.1}, "rest needs between and at"),
-        (HEAVE | {"stops": [0.1, -0.1], "stop_stiffness": 1.0}, "stops, an increasing pair"),
-        (HEAVE | {"stops": [-0.1, 0.1]}, "stops, an increasing pair, and stop_stiffness"),
+        (HEAVE | {"stops": [0.1, -0.1], "stop_stiffness": 1.0}, r"stops \(an increasing pair\)"),
+        (HEAVE | {r"stops": [-0.1, 0.1]}, "stops \(an increasing pair\) and stop_stiffness"),
         (HEAVE | {"latch": 0.3}, "a latch needs both latch"),
         (
             HEAVE | {"motion": "surge"},

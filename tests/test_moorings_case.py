@@ -66,7 +66,7 @@ def test_a_rope_of_a_case_goes_slack():
     model = Case.from_dict(TANK | {"body": BODY, "link": {"a": rope}}).problem().model
     (law,) = model.links[0].law.laws
     assert isinstance(law, js.Rope)
-    with pytest.raises(CaseError, match="slack needs between and at, and stiffness"):
+    with pytest.raises(CaseError, match="slack needs between, at and stiffness"):
         Case.from_dict(TANK | {"body": BODY, "link": {"a": rope | {"friction": 1.0}}})
 
 

@@ -2,11 +2,11 @@
 
 Three boxes of half the water's density, 0.3 m long and 0.2 m high, in waves of 0.03 m: the box of Ren et al.
 2015 (the case `box_in_waves`), a box with round bilges and a keel (its centre of mass is lower), and the box
-on two springs of the case `box_moored`. The first box stands only 0.025 m under its metacentre, and its pitch
+on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, and its pitch
 depends on millimetres of the centre of mass; the second has a metacentric height of 0.09 m, and no sharp
-corners in the water, at which vortices take energy that linear theory does not know. The third has the
-metacentric height of the first. How the theory of pitch changes if the centre of mass is 2 mm lower is
-reported beside every value.
+corners in the water, at which vortices take energy that linear theory does not include. The third has the
+metacentric height of the first. Beside every value the report gives the change of the theoretical pitch for
+a centre of mass 2 mm lower.
 
 The motions are those of the centre of mass, by their first harmonic over whole periods after the waves have
 settled, together with a second harmonic and a linear drift; they are divided by the amplitude of the incident

@@ -47,7 +47,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
 
 
 def growth(dx: float, t1: float, changes: dict[str, Any]) -> tuple[float, float]:
-    """Time step (s), and growth rate (1/s) of the deviations of the second row from 1 s to t1 (s)."""
+    """Time step (s), and growth rate (1/s), between 1 s and t1 (s), of the second row's deviations."""
     still = {
         "name": "surface_rows",
         "dx": dx,

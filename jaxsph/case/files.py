@@ -67,7 +67,7 @@ def load_case(name: str | Path) -> Case:
 def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Keys of a case, with the content of the data files in place of the `file` keys of its sections.
 
-    File names are relative to the folder of the case. The run file therefore contains all data of the run.
+    The run file therefore contains all data of the run. File names are relative to the folder of the case.
     """
     data = dict(data)
     waves = data.get("waves")

@@ -174,7 +174,7 @@ class Geometry:
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Sets the length of the released column, or of the tank without a column, and the layer's depth."""
+        """Sets the length of the released column (without one, the tank's length) and the layer's depth."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
@@ -309,7 +309,7 @@ class Geometry:
         if case.chambers and self.width is not None:
             raise CaseError("tank.width: a chamber needs a two-dimensional tank (no width)")
         if case.air is not None and case.pto is None:
-            raise CaseError("air: compressible air needs a turbine; give [pto] with one, or remove [air]")
+            raise CaseError("air: compressible air needs a turbine: give [pto] with one, or remove [air]")
         tank = Tank(self.named_shapes(), self.length, self.depth, self.height, self.dx)
         for name, section in case.chambers.items():
             key = f"chamber.{name}"

@@ -71,8 +71,9 @@ def find_modes(
     """Modes of a case: all motions in which bodies are free or are carried, or those asked for.
 
     `asked`: motions, of all bodies that have free motions, or by the body's name. A body on an inclined
-    slider has both surge and heave. A body that is joined to another is carried by it, and has the motions of
-    both; on a body that pitches it has all three. **Raises** CaseError if the case has no such motions.
+    slider has both surge and heave. A body joined to another is carried by the other and has the motions of
+    both; a body joined to one that pitches has all three. **Raises** CaseError if the case has no such
+    motions.
     """
     _check_case(case)
     free = {name: _moves(case, name) for name in case.every_body}

@@ -279,7 +279,7 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     if section.air is not None:
         if section.pto is not None and not section.pto.is_turbine:
             raise CaseError(
-                f"{key}air: compressible air needs a turbine; give [{key}pto] with one, or remove [{key}air]"
+                f"{key}air: compressible air needs a turbine: change [{key}pto], or remove [{key}air]"
             )
         if section.air.volume < stretch.length * rise:
             raise CaseError(

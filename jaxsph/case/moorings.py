@@ -115,8 +115,9 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
     if span > (1.0 + MOST_STRETCH) * section.length:
         raise CaseError(
             f"mooring.{name}.length = {section.length:g} m: the distance from the anchor to the fairlead is "
-            f"{span:.4g} m, which would stretch the line by {100 * (span / section.length - 1):.3g} %, at "
-            f"most {100 * MOST_STRETCH:g} %: use a length of at least {span / (1.0 + MOST_STRETCH):.4g} m"
+            f"{span:.4g} m, which would stretch the line by {100 * (span / section.length - 1):.3g} % (at "
+            f"most {100 * MOST_STRETCH:g} % is allowed): use a length of at least "
+            f"{span / (1.0 + MOST_STRETCH):.4g} m"
         )
 
 

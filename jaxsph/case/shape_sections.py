@@ -119,13 +119,14 @@ class LinkSection(Section):
         if (self.stops is None) != (self.stop_stiffness == 0.0) or (
             self.stops is not None and self.stops[0] >= self.stops[1]
         ):
-            raise ValueError("give both stops, an increasing pair, and stop_stiffness")
+            raise ValueError("give both stops (an increasing pair) and stop_stiffness")
         if (self.latch is None) != (self.latch_damping == 0.0):
-            raise ValueError("a latch needs both latch, the time it holds, and latch_damping")
+            raise ValueError("a latch needs both latch (its holding time) and latch_damping")
         others = (self.quadratic, self.friction, self.stop_stiffness, self.latch_damping)
         if self.slack and (not between or not self.stiffness or any(others)):
             raise ValueError(
-                "slack needs between and at, and stiffness, and goes with pretension and damping only"
+                "slack needs between, at and stiffness; apart from stiffness it allows only pretension and "
+                "damping"
             )
         if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
             raise ValueError("the link has no force: give stiffness, damping, friction or another key")

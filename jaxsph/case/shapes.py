@@ -40,8 +40,8 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     if section.disc is not None:
         if section.disc.radius <= 0.5 * dx:
             raise CaseError(
-                f"{name}.disc.radius = {section.disc.radius:g} m: must be more than half a spacing of "
-                f"{dx:g} m"
+                f"{name}.disc.radius = {section.disc.radius:g} m: must be more than half a spacing (dx "
+                f"= {dx:g} m)"
             )
         return Disc(section.disc.centre, section.disc.radius)
     assert section.polygon is not None
@@ -112,7 +112,9 @@ def _check_polygon(corners: Points, name: str, dx: float) -> None:
             f"{name}.polygon: its sides must not cross or touch each other ({explain_validity(whole)})"
         )
     if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
-        raise CaseError(f"{name}.polygon: is nowhere a spacing of {dx:g} m thick, and holds no particle")
+        raise CaseError(
+            f"{name}.polygon: is everywhere thinner than a spacing (dx = {dx:g} m), and holds no particle"
+        )
 
 
 def corners_of(body: ShapeSection) -> np.ndarray:

@@ -294,21 +294,6 @@ def uncorrected(M: tuple[jax.Array, ...]) -> jax.Array:
     return ~(_determinant(M)[0] > LEAST_DETERMINANT)
 
 
-FLAT = 0.25
-"""Determinant of a correction matrix at a flat surface in two dimensions, with a half-plane of neighbours."""
-
-
-def correctable(M: tuple[jax.Array, ...]) -> jax.Array:
-    """Reliability (0 to 1) of a gradient that is corrected with the inverse of M.
-
-    The reliability is 1 in the water and at a flat surface in two dimensions, and 0.3 at a flat surface in
-    three dimensions. It falls to 0 where M is not inverted, for example in spray and in sheets of one or two
-    layers.
-    """
-    s = jnp.clip((_determinant(M)[0] - LEAST_DETERMINANT) / (FLAT - LEAST_DETERMINANT), 0.0, 1.0)
-    return s * s * (3.0 - 2.0 * s)
-
-
 def _determinant(M: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
     """Determinant and cofactors of symmetric matrices."""
     if len(M) == 3:

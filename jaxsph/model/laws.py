@@ -58,27 +58,6 @@ def density_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     return tuple(w * r for r in pair.r)
 
 
-def velocity_gradient(pair: Pair, i: Fields, j: Fields) -> tuple[tuple[jax.Array, ...], ...]:
-    """Gradient of every velocity component, sum (u_j - u_i) grad W V_j over the water, 1/s.
-
-    The gradient must be renormalised by L, like the density gradient (Eq. 9).
-    """
-    w = water_volume(j) * pair.F
-    change = tuple((b - a) * w for a, b in zip(i["u"], j["u"], strict=True))
-    return tuple(tuple(c * r for r in pair.r) for c in change)
-
-
-def velocity_jump(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
-    """Part of the velocity difference u_j - u_i that the mean gradient does not explain, m/s; antisymmetric.
-
-    The jump u_j - u_i - (grad u_i + grad u_j)/2 . (x_j - x_i) is zero in linear and quadratic fields.
-    """
-    return tuple(
-        b - a + 0.5 * dot(tuple(p + q for p, q in zip(at_i, at_j, strict=True)), pair.r)
-        for a, b, at_i, at_j in zip(i["u"], j["u"], i["grad_u"], j["grad_u"], strict=True)
-    )
-
-
 def surface_vector(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     """Surface vector sum grad W V_j, 1/m: zero inside the fluid, along the inward normal at a surface."""
     w = volume(j) * pair.F

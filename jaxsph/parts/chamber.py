@@ -76,7 +76,7 @@ class Chamber(AbstractChamber):
     pto: AbstractPTO
     """Power take-off of the air."""
     sides: Sides
-    """Inner faces of the front and the back wall; `volume` starts at the middle of the fading zone."""
+    """Inner faces of the front and back wall; `volume` counts water above the middle of the fading zone."""
     fade_low: Scalar
     """Level up to which chi is 0, m."""
     fade_high: Scalar

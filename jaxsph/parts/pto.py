@@ -164,7 +164,7 @@ class PhasedPTO(AbstractPTO):
 
 
 class ControlledPTO(AbstractPTO):
-    """Power take-off that a function of the chamber's state sets in every step.
+    """Power take-off set in every step by a function of the chamber's state.
 
     `control(air, t)` returns the power take-off for the step, for example a turbine with another damping. Its
     arguments are the chamber's `air` at the beginning of the step (pressure `air.P_a`, flow `air.q`, volume

@@ -169,7 +169,7 @@ def _field(
 
 
 def _scene(tank: Tank, frames: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
-    """Walls and solids around the water, and the first view: the device if it is small in the whole tank."""
+    """Walls and solids around the water, and the first view, zoomed to the solids if they are small."""
     zoom = tank.zoom()
     solids = []
     for one in tank.solids:

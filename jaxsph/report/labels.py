@@ -30,7 +30,7 @@ _DEVICE = {
 _WAVES = {
     "periods": Label("periods averaged", "", "number of whole periods at the end of the run"),
     "periods_left_out": Label(
-        "  left out before them", "", "waves had arrived, but the record still had a trend"
+        "  earlier periods left out", "", "waves had arrived, but the record still had a trend"
     ),
     "P_inc": Label("incident power", "W/m", "of the target waves, by theory"),
     "E_inc": Label("energy of the group", "J/m", "of the target waves, by theory"),

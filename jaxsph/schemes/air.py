@@ -148,7 +148,7 @@ def correct_for_air(
     pressures: Pressures,
     u: Float[Array, "N D"],
 ) -> CorrectedForAir:
-    """Corrects a step with the air pressures of the previous step for those that satisfy the laws.
+    """Corrects a step computed with the previous step's air pressures to those that satisfy the laws.
 
     **Arguments**: `started`: velocities of the bodies before the step's forces by name, m/s, m/s, rad/s;
     `pressures` and velocities u (m/s) of the water with the air pressures of the previous step.

@@ -140,7 +140,7 @@ class PredictorCorrector(AbstractIntegrator):
     def _advance(
         scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
     ) -> State:
-        """State after dt (s) from `start`, with the rates of the state `at`."""
+        """State dt (s) after `start`, with the rates of the state `at`."""
         p0, p = start.particles, at.particles
         t, mechanism = model.time(start), model.mechanism
         halfway = {**start.parts, **mechanism.drifted(start.parts, t, 0.5 * dt)}

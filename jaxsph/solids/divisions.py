@@ -272,7 +272,7 @@ class AbstractThinWall(eqx.Module):
         """Extents (m) across the plate, and upwards from its tip, of the ghosts of each of `SETS`."""
 
     def tip_tangential(self, plate: WallPlate, dx: float, layers: int) -> float:
-        """Factor of the water's tangential velocity that the ghosts of the plate's tip carry."""
+        """Tangential velocity of the ghosts at the plate's tip, divided by the water's (-)."""
         return 1.0
 
 

@@ -96,8 +96,8 @@ def _as_built(source: Source, parameter: str, values: list[float]) -> list[float
     if len(different) < 4:
         shown = ", ".join(f"{value:g}" for value in different)
         raise CaseError(
-            f"{parameter}: the lattice rounds the values from {values[0]:g} to {values[-1]:g} to {shown} m "
-            "only, but a slope needs four: reduce dx, or increase the spread"
+            f"{parameter}: the lattice rounds the values between {values[0]:g} and {values[-1]:g} m to only "
+            f"{shown} m, but a slope needs four values: reduce dx, or increase the spread"
         )
     return different
 

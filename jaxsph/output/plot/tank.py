@@ -11,7 +11,7 @@ import numpy as np
 from jaxsph.output.run_reader import RunReader
 
 ROOF = 1.6
-"""Height of a solid over that of the water up to which pictures show all of the solid."""
+"""Largest ratio of a solid's height to the water's at which pictures show the whole solid (-)."""
 
 
 @dataclass(frozen=True)

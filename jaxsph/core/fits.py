@@ -1,0 +1,79 @@
+"""Polynomials of second degree that fit a field around every particle, by weighted least squares.
+
+A polynomial is the tuple of its coefficients: those of the monomials of first degree in the coordinates
+d = (x_j - x_i)/R of the neighbours j in the support of radius R, then those of second degree. It has no
+constant term, because it describes the differences of the field from its value at the particle.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+
+from jaxsph.core.arrays import Components
+
+__all__ = ["RIDGE", "moments", "monomials", "polynomials"]
+
+RIDGE = 1e-6
+"""Weight of the squared coefficients in the least squares, relative to a weight of 1 of all neighbours.
+
+It makes the polynomial unique where a particle has too few neighbours for one, as in spray. It is ten times
+the rounding error of float32, and changes other polynomials by about as much.
+"""
+
+
+def _axes(dim: int, degrees: Sequence[int]) -> list[tuple[int, ...]]:
+    """Axes whose coordinates are multiplied in each monomial of the given degrees."""
+    return [a for n in degrees for a in itertools.combinations_with_replacement(range(dim), n)]
+
+
+def monomials(d: Components) -> Components:
+    """Monomials of first and second degree in the coordinates d (-)."""
+    return (*d, *(d[a] * d[b] for a, b in _axes(len(d), (2,))))
+
+
+def moments(w: jax.Array, d: Components) -> Components:
+    """Monomials of second to fourth degree in the coordinates d (-), times the weight w of the neighbour."""
+    return tuple(w * math.prod(d[a] for a in axes) for axes in _axes(len(d), (2, 3, 4)))
+
+
+def polynomials(summed: Components, differences: tuple[Components, ...], dim: int) -> tuple[Components, ...]:
+    """Polynomials that fit the differences of a field's components, from sums over the neighbours.
+
+    **Arguments**: `summed`: sums of `moments`, with weights whose sum is about 1; `differences`: for every
+    component of the field, the sums of w (f_j - f_i) times each of the `monomials`.
+    """
+    rows = _axes(dim, (1, 2))
+    at = dict(zip(_axes(dim, (2, 3, 4)), summed, strict=True))
+    matrix = [[at[tuple(sorted(a + b))] for b in rows[: k + 1]] for k, a in enumerate(rows)]
+    L, pivots = _factors(matrix)
+    return tuple(_solution(L, pivots, right) for right in differences)
+
+
+def _factors(matrix: list[list[jax.Array]]) -> tuple[list[list[jax.Array]], list[jax.Array]]:
+    """Factors L and D of L D L^T = A + RIDGE, by rows of the lower triangle of A; L without its diagonal."""
+    L: list[list[jax.Array]] = []
+    pivots: list[jax.Array] = []
+    for row in matrix:
+        scaled: list[jax.Array] = []  # row of L times D
+        for k, a in enumerate(row[:-1]):
+            scaled.append(a - sum(s * one for s, one in zip(scaled, L[k], strict=True)))
+        L.append([s / pivot for s, pivot in zip(scaled, pivots, strict=True)])
+        pivot = row[-1] + RIDGE - sum(s * one for s, one in zip(scaled, L[-1], strict=True))
+        pivots.append(jnp.maximum(pivot, RIDGE))  # below only by rounding
+    return L, pivots
+
+
+def _solution(L: list[list[jax.Array]], pivots: list[jax.Array], right: Components) -> Components:
+    """Solution c of L D L^T c = right."""
+    forward: list[jax.Array] = []
+    for row, b in zip(L, right, strict=True):
+        forward.append(b - sum(a * y for a, y in zip(row, forward, strict=True)))
+    c = [y / pivot for y, pivot in zip(forward, pivots, strict=True)]
+    for k in reversed(range(len(c))):
+        c[k] = c[k] - sum(L[m][k] * c[m] for m in range(k + 1, len(c)))
+    return tuple(c)

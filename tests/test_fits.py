@@ -1,0 +1,69 @@
+"""Polynomials of second degree around particles: the fields they reproduce, and sparse neighbours."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxsph.core.arrays import stack
+from jaxsph.core.fits import RIDGE, moments, monomials, polynomials
+
+COUNT = {2: 5, 3: 9}
+"""Coefficients of a polynomial without constant term, by number of dimensions."""
+
+
+@jax.jit
+def fit(d, w, f):
+    """Polynomial of one component around one particle, and its values at the neighbours at d `[J, D]`."""
+    columns = tuple(d.T)
+    summed = tuple(jnp.sum(one) for one in moments(w, columns))
+    right = tuple(jnp.sum(w * f * one) for one in monomials(columns))
+    (c,) = polynomials(summed, (right,), d.shape[1])
+    return jnp.stack(c), stack(monomials(columns)) @ jnp.stack(c)
+
+
+def neighbours(rng, count, dim):
+    """Places and weights of neighbours, like those of a kernel."""
+    d = rng.uniform(-2.0, 2.0, (count, dim))
+    w = np.exp(-np.sum(d**2, axis=1))
+    return jnp.float32(d), jnp.float32(w / w.sum())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_a_field_of_second_degree_is_its_own_polynomial(dim, seed):
+    rng = np.random.default_rng(seed)
+    d, w = neighbours(rng, 60, dim)
+    c = rng.normal(size=COUNT[dim])
+    values = stack(monomials(tuple(d.T))) @ jnp.float32(c)
+    found, at = fit(d, w, values)
+    # the ridge and float32 each change the weighted sums by 1e-6 of the field, and single values by more
+    # where weights are small
+    assert float(jnp.sqrt(jnp.sum(w * (at - values) ** 2))) < 2e-5 * float(jnp.max(jnp.abs(values)))
+    assert np.asarray(found) == pytest.approx(c, abs=2e-2 * np.abs(c).max())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31), data=st.data())
+def test_few_neighbours_leave_no_residual(dim, seed, data):
+    """A polynomial with as many coefficients as neighbours goes through all values, so that spray is free."""
+    rng = np.random.default_rng(seed)
+    count = data.draw(st.integers(1, COUNT[dim] - 2))
+    d, w = neighbours(rng, count, dim)
+    values = jnp.float32(rng.normal(size=count))
+    found, at = fit(d, w, values)
+    assert np.all(np.isfinite(found))
+    # the ridge allows at most the residual with which the smallest polynomial through all values costs less
+    through = np.linalg.pinv(np.float64(stack(monomials(tuple(d.T))))) @ np.float64(values)
+    most = RIDGE * np.sum(through**2)
+    assert float(jnp.sum(w * (at - values) ** 2)) < 2.0 * most + 1e-5 * float(jnp.sum(w * values**2))
+
+
+def test_no_neighbours_give_no_polynomial():
+    for dim in COUNT:
+        found, _ = fit(jnp.zeros((1, dim)), jnp.zeros(1), jnp.ones(1))
+        assert not np.any(np.asarray(found))
