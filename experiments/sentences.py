@@ -199,7 +199,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "incompressible water keeps moving at {:.2f} m/s, and at {:.3f} m/s beside a wall five spacings thick",
+        "keeps moving at {:.2f} m/s, and at {:.3f} m/s beside a wall five spacings thick",
         lambda r: tuple(
             r("thin_wall", f"incompressible, wall of {n} spacings, after all of it") for n in (1, 5)
         ),
