@@ -166,7 +166,7 @@ def test_an_ensemble_over_a_length_is_fitted_to_the_lengths_that_are_built(monke
     assert found.value == pytest.approx(0.48) and found.slope == pytest.approx(3.0)
     assert found.error == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(
-        js.CaseError, match=r"rounds the values from 0.144 to 0.176 to 0.14, 0.16, 0.18 m only"
+        js.CaseError, match=r"rounds the values between 0.144 and 0.176 m to only 0.14, 0.16, 0.18 m"
     ):
         js.derivative(OWC, "device.draught", "xi", js.Ensemble(spread=0.1), progress=False)
 
