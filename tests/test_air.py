@@ -263,7 +263,9 @@ def test_a_curve_comes_from_a_file_beside_the_case(tmp_path):
         js.load_case(tmp_path / "own.toml")
 
 
-@pytest.mark.parametrize("kind", ["weakly_compressible", "incompressible"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("weakly_compressible", marks=pytest.mark.slow), "incompressible"]
+)
 def test_a_chamber_with_air_and_a_valve_keeps_its_books(kind):
     """Compressed air makes the vessels swing and opens the valve; the ledger accounts for all energy."""
     case = coarse("vessel").replace(

@@ -108,6 +108,7 @@ def test_code_of_pages_runs(page, execute):
 
 
 SLOW = (
+    "bobbing_box",
     "control",
     "leaning_column",
     "own_damper",

@@ -58,7 +58,13 @@ def test_water_between_walls_is_half_of_a_periodic_tank_twice_as_long(kind):
     np.testing.assert_allclose(u, there, atol=5e-3 * np.abs(there).max())
 
 
-@pytest.mark.parametrize("changes", [{}, {"tank.width": 0.5, "dx": 0.125}], ids=["2-D", "3-D"])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({}, id="2-D"),
+        pytest.param({"tank.width": 0.5, "dx": 0.125}, id="3-D", marks=pytest.mark.slow),
+    ],
+)
 def test_kernels_are_full_at_walls_and_in_corners(changes):
     """Every particle below the surface has the kernel sum of a full lattice, at walls and in corners too."""
     case = coarse("hydrostatic", {"scheme.kind": "incompressible", "probes.pressure": None} | changes)

@@ -107,6 +107,7 @@ def test_dummies_are_told_of_the_level_by_a_mean_of_the_pressure(advanced):
     np.testing.assert_allclose(after.p_mean, p.p_mean + share * (after.p - p.p_mean), rtol=1e-4, atol=0.1)
 
 
+@pytest.mark.slow
 def test_a_box_floats_in_weakly_compressible_water_too(advanced):
     """Over 0.2 s. Sound makes the force oscillate; its mean carries the weight within 3 %."""
     case = {k: v for k, v in FLOATING.items() if k != "scheme"}
@@ -138,6 +139,7 @@ def test_water_that_touches_a_body_pushes_it(advanced):
     np.testing.assert_allclose(force[:2], expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_gauges_read_the_surface_in_three_dimensions():
     """At rest, and with the water lifted by a fifth of a spacing."""
     case = js.Case.from_dict(
@@ -208,7 +210,7 @@ def test_projection_takes_the_divergence_out():
     assert np.sqrt(np.mean(after**2)) < 0.2 * np.sqrt(np.mean(before**2))
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
+@pytest.mark.parametrize("share", [pytest.param(1.0, marks=pytest.mark.slow), 0.5])
 def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
     """With 2 % too much mass, one step leaves the divergence that spreads the water, whatever dt.
 

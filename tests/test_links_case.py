@@ -89,7 +89,9 @@ def devices():
     return TANK | {"bodies": bodies, "link": link, "output": {"sample_dt": 0.02}}
 
 
-@pytest.mark.parametrize("kind", ["incompressible", "weakly_compressible"])
+@pytest.mark.parametrize(
+    "kind", ["incompressible", pytest.param("weakly_compressible", marks=pytest.mark.slow)]
+)
 def test_joined_bodies_with_links_and_a_plunger_run_in_both_schemes(kind):
     """The plunger follows its motion, and the hinge keeps the two pontoons together. In incompressible water
     what the drive gave is stored or was taken, within 1 % of its work (0.3 % when written)."""

@@ -152,6 +152,7 @@ def test_what_a_moordyn_file_has_too_much_is_refused(tmp_path, old, new, message
     assert "Fixed   -1.6" not in str(error.value)  # messages do not show the file
 
 
+@pytest.mark.slow
 def test_moorings_are_recorded_and_resumed_to_the_bit(tmp_path):
     """A catenary and a line that are alike begin with the same tensions, within 3 % for ten segments."""
     stern = CHAIN | {

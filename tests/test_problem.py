@@ -109,6 +109,7 @@ def test_a_killed_program_resumes_to_the_bit_when_it_is_named_again(own, whole, 
         assert np.array_equal(series[name][: len(values)], values), name
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_function_runs_its_members_in_processes(own, whole, tmp_path):
     out = tmp_path / "sweep.h5"
     told = _command(

@@ -667,6 +667,7 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
     assert "xi" not in results and "of the group's energy has come" in " ".join(notices)
 
 
+@pytest.mark.slow
 def test_efficiency_of_a_part_of_a_sea_is_over_the_waves_of_that_part():
     """A device that takes half of the incident power has 0.5, in weak and in strong parts of a sea."""
     sea = {"kind": "irregular", "Hs": 0.04, "Tp": 1.4, "duration": 112.0}

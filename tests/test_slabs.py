@@ -34,12 +34,10 @@ def check(found, share, of):
         assert difference <= share * (bound or size), f"{name}: {difference:.2g} of {size:.2g}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "settings"),
-    [
-        ("dam_break", ["dx=0.04"]),
-        pytest.param("owc", [*COARSE, "scheme.kind=weakly_compressible"], marks=pytest.mark.slow),
-    ],
+    [("dam_break", ["dx=0.04"]), ("owc", [*COARSE, "scheme.kind=weakly_compressible"])],
 )
 def test_three_devices_make_the_weakly_compressible_flow_of_one(case, settings):
     """The OWC's 2152 particles and two copies without mass are 718 on each of three devices.

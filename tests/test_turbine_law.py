@@ -61,6 +61,7 @@ def test_compressible_air_and_its_turbine_obey_both_laws(swinging):
     assert P_a == pytest.approx(500.0**2 * np.abs(q) * q, abs=1e-4 * np.abs(P_a).max())
 
 
+@pytest.mark.slow
 def test_a_valve_holds_the_pressure_and_the_turbine_the_law(swinging):
     _, end, series = _run(swinging, {"pto": {"K_dm": 500.0, "relief": 25.0}})
     P_a, q = (np.asarray(series[name], float)[1:] for name in ("P_a", "flow"))
