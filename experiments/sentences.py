@@ -61,10 +61,13 @@ PROSE = (
         (README,),
     ),
     Sentence(
-        "decay of the amplitude | 1 %; reported | {:+.1f} %; {:.3f} /s",
+        "decay of the amplitude | 1 %; reported | {:+.1f} %; {:.4f} /s",
         lambda r: (
             r("incompressible", "standing wave, incompressible: period error"),
-            r("incompressible", "the same: amplitude's decay, incompressible"),
+            max(
+                r("incompressible", f"the same: amplitude's decay, {scheme}")
+                for scheme in ("weakly compressible", "incompressible")
+            ),
         ),
         (README,),
     ),

@@ -31,7 +31,7 @@ HEAVE = {"body": "body", "motion": "heave", "damping": 100.0}
         (ROPE | {"take_off": True}, "take_off needs a force that takes energy"),
         (HEAVE | {"rest": 0.1}, "rest needs between and at"),
         (HEAVE | {"stops": [0.1, -0.1], "stop_stiffness": 1.0}, r"stops \(an increasing pair\)"),
-        (HEAVE | {r"stops": [-0.1, 0.1]}, "stops \(an increasing pair\) and stop_stiffness"),
+        (HEAVE | {"stops": [-0.1, 0.1]}, r"stops \(an increasing pair\) and stop_stiffness"),
         (HEAVE | {"latch": 0.3}, "a latch needs both latch"),
         (
             HEAVE | {"motion": "surge"},

@@ -147,8 +147,9 @@ class Regularisation(eqx.Module):
         def equations(pair: Pair, i: Fields, j: Fields):
             w = laws.water_volume(j) * weight(pair.r2, radius) / unit
             d = tuple(-r / radius for r in pair.r)
-            changes = tuple(w * (b - a) for a, b in zip(i["u"], j["u"], strict=True))
-            return moments(w, d), tuple(tuple(change * m for m in monomials(d)) for change in changes)
+            basis = monomials(d)
+            changes = (w * (b - a) for a, b in zip(i["u"], j["u"], strict=True))
+            return moments(w, d), tuple(tuple(change * m for m in basis) for change in changes)
 
         of_water = tables.fluid.of_water()
         summed, differences = of_water.sum(equations, smoothing, own, Sources(own, {}))
