@@ -21,6 +21,8 @@ def box(first, last, **keys):
 FORE = box(1.0, 1.4, free=["surge", "heave", "pitch"])
 AFT = box(1.5, 1.9, free=["pitch"], joined_to="fore", pivot=[1.45, 0.5])
 
+TALL = FORE | {"block": {"low": [1.2, 0.2], "high": [1.4, 0.9]}}
+
 
 def moved(**motion):
     """Sections of one body with a given motion."""
@@ -45,6 +47,12 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
         (
             {"bodies": {"fore": FORE, "aft": AFT | {"block": {"low": [1.3, 0.4], "high": [1.9, 0.6]}}}},
             r"bodies.fore and bodies.aft: have 0.02 m2 in common: move one of them",
+        ),
+        (
+            {
+                "bodies": {"fore": TALL | {"angle": 1.4}, "aft": box(1.5, 1.9)}
+            },  # they overlap only at this angle
+            r"bodies.fore and bodies.aft: have .* m2 in common: move one of them",
         ),
         (
             {"body": FORE, "bodies": {"body": box(1.5, 1.9)}},

@@ -236,6 +236,10 @@ def test_settings_go_straight_to_what_was_needed(hydrostatic):
     lost = eqx.tree_at(of, state.status, (1, {k: np.asarray(v) for k, v in most.items()}, 0.0))
     found = chunks.better_settings(model, lost)
     assert found.keys() == {"capacity"} and 151 < found["capacity"] < 1.5 * 151
+    # water that has spread once will spread further
+    spread = chunks.with_settings(model, {"points": 300})
+    wide = eqx.tree_at(lambda s: s.most, lost, {k: np.asarray(301 if k == "points" else 0) for k in most})
+    assert chunks.better_settings(spread, wide) == {"points": 604}
     # half a skin is 0.01 m and a step 1/600 s: at 1.25 times 5 m/s a search is due at every step
     stale = eqx.tree_at(of, state.status, (int(Failure.STALE_TABLE), state.status.most, 25.0))
     assert chunks.better_settings(model, stale) == {"rebuild_every": 1}

@@ -57,7 +57,7 @@ TANK = js.Case.from_dict(
             {"solid.bed.block": {"low": [0.0, 0.0], "high": [2.0, 0.6]}, "solid.bed.polygon": None},
             "no water in it",
         ),
-        ({"solid.Step.disc": {"centre": [0.4, 0.2], "radius": 0.1}}, "solid.Step = .*small letter"),
+        ({"solid.Step.disc": {"centre": [0.4, 0.2], "radius": 0.1}}, "solid.Step = .*lower-case letter"),
         ({"solid.body.disc": {"centre": [0.4, 0.2], "radius": 0.1}}, "solid.body: .*another name"),
         ({"solid.bed.polgon": SLOPE}, "unknown key 'solid.bed.polgon'; did you mean 'solid.NAME.polygon'"),
         ({"solid": 3}, "solid = 3: must be a section"),

@@ -1,13 +1,14 @@
 """Freely floating box in regular waves, incompressible, 2-D, against the motions measured by Ren et al. 2015.
 
-All values are over whole periods: of the computed motions those at the end of the run that have settled, of
-the measured all of the record, which has not quite settled (`experiments/reference/README.md`). The box
-drifts with the waves. Its drift is the slope of a straight line fitted to the surge together with two
-harmonics; fitted alone to two periods, the line could be off by half the amplitude of surge in each period.
+All values are taken over whole periods: for the computed motions over the settled periods at the end of the
+run, for the measured ones over the whole record, which has not quite settled
+(`experiments/reference/README.md`). The box drifts with the waves. Its drift is the slope of a straight line,
+fitted to the surge together with two harmonics. A line fitted alone to two periods could be off by half the
+amplitude of surge per period.
 
-The place of the gauge in the flume is not known, and so neither is the phase of the motions to the waves. In
-the picture the computed motions are shifted, all by the same time, so that a maximum of heave coincides with
-a measured one.
+The position of the gauge in the flume is not known, so the phase of the motions relative to the waves is not
+known either. The picture therefore shifts the computed motions, all by the same time, until a maximum of
+heave coincides with a measured one.
 """
 
 from __future__ import annotations

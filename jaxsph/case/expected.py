@@ -59,7 +59,7 @@ EXPECTED = {
     "draft": "the draught of a front wall is `device.draught`, m; that of a body follows from its mass",
     "orifice": "an orifice is `pto.area`, m2 per metre of width, with `pto.discharge`",
 }
-"""Hints on what to use instead of a key, by the last part of the key's name in small letters."""
+"""Hints on what to use instead of a key, by the last part of the key's name in lower case."""
 
 ONLY_IN = {"amplitude": "waves", "height": "waves", "h": "", "duration": "", "angle_of_incidence": "waves"}
 """For names with a hint in one section only, the section's name, which is empty for the top level."""

@@ -287,7 +287,9 @@ class Geometry:
             check_inside(corners_of(section), f"solid.{name}", self.upper, 1e-6)
             if section.block is not None:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
-        check_apart(self.named_shapes(), self.dx)
+        bodies = case.every_body
+        carried = {case.body_key(name): carriers(bodies, name) for name in bodies}
+        check_apart(self.named_shapes(), self.dx, carried)
         self._check_regions(case)
 
     def _check_regions(self, case: Sections) -> None:

@@ -129,7 +129,7 @@ class _File:
             yield number, words
 
     def options(self) -> dict[str, float]:
-        """Values of the options that are read, by name in small letters."""
+        """Values of the options that are read, by name in lower case."""
         known = ("wtrdpth", "kbot", "cbot")
         rows = [(number, words) for number, words in self.tables["options"] if len(words) > 1]
         return {

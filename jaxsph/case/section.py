@@ -28,13 +28,14 @@ def _plain_name(name: str) -> str:
     if the name is not valid."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
         raise ValueError(
-            "must begin with a small letter and have at most 39 further small letters, digits and underscores"
+            "must begin with a lower-case letter; up to 39 more lower-case letters, digits and "
+            "underscores may follow"
         )
     return name
 
 
 Name = Annotated[str, AfterValidator(_plain_name)]
-"""Name that a case chooses for a part: small letters, digits and underscores."""
+"""Name that a case chooses for a part: lower-case letters, digits and underscores."""
 NAME = "NAME"
 """Placeholder in lists of keys for a name that a case chooses, as in `solid.NAME.polygon`."""
 MOST_POINTS = 10_000

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -81,18 +82,34 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
         )
 
 
-def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
-    """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume."""
-    for (a, one), (b, other) in itertools.combinations(shapes.items(), 2):
-        low, high = (np.stack(ends) for ends in zip(one.bounds(), other.bounds(), strict=True))
-        common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0))
-        if len(low[0]) == 2 and common:
-            common = one.region().intersection(other.region()).area
-        if common > 0.5 * dx ** len(low[0]):
+def check_apart(
+    shapes: Mapping[str, AbstractShape], dx: float, carried: Mapping[str, Sequence[BodySection]]
+) -> None:
+    """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume.
+
+    In two dimensions bodies are at their initial angles; `carried`: for every body the result of `carriers`.
+    """
+    areas = {name: _placed(shape, carried.get(name, ())) for name, shape in shapes.items()}
+    for a, b in itertools.combinations(shapes, 2):
+        low, high = (np.stack(ends) for ends in zip(shapes[a].bounds(), shapes[b].bounds(), strict=True))
+        dim = len(low[0])
+        if dim == 2:
+            common = areas[a].intersection(areas[b]).area
+        else:
+            common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0))
+        if common > 0.5 * dx**dim:
             raise CaseError(
-                f"{a} and {b}: have {common:.3g} m{len(low[0])} in common: move one of them, or combine "
-                "both in one polygon"
+                f"{a} and {b}: have {common:.3g} m{dim} in common: move one of them, or combine both in one "
+                "polygon"
             )
+
+
+def _placed(shape: AbstractShape, carried_by: Sequence[BodySection]) -> Any:
+    """Area of a shape in the x-z plane at the initial angles of the bodies that carry it."""
+    region = shape.region()
+    for carrier in carried_by:
+        region = shapely.transform(region, functools.partial(turned, body=carrier))
+    return region
 
 
 def _check_polygon(corners: Points, name: str, dx: float) -> None:
@@ -140,8 +157,9 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
     pivot = body.pivot or body.centre
     if not body.angle or (body.disc is not None and pivot is None and np.array_equal(corners, own)):
         return corners
-    if pivot is None:  # the middle of the corners approximates the centre of mass of the shape
-        pivot = 0.5 * (own.min(axis=0) + own.max(axis=0))[[0, -1]]
+    if pivot is None:  # the centre of mass of a uniform body
+        middle = 0.5 * (own.min(axis=0) + own.max(axis=0))[[0, -1]]
+        pivot = middle if body.polygon is None else shapely.Polygon(own).centroid.coords[0]
     c, s = math.cos(body.angle), math.sin(body.angle)
     r = corners[:, [0, -1]] - pivot
     found = corners.copy()

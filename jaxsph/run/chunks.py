@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsph.core.pairs import SPARE
 from jaxsph.core.programs import forget_programs
-from jaxsph.core.search.base import SPREADING, needed_capacity
+from jaxsph.core.search.base import SPREADS_ON, needed_capacity
 from jaxsph.core.search.tables import NARROW
 from jaxsph.core.slabs import Slabs
 from jaxsph.errors import SimulationError
@@ -92,7 +92,7 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
         needed = {name: int(np.max(most)) for name, most in status.most.items()}
         if needed["halo"] >= NARROW:
             return None
-        spare = dict.fromkeys(needed, SPARE) | {"points": SPREADING}
+        spare = dict.fromkeys(needed, SPARE) | {"points": SPREADS_ON}
         grown = {k: needed_capacity(most, spare[k]) for k, most in needed.items() if most > now[k]}
         return grown or None
     # lost neighbours can cause every other failure: correct the tables first
