@@ -15,12 +15,12 @@ COUNT = {2: 5, 3: 9}
 
 
 @jax.jit
-def fit(d, w, f):
+def fit(d, w, f, stiffness=0.0):
     """Polynomial of one component around one particle, and its values at the neighbours at d `[J, D]`."""
     columns = tuple(d.T)
     summed = tuple(jnp.sum(one) for one in moments(w, columns))
     right = tuple(jnp.sum(w * f * one) for one in monomials(columns))
-    (c,) = polynomials(summed, (right,), d.shape[1])
+    (c,) = polynomials(summed, (right,), d.shape[1], stiffness)
     return jnp.stack(c), stack(monomials(columns)) @ jnp.stack(c)
 
 
@@ -44,6 +44,21 @@ def test_a_field_of_second_degree_is_its_own_polynomial(dim, seed):
     # where weights are small
     assert float(jnp.sqrt(jnp.sum(w * (at - values) ** 2))) < 2e-5 * float(jnp.max(jnp.abs(values)))
     assert np.asarray(found) == pytest.approx(c, abs=2e-2 * np.abs(c).max())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_a_stiff_polynomial_is_of_first_degree(dim, seed):
+    rng = np.random.default_rng(seed)
+    d, w = neighbours(rng, 60, dim)
+    values = rng.normal(size=60)
+    found, _ = fit(d, w, jnp.float32(values), 1e4)
+    root = np.sqrt(np.float64(w))
+    straight = np.linalg.lstsq(root[:, None] * np.float64(d), root * values, rcond=None)[0]
+    # the stiffness is 1e4 of the moments, which are of order 1
+    assert np.asarray(found[:dim]) == pytest.approx(straight, abs=1e-3)
+    assert float(jnp.max(jnp.abs(found[dim:]))) < 1e-3
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -41,15 +41,21 @@ def moments(w: jax.Array, d: Components) -> Components:
     return tuple(w * math.prod(d[a] for a in axes) for axes in _axes(len(d), (2, 3, 4)))
 
 
-def polynomials(summed: Components, differences: tuple[Components, ...], dim: int) -> tuple[Components, ...]:
+def polynomials(
+    summed: Components, differences: tuple[Components, ...], dim: int, stiffness: jax.Array
+) -> tuple[Components, ...]:
     """Polynomials that fit the differences of a field's components, from sums over the neighbours.
 
     **Arguments**: `summed`: sums of `moments`, with weights whose sum is about 1; `differences`: for every
-    component of the field, the sums of w (f_j - f_i) times each of the `monomials`.
+    component of the field, the sums of w (f_j - f_i) times each of the `monomials`; `stiffness`: weight of
+    the squared coefficients of second degree in the least squares. With 0 the polynomial is of second degree,
+    and with 1 nearly of first degree.
     """
     rows = _axes(dim, (1, 2))
     at = dict(zip(_axes(dim, (2, 3, 4)), summed, strict=True))
     matrix = [[at[tuple(sorted(a + b))] for b in rows[: k + 1]] for k, a in enumerate(rows)]
+    for k in range(dim, len(rows)):
+        matrix[k][k] = matrix[k][k] + stiffness
     L, pivots = _factors(matrix)
     return tuple(_solution(L, pivots, right) for right in differences)
 

@@ -50,6 +50,16 @@ WHOLE = 0.5 * PAIR
 """Displacement, in spacings, by which two coincident particles must each move to be `PAIR` apart."""
 
 
+THIN = {2: 0.3, 3: 0.15}
+"""Sum of the weights below which polynomials are of first degree, by number of dimensions (-).
+
+The sum is 1 in a lattice. In two dimensions it is 0.6 at a surface, 0.35 or more where a surface meets a
+wall, and 0.20 to 0.26 in a row of particles. In three dimensions it is 0.24 or more where a surface meets two
+walls, and 0.05 to 0.09 in a row. A polynomial of second degree fits the few neighbours in spray and thin
+sheets whatever their velocities, so that nothing would be damped there: dam breaks then failed at the impact.
+"""
+
+
 class Regularised(NamedTuple):
     """Result of a regularisation, for the time since the previous regularisation."""
 
@@ -85,9 +95,8 @@ class Regularisation(eqx.Module):
     to their velocities that varies from one particle to the next. Noise with a wavelength of two spacings
     decays at 1.3 to 1.6 times the rate hyperviscosity sqrt(g/h), within 0.05 s for dx = 0.02 m. The damping
     of a wave with wavenumber k is much weaker, because it is proportional to (kh)^6. An artificial viscosity,
-    whose damping is proportional to (kh)^2, damps both noise and waves. In spray and thin sheets, where
-    particles have no more neighbours than the polynomial has coefficients, there are no residuals and no
-    damping.
+    whose damping is proportional to (kh)^2, damps both noise and waves. In spray and thin sheets, where the
+    weights add up to less than `THIN`, the polynomial is of first degree.
 
     **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
     dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. The velocities change
@@ -149,11 +158,12 @@ class Regularisation(eqx.Module):
             d = tuple(-r / radius for r in pair.r)
             basis = monomials(d)
             changes = (w * (b - a) for a, b in zip(i["u"], j["u"], strict=True))
-            return moments(w, d), tuple(tuple(change * m for m in basis) for change in changes)
+            return w, moments(w, d), tuple(tuple(change * m for m in basis) for change in changes)
 
         of_water = tables.fluid.of_water()
-        summed, differences = of_water.sum(equations, smoothing, own, Sources(own, {}))
-        own = own | {"fit": polynomials(summed, differences, dim)}
+        total, summed, differences = of_water.sum(equations, smoothing, own, Sources(own, {}))
+        thin = jnp.clip(10.0 * (THIN[dim] - total), 0.0, 1.0)
+        own = own | {"fit": polynomials(summed, differences, dim, thin)}
         law = functools.partial(self.law, unit, model.dx, radius)
         terms = of_water.sum(law, smoothing, own, Sources(own, {}))
         rate = smoothing.gravity_rate(model.g)
