@@ -1,4 +1,4 @@
-"""A turbine controlled by a function of the chamber's state, with compressible air; slope over the gain.
+"""A turbine controlled by the chamber's state, with compressible air; derivative with respect to the gain.
 
 The control closes the turbine as pressure or suction grows. The absorbed energy is a differentiable function
 of the gain.

@@ -1,4 +1,5 @@
-"""A water column behind a leaning wall: slopes over the wall's angle, its draught and the chamber's length.
+"""A water column behind a leaning wall: slopes with respect to the wall's angle and draught and the chamber's
+length.
 
 jaxsph slope examples/leaning_column.py:column --over angle --of energy_pto --set t1=1.0
 """

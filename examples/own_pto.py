@@ -1,7 +1,8 @@
 """A power take-off of your own: a linear turbine that works while the water rises and lets air in freely.
 
 `pressure` returns the gauge pressure P_a of the air. It receives the flow q_free at P_a = 0 and the
-compliance -dq/dP_a of the step: q = q_free - compliance P_a. Solving both together is stable for every c.
+compliance -dq/dP_a of the step: q = q_free - compliance P_a. Solving this equation and the turbine's law
+together is stable for every c.
 jaxsph run examples/own_pto.py:one_way --set c=2e4
 """
 

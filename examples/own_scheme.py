@@ -16,7 +16,7 @@ class Tait(js.DeltaSPH):
     def pressure(self, p):  # Pa, from the deviation of the density
         return self.rho0 * self.c0**2 / GAMMA * jnp.expm1(GAMMA * jnp.log1p(p.rho / self.rho0))
 
-    def with_pressure(self, p, pressure):  # the inverse; masses change so that volumes stay
+    def with_pressure(self, p, pressure):  # the inverse; masses change so that volumes stay the same
         rho = self.rho0 * jnp.expm1(jnp.log1p(GAMMA * pressure / (self.rho0 * self.c0**2)) / GAMMA)
         m = p.m / (self.rho0 + p.rho) * (self.rho0 + rho)
         return eqx.tree_at(lambda a: (a.rho, a.m), p, (rho, m))

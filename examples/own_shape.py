@@ -20,7 +20,7 @@ class Ellipse(js.AbstractShape):
         f, slope = (jnp.sqrt(jnp.sum(a**2, axis=1) + 1e-12) for a in (s, s / axes))
         return (f - 1.0) * f / slope
 
-    def bounds(self):  # area, particles and picture are derived from `distance` within these
+    def bounds(self):  # area, particles and picture are derived from `distance` within these bounds
         return np.subtract(self.centre, self.axes), np.add(self.centre, self.axes)
 
 

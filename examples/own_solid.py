@@ -11,7 +11,7 @@ import jaxsph as js
 class Heave(js.AbstractPath):
     stroke: jnp.ndarray  # m
 
-    def pose(self, t):  # surge, heave, pitch
+    def pose(self, t):  # surge and heave, m; pitch, rad
         return jnp.stack([0.0 * t, -self.stroke * jnp.sin(2.0 * jnp.pi * t), 0.0 * t])
 
 

@@ -1,6 +1,6 @@
 """A sweep: the same waves with three dampings of the turbine, one run per core, in one file.
 
-Run again, it reads the finished runs from the file and runs only the missing ones.
+If this script is run again, it reads the finished runs from the file and makes only the missing ones.
 """
 
 import jaxsph as js

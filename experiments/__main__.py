@@ -3,9 +3,9 @@
     python -m experiments run NAME [OPTIONS]   runs one experiment; rows and pictures go to runs/results
     python -m experiments run NAME --help      shows its options; without a NAME lists the names
     python -m experiments table [NAME ...]     prints the committed rows; NAME may be the beginning of a name
-    python -m experiments again [NAME ...]     repeats the experiments with committed rows, or these only
-    python -m experiments gallery              writes experiments/README.md, a picture and a line for each,
-                                               and the numbers in the README and docs/
+    python -m experiments again [NAME ...]     repeats the named experiments, or all that have committed rows
+    python -m experiments gallery              writes experiments/README.md, with a picture and a line for
+                                               each experiment, and the numbers in the README and docs/
 
 A row is flagged `MISSED` if it is outside its bar, and `worse than the paper` if the paper's value is nearer
 to theory.
@@ -35,8 +35,8 @@ FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
 Measured results, written from the committed results by `python -m experiments gallery`;
-`python -m experiments table` prints every row with theory, paper and bar. The command of a section makes its
-rows and picture again in `runs/results`. Runs are kept in `runs/` and continue from where they were
+`python -m experiments table` prints every row with theory, paper and bar. The command of a section reproduces
+its rows and picture in `runs/results`. Runs are kept in `runs/` and continue from where they were
 interrupted. With `--commit` at the end, the command renews the results shown here. Times are for processes
 that share two cores with other processes.
 """
@@ -161,7 +161,7 @@ def _list() -> None:
             print(f"\n{folder}")
         first = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
         print(f"  {name:17s} {first}")
-    print("\npython -m experiments run NAME --help shows the options of one.")
+    print("\npython -m experiments run NAME --help shows the options of an experiment.")
 
 
 def results(names: list[str] | None = None, folder: Path = COMMITTED) -> list[dict[str, Any]]:

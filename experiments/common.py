@@ -56,8 +56,9 @@ def reference(name: str) -> np.ndarray:
 class Report:
     """Rows and pictures of one experiment, printed as they come and written into `folder`.
 
-    Use it as a context: leaving it without an exception writes `<name>.json`. `python -m experiments table`
-    gathers these files into the table of all checks, so that rows are always measured and never typed in.
+    Use it as a context manager: leaving the context without an exception writes `<name>.json`.
+    `python -m experiments table` gathers these files into the table of all checks, so that rows are always
+    measured and never typed in.
     """
 
     folder: ClassVar[Path] = OWN
@@ -71,7 +72,7 @@ class Report:
         self.rows: list[dict[str, Any]] = []
         self.pictures: list[str] = []
         self.seconds: float | None = None
-        """Wall time of the runs (s), if the experiment sets it; otherwise its duration is reported."""
+        """Wall time of the runs (s), if the experiment sets it; otherwise the whole duration is reported."""
 
     def __enter__(self) -> Report:
         self._began = time.perf_counter()

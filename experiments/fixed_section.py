@@ -5,10 +5,10 @@ Potentials are scaled so that the incident potential is exp(ikx) cosh k(z + h) /
 amplitude of the incident waves is then rho g times the potential.
 
 The potential added by the section is solved on the boundary of the water between two vertical lines, so far
-away that only waves are left there. Green's identity is used with the source ln r and its image in the bed.
-The normal derivative of the added potential is K = omega^2/g times the potential on the surface, ik times it
-on the verticals (outgoing waves), and on the section the negative of the incident potential's derivative.
-The elements are constant and their integrals exact.
+away that only propagating waves are left there. Green's identity is used with the source ln r and its image
+in the bed. The normal derivative of the added potential is K = omega^2/g times the potential on the surface,
+ik times it on the verticals (outgoing waves), and on the section the negative of the incident potential's
+derivative. The potential is constant on each element, and the integrals over the elements are exact.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def diffraction(
 ) -> Diffraction:
     """Response of a section to waves of period T (s) in water of this depth (m).
 
-    `section`: corners (m) from right to left, those below the still level, and the two at this level, at
-    x and -x. `size`: length of the largest element on the section, m.
+    `section`: corners (m) from right to left: the two at the still level, at x and -x, and those below
+    this level. `size`: length of the largest element on the section, m.
     """
     omega = 2.0 * np.pi / T
     k = float(wavenumber(omega, depth))

@@ -25,8 +25,8 @@ Values = NDArray[np.floating]
 Points = tuple[tuple[float, float], ...]
 """Positions (x, z), m."""
 LOWEST, HIGHEST, NODES = 0.3, 40.0, 60
-"""Lowest and highest angular frequency (rad/s) between whose `NODES` values the coefficients are interpolated
-for the motion in time. Added mass and damping are taken as constant beyond them."""
+"""Lowest and highest angular frequency (rad/s), and number of frequencies, of the coefficients that are
+interpolated for the motion in time. Added mass and damping are taken as constant outside this range."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class LinearBody:
             squares, modes = np.linalg.eigh(root @ self.stiffness @ root.T)
             square = float(squares[np.argmax(np.abs(modes[at]))])
             if square <= 0.0:
-                raise ValueError(f"nothing pulls the body back in {motion}: it has no natural period")
+                raise ValueError(f"{motion} has no restoring force and therefore no natural period")
             if abs(np.sqrt(square) / omega - 1.0) < 1e-4:
                 return 2.0 * np.pi / float(np.sqrt(square))
             omega = float(np.sqrt(omega * np.sqrt(square)))
@@ -148,7 +148,8 @@ class LinearBody:
 def hydrostatic_stiffness(outline: Points, centre: tuple[float, float]) -> Values:
     """Stiffness matrix `[3, 3]` of buoyancy and of a weight at `centre` (m) equal to the buoyancy.
 
-    With the pivot of a body that does not float freely as `centre`, the matrix is that of the buoyancy alone.
+    For a body that does not float freely, give its pivot as `centre`: the matrix is then that of the
+    buoyancy alone.
     """
     return buoyancy_stiffness(shapely.Polygon(outline), 0.0, np.asarray(centre), RHO * G)
 

@@ -225,7 +225,7 @@ class Release:
     def __init__(self, cylinder: Cylinder, omega_end: float = 40.0, count: int = 160) -> None:
         """Computes the damping at `count` frequencies up to omega_end (rad/s), enough for a memory of 12 s.
 
-        A range half as long again moves the turning points of a path by less than 1e-5 of a period.
+        Increasing omega_end by half moves the turning points of a path by less than 1e-5 of a period.
         """
         self.cylinder = cylinder
         nodes, weights = np.polynomial.legendre.leggauss(count)

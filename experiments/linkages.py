@@ -1,8 +1,8 @@
-"""Joined bodies without water, and Lagrange's equations of the same bodies in the angles alone.
+"""Joined bodies without water, and Lagrange's equations of the same bodies with only angles as unknowns.
 
 A double pendulum and a slider-crank of rectangular bars, two-dimensional. Two joints of the slider-crank have
-no coordinate: they place a body by the pose of the body that carries it. The angle of the crank is positive
-from x towards z in its equation, and negative as a pitch, which is positive from z towards x.
+no coordinate: they place a body by the pose of the body that carries it. In the crank's equation its angle is
+positive from x towards z; its pitch is positive from z towards x and has the opposite sign.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ UPPER, LOWER = 1.0, 0.8
 ANGLES = (0.7, 0.3)
 """Angles of these bars from the vertical at t = 0, rad."""
 SWING = float(RHO * WIDTH * G * ((1.0 - np.cos(ANGLES)) @ [UPPER * (UPPER / 2 + LOWER), LOWER**2 / 2]))
-"""Potential energy of these bars at t = 0, over that when they hang straight down, J/m."""
+"""Potential energy of these bars at t = 0, relative to hanging straight down, J/m."""
 CRANK, ROD, PISTON = 0.3, 1.0, 0.2
 """Lengths of crank and connecting rod, and side of the piston, m."""
 
@@ -127,7 +127,7 @@ def crank_equation(t: float, y: np.ndarray) -> list[float]:
     i_crank, i_rod = m_crank * (CRANK**2 / 3 + WIDTH**2 / 12), m_rod * (ROD**2 + WIDTH**2) / 12
 
     def parts(a):
-        """Mass and potential energy by the angle a."""
+        """Effective moment of inertia (kg m) and potential energy (J/m) at the crank angle a (rad)."""
         b = np.arcsin(CRANK / ROD * np.sin(a))
         db = CRANK / ROD * np.cos(a) / np.cos(b)
         rod = np.array([-CRANK * np.sin(a) - ROD / 2 * np.sin(b) * db, CRANK * np.cos(a) / 2])

@@ -73,7 +73,7 @@ def _renewed(sentence: Sentence, text: str, page: str, results: Results) -> str:
     )
     found = list(re.finditer(pattern, text))
     if len(found) != 1:
-        raise ValueError(f"{page} has {sentence.text!r} {len(found)} times: must have it once")
+        raise ValueError(f"{page} has {sentence.text!r} {len(found)} times: it must occur once")
     numbers = [form.format(value) for form, value in zip(words[1::2], sentence.numbers(results), strict=True)]
     for group in range(len(numbers), 0, -1):
         start, end = found[0].span(group)

@@ -14,11 +14,11 @@ import platformdirs
 MOST = 2**30
 """Size of the compilation cache (bytes) above which the oldest programs are removed."""
 ENOUGH = 0.8
-"""Share of that size to which the cache is then reduced (-)."""
+"""Share of `MOST` to which a larger compilation cache is reduced (-)."""
 
 
 def prepare_jax() -> None:
-    """Turns on JAX's compilation cache for later starts, and limits its compiler's log to fatal errors.
+    """Turns on JAX's compilation cache for later starts, and limits the compiler's log to fatal errors.
 
     Programs are cached in the user's cache folder, however short their compilation is. The environment
     variable JAX_COMPILATION_CACHE_DIR sets another folder, and JAX_ENABLE_COMPILATION_CACHE=0 turns the cache
@@ -63,7 +63,7 @@ def remove_oldest(folder: Path, most: int) -> None:
 
 
 def _processor() -> str:
-    """Name of the processor type: a program compiled for another type may use missing instructions."""
+    """Hash of the processor type; a program compiled for another type may use instructions missing here."""
     described = f"{platform.machine()} {platform.processor()}"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -168,7 +168,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
         # steps
         (
             {"t1": 1e8},
-            r"t1 = 1e\+08 s takes .*e\+.* time steps of .* s, at most 1e\+08.*sound speed, 31.3 m/s",
+            r"t1 = 1e\+08 s takes .*e\+.* time steps of .* s, but at most 1e\+08.*sound speed, 31.3 m/s",
         ),
         (
             {"fluid.c0": 1e6, "t1": 1e3},
@@ -197,7 +197,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             {"start": {"amplitude": 0.01, "mode": 20}},
             r"start.mode = 20: .*less than two spacings.* at most 5",
         ),
-        ({"start": {"amplitude": 1.0}}, r"start.amplitude = 1 m: .*breaks; at most 0.218 m"),
+        ({"start": {"amplitude": 1.0}}, r"start.amplitude = 1 m: .*breaks; use at most 0.218 m"),
         # bodies
         (
             {"body": {"polygon": [*SQUARE, SQUARE[0]]}},

@@ -397,7 +397,7 @@ def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
     for key, value in (("chamber.sea.between", ["front", "far"]), ("duct.cross.between", ["land", "sea"])):
         with pytest.raises(CaseError, match=f"{key}: cannot change during a run"):
             amended_case(SHARED, {key: value})
-    with pytest.raises(CaseError, match=r"sea: pto: cannot change between a turbine and a pressure"):
+    with pytest.raises(CaseError, match=r"sea: pto: cannot change between a turbine and a prescribed"):
         amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})
 
 

@@ -293,5 +293,5 @@ def test_numbers_in_prose_follow_the_results_and_nothing_else_changes(tmp_path):
         prose.renewed("p", page, results, (sentence,)) == "In 3 tanks, lost 0.0 % and\ngained 1,234 N. 4 more"
     )
     for text in ("nothing", page + page):
-        with pytest.raises(ValueError, match=r"p has 'lost .* must have it once"):
+        with pytest.raises(ValueError, match=r"p has 'lost .* it must occur once"):
             prose.renewed("p", text, results, (sentence,))

@@ -378,7 +378,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
         ({"waves.H": 0.02}, "waves.H: cannot .* the paddle would jump"),
         ({"probes.gauges": [1.0]}, "probes.gauges: cannot .* columns of the present probes"),
         ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
-        ({"pto.P_a": 10.0}, "pto: cannot change between a turbine and a pressure"),
+        ({"pto.P_a": 10.0}, "pto: cannot change between a turbine and a prescribed pressure"),
         ({"pto.k_dm": 10.0}, "did you mean 'pto.K_dm'"),
         ({"output.sample_dt": 0.03}, "output.sample_dt = 0.03 s: the run is at 0.2 s, which is not a"),
     ],
@@ -668,7 +668,7 @@ def test_efficiency_of_a_focused_group_is_energy_over_energy():
         assert results["E_inc"] == pytest.approx(whole) and not {"P_owc", "periods"} & set(results)
     early = js.Solution({k: v[:1500] for k, v in solution.series.items()}, {}, model, state, case)
     results, notices = run_results(case, early, 1.0, 100)
-    assert "xi" not in results and "of the group's energy has come" in " ".join(notices)
+    assert "xi" not in results and "of the group's energy has reached" in " ".join(notices)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Speed-up by several devices: a step of one run shared by them, searches included, against one device.
+"""Speed-up of a step, searches included, by sharing one run between several devices.
 
 Every number is measured in a separate process, because the number of devices must be set before JAX is used.
 """

@@ -11,7 +11,7 @@ from experiments.common import Report, timed, use_threads
 from jaxsph.model.state import Failure
 
 BEFORE = {"scheme.kernel": "gaussian", "tank.walls": "mirror"}
-"""Settings of the case before the semicircle kernel and before walls that mirror the water."""
+"""Earlier settings: the Gaussian kernel, and walls `mirror` instead of `images`."""
 
 
 def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> None:

@@ -23,7 +23,10 @@ DRAW = """() => {
 
 
 def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
-    """Measures pages of the OWC, built-in and with spacing `fine` (m) to `t1` (s), played for `seconds`."""
+    """Measures pages of the built-in OWC and of one with spacing `fine` (m) to `t1` (s).
+
+    Each page is played for `seconds`.
+    """
     case = js.load_case("owc")
     files = {
         "built-in OWC": solved(case, "bench_report"),

@@ -15,7 +15,7 @@ from jaxsph.model.interfaces import ExactTangents
 
 
 def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True) -> None:
-    """Times blocks of steps of the built-in OWC, the best of `turns`, then one period in reverse mode."""
+    """Times blocks of steps of the built-in OWC (best of `turns`), then one wave period in reverse mode."""
     use_threads(1)
     case = js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"})
     model, state = js.build(case)

@@ -2,16 +2,16 @@
 
 The buoy of the case `buoy_heave` in waves of 0.03 m. A golden-section search over the damping's logarithm
 finds the largest mean power. Near its maximum the power hardly depends on the damping: at 1.1 times the best
-damping it is 0.3 % lower, as little as runs may scatter. The best damping is therefore taken from all runs of
-the search. In linear theory (Falnes 2002) the mean power is
+damping it is 0.3 % lower, which is no more than runs may scatter. The best damping is therefore taken from
+all runs of the search. In linear theory (Falnes 2002) the mean power is
 
     P = b |F|^2 / (2 |Z + b|^2),    so that  b / P = (|Z|^2 + 2 R b + b^2) 2 / |F|^2,
 
-with the mechanical impedance Z = R + iX, and P is largest at b = |Z|. A parabola through b / P over b gives
-|Z| without any number from theory.
+with the mechanical impedance Z = R + iX, and P is largest at b = |Z|. A parabola fitted to b / P as a
+function of b gives |Z| without any number from theory.
 
-Vortices at the sharp bilges of this buoy take power that linear theory does not know. Therefore the same buoy
-with round bilges runs once as well, at the best damping of linear theory.
+Vortices at the sharp bilges of this buoy dissipate power, which linear theory neglects. The same buoy with
+round bilges is therefore also run once, at the best damping of linear theory.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from jaxsph.output.plot.style import BLUE, in_style
 H, T = 0.03, 1.2
 """Height (m) and period (s) of the waves."""
 BOUNDS = (60.0, 1500.0)
-"""Dampings between which the best one is searched, N s/m per metre."""
+"""Smallest and largest damping of the search, N s/m per metre."""
 RUNS = 7
 """Number of runs of the search."""
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
@@ -48,7 +48,7 @@ BODY = linear()
 
 
 def golden_section(value: Callable[[float], float], low: float, high: float, count: int) -> float:
-    """Position of a maximum between low and high (> 0) after `count` evaluations, in steps of the logarithm.
+    """Position of a maximum between low and high (> 0), by `count` evaluations on a logarithmic scale.
 
     Kiefer, Sequential minimax search for a maximum, Proc. Am. Math. Soc. 4 (1953) 502-506.
     """
@@ -68,7 +68,7 @@ def golden_section(value: Callable[[float], float], low: float, high: float, cou
 
 
 def best_of(damping: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Best damping (N s/m per metre) and largest power by the parabola of b / P over b."""
+    """Best damping (N s/m per metre) and largest power, by a parabola fitted to b / P as a function of b."""
     # every power has about the same relative error, and so has b / P
     bend, slope, foot = np.polyfit(damping, damping / power, 2, w=power / damping)
     best = float(np.sqrt(foot / bend))
@@ -85,7 +85,7 @@ def linear_power(damping: float, body: LinearBody = BODY) -> float:
 
 
 def linear_best(body: LinearBody = BODY) -> float:
-    """Best damping of linear theory: the size of the mechanical impedance, N s/m per metre."""
+    """Best damping of linear theory: the magnitude of the mechanical impedance, N s/m per metre."""
     omega = 2.0 * np.pi / T
     water = body.water(omega)
     reactance = omega * (body.mass + water.added_mass[1, 1]) - body.stiffness[1, 1] / omega
@@ -104,7 +104,7 @@ def case_of(damping: float, dx: float, bilge: float = 0.0) -> js.Case:
 
 
 def main(dx: float = 0.01, runs: int = RUNS) -> None:
-    """Searches the best damping in `runs` runs."""
+    """Searches for the best damping in `runs` runs."""
     found: dict[float, float] = {}
     heights: list[float] = []
     title = "Best damping of a heaving buoy in small waves, by search"
@@ -120,7 +120,7 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
             return results["P_pto"] / (0.5 * results["incident_height"]) ** 2
 
         def power(damping: float) -> float:
-            """Result of a run whose damping is rounded, for the search."""
+            """Result of `run` for the search, at the damping rounded to four digits, W/m3."""
             damping = float(f"{damping:.4g}")
             found[damping] = run(damping)
             return found[damping]

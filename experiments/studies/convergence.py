@@ -34,7 +34,7 @@ BARS = ((0.02, 0.01, 0.05), (0.01, 0.005, 0.025))
 SCHEMES_APART = (0.01, 0.03)
 """Spacing (m) at which the schemes are compared, and bar for the difference in xi, as a share of the mean."""
 ORDERS = (0.5, 2.0)
-"""Smallest and largest order of an extrapolation: below, no limit is in sight; above, the largest is used."""
+"""Smallest and largest order of an extrapolation: below, nothing is extrapolated; above, 2 is used."""
 SAFETY = 1.25
 """Safety factor on the distance to the limit: Roache's for three spacings."""
 

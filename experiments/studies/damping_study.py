@@ -90,10 +90,10 @@ def scale() -> float:
 
 
 def optimum(K_dm: list[float], xi: np.ndarray) -> np.ndarray:
-    """Damping of the largest efficiency in every row, by a parabola over ln K_dm through three points.
+    """Damping (kg^0.5 m^-2.5) of the largest efficiency in every row, by a parabola in ln K_dm.
 
-    The points are the largest value and its neighbours. If the largest value is at an end of the range, that
-    end is returned.
+    The parabola passes through the largest value and its two neighbours. If the largest value is at an end
+    of the range, that end is returned.
     """
     x, found = np.log(K_dm), []
     for row in np.asarray(xi):

@@ -1,4 +1,4 @@
-"""First limit of exact slopes: rows of the square lattice slide over each other on the bed of still water.
+"""Growth of exact slopes in still water, where rows of the square lattice slide over each other on the bed.
 
 The OWC stands in a tank of 2 m, and the waves have not arrived. The slope with respect to K_dm starts as
 a ripple in the chamber.

@@ -1,4 +1,4 @@
-"""Share of the flow itself in the noise measured beside the OWC, from the flow of the finest run.
+"""Part of the noise measured beside the OWC that is due to the flow itself, from the finest run.
 
 The noise of a particle is the difference between its velocity and a linear fit to its neighbours within three
 spacings. Around the lip of the front wall the flow turns within a few spacings, and no linear fit can follow

@@ -4,9 +4,9 @@ The OWC stands in a tank of 1.2 m. For every wave one filtered reverse pass comp
 its slopes over all coefficients; Adam then changes the coefficients for the next wave. Afterwards waves
 with the learnt damping are compared with waves with the constant damping.
 
-The method fails: the coefficients that follow the slopes absorb less and less energy. The filtered slope of
-one wave contains the direct effect of a coefficient on that wave and half of the water's response within it,
-but no effect on later waves.
+The method fails: with coefficients that follow the slopes, the OWC absorbs less and less energy. The
+filtered slope of one wave contains the direct effect of a coefficient on that wave and half of the water's
+response within it, but no effect on later waves.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Do the hard switches of a thin wall's regions spoil exact slopes?
+"""Effect of the abrupt switches between a thin wall's regions on exact slopes.
 
 The exact slope is compared with that of a parabola fitted to several runs, before the flow becomes chaotic.
 The OWC stands in a tank of 1.2 m and runs for one and a half wave periods. With a front wall of one spacing,
-a particle that passes the level of the tip abruptly interacts with other ghosts and particles. With a wall of
-four spacings hardly anything changes.
+the ghosts and particles that interact with a particle change abruptly when the particle passes the level of
+the tip. With a wall of four spacings they hardly change.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 All values are taken over whole periods: for the computed motions over the settled periods at the end of the
 run, for the measured ones over the whole record, which has not quite settled
 (`experiments/reference/README.md`). The box drifts with the waves. Its drift is the slope of a straight line,
-fitted to the surge together with two harmonics. A line fitted alone to two periods could be off by half the
-amplitude of surge per period.
+fitted to the surge together with two harmonics. A line fitted to two periods without the harmonics could be
+off by half the amplitude of surge per period.
 
 The position of the gauge in the flume is not known, so the phase of the motions relative to the waves is not
 known either. The picture therefore shifts the computed motions, all by the same time, until a maximum of
@@ -40,7 +40,7 @@ def whole(series: Series, T: float, periods: int) -> Series:
 
 
 def half_range(series: Series, T: float) -> float:
-    """Half the difference of highest and lowest value in a period T (s), mean over all, m or rad."""
+    """Half the difference of highest and lowest value in a period T (s), mean over all periods, m or rad."""
     t, y = series
     periods = round((t[-1] - t[0]) / T)
     back = np.minimum((t[-1] - t) / T, periods - 0.5).astype(int)
@@ -86,7 +86,7 @@ def main(dx: float = 0.01) -> None:
 
 
 def _periods(t: np.ndarray, T: float) -> int:
-    """Number of whole periods T (s) in a record, whose readings are a few milliseconds off."""
+    """Number of whole periods T (s) in a record, whose times t (s) are a few milliseconds off."""
     return int((t[-1] - t[0]) / T + 0.01)
 
 
@@ -99,7 +99,7 @@ def _compare(report: Report, what: str, found: float, unit: str, theory: float, 
 
 @in_style
 def _motions(here: dict[str, Series], flume: dict[str, Series], T: float) -> Figure:
-    """Figure of the last periods from a maximum of heave on; surge begins with its line at zero."""
+    """Figure of the last periods from a maximum of heave on; the line fitted to surge starts at zero."""
     figure = Figure(figsize=(7.0, 6.5), layout="constrained")
     axes = figure.subplots(len(MOTIONS), sharex=True)
     for label, series, style in (

@@ -41,10 +41,10 @@ def at_rest(ratio: float, dx: float) -> js.Case:
 
 
 def sinking(dx: float) -> js.Case:
-    """The box of Qiu et al. 2017, starting with its top in the surface.
+    """The box of Qiu et al. 2017, starting with its top at the surface.
 
-    The first measured point has the middle of the box in the surface; from there the box would start with
-    twice the measured acceleration.
+    At the first measured point the middle of the box is at the surface; released from there, the box would
+    start with twice the measured acceleration.
     """
     depth, half = 0.131, 0.5 * BOX
     return _case(
@@ -93,7 +93,7 @@ def _case(what: str, **sections: object) -> js.Case:
 
 
 def extremes(t: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
-    """Time (s) from release to the end of the first swing, and ratio of the angle then to the first angle."""
+    """Time (s) from release to the end of the first swing; magnitude of the angle then over the first (-)."""
     far = int(np.argmin(angle))
     return float(t[far]), float(-angle[far] / angle[0])
 

@@ -1,8 +1,8 @@
 """Built-in devices with bodies that float in regular waves: linear theory, and the balance of energy.
 
-Every reading that oscillates is compared with linear theory, as `jaxsph run` prints both; so is the power.
-Linear theory has small waves, and water that does not separate at corners (docs/measurements.md). Energies
-are over the work of the paddle, which absorbs the waves that return to it.
+Every oscillating reading and the power are compared with linear theory; `jaxsph run` prints both. Linear
+theory assumes small waves and no separation of the flow at corners (docs/measurements.md). Energies are
+divided by the work of the paddle, which absorbs the waves that return to it.
 """
 
 from __future__ import annotations

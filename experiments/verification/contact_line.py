@@ -48,7 +48,7 @@ class SurfaceModes(AbstractProbe):
 
 
 def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = False) -> None:
-    """Runs a standing wave of this amplitude (m) in the second mode, with every kind of wall and without."""
+    """Runs a standing wave of this amplitude (m) in the second mode, with each kind of wall and with none."""
     kind = "weakly_compressible" if weakly_compressible else "incompressible"
     name = f"contact_line_{dx:g}_{amplitude:g}" + "_weakly_compressible" * weakly_compressible
     title = f"Short waves from where the surface of a standing wave of {amplitude:g} m meets walls, {kind}"

@@ -151,7 +151,7 @@ def pressure_error(run: Found) -> float:
 
 
 def verdict(run: Found) -> str:
-    """Whether the water stays at rest: below the bar, and not growing after it has settled.
+    """Whether the water stays at rest: its kinetic energy stays below the bar and does not grow once settled.
 
     The settled energy is the mean over the second fifth of the run, the final energy the mean over its last
     fifth. In a quiet run the two are equal except for noise, which is well below a factor of two.

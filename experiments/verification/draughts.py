@@ -4,7 +4,7 @@ Boxes, discs and triangles are released in still water at the draughts of hydros
 In a second set, boxes are free in all motions. Ten bodies of one shape and density float in one tank. Their
 sizes differ by less than a spacing, such that their lowest points have ten different places relative to the
 lattice (in tenths of a spacing), and so have their middles. The tank is closed: bodies that sink raise its
-level, which is computed from their motions and belongs to the draught.
+level, which is computed from their motions and included in the draught.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Shape(abc.ABC):
 
     name: str
     usual: float
-    """Size that the bodies have, up to a spacing, m."""
+    """Size of the bodies, to within a spacing, m."""
 
     @abc.abstractmethod
     def draught(self, ratio: float) -> float:
@@ -147,7 +147,7 @@ class Triangle(Shape):
 
 SHAPES = (Box(), Disc(), Triangle("triangle, point down", True), Triangle("triangle, point up", False))
 FLAT = Box("flat box, free in all motions", 0.12, 2.0)
-"""A box of twice its height in width; its metacentre is well above its centre of mass at all densities."""
+"""A box twice as wide as high; its metacentre is well above its centre of mass at all densities."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ makes almost no waves. The cylinder also rolls about its axis once; its added in
 given over the values about its lowest point.
 
 The bodies are a cylinder and a box. The bilges of the box are rounded with half its draught, because
-potential flow does not separate. The same box with sharp bilges heaves once for comparison: at its corners
-energy is lost, which potential flow does not know.
+potential flow does not separate. The same box with sharp bilges heaves once for comparison: energy is lost at
+its corners, which potential flow neglects.
 
 Waves are absorbed on both sides: by a relaxation zone towards still water, and by a sponge. A wave that
 returns with the share r of its amplitude changes the damping by up to the share r, as exciting force and
@@ -47,9 +47,9 @@ longer period the force is mainly hydrostatic: at 1 s an error of the cylinder's
 changes its added mass by 5 %. In surge with a shorter period the force is mainly damping: at 0.6 s the
 damping of a box with sharp bilges is 7 times its added mass times the frequency."""
 AMPLITUDE = 0.015
-"""Amplitude of surge and heave, and of the points of the box that roll moves farthest, m."""
+"""Amplitude of surge and heave, and of the points of a body that roll moves farthest, m."""
 CLEAR = 0.75
-"""Distance from the body to the zone and to the sponge, m. The slowest evanescent mode falls to 5 %."""
+"""Distance from the body to zone and sponge, m. Over it the slowest-decaying evanescent mode falls to 5 %."""
 ZONE, SPONGE = 1.5, 1.75
 """Lengths of zone and sponge, in wavelengths. By linear long-wave theory with their damping rates they
 reflect less than 1 % of a wave's amplitude; a zone of one wavelength would reflect 3 %."""
@@ -134,7 +134,7 @@ class Forced:
                 "t1": (RAMP + SETTLE + TAKEN) * self.T,
                 "scheme": {"kind": "incompressible"},
                 "tank": {"length": 0.02 * round(end / 0.02), "depth": DEPTH},
-                # waves too low to be felt: the zone relaxes the water towards rest
+                # waves of negligible height: the zone relaxes the water towards rest
                 "waves": {"H": 1e-6, "T": self.T, "zone": ZONE * wave},
                 "sponge": {"length": SPONGE * wave},
                 "body": self.body.section(x)

@@ -1,4 +1,4 @@
-"""Joined bodies without water: a double pendulum and a slider-crank against scipy, energy, work of a drive.
+"""Joined bodies without water: double pendulum and slider-crank against scipy; energy, and work of a drive.
 
 The bodies move by the kicks and drifts of the solver's time step. Lagrange's equations of the same bodies
 (`experiments/linkages.py`), with the angles as the only unknowns, are solved by `scipy.integrate.solve_ivp`.
@@ -26,7 +26,7 @@ from jaxsph.parts.paths import HarmonicPath
 
 F64 = jnp.float64
 T1, STEPS = 3.0, 6000
-"""Time compared with scipy, s, and its steps."""
+"""Duration of the comparison with scipy, s, and number of its time steps."""
 PERIOD, PERIODS = 1.9, 100
 """Period of the double pendulum, s, and number of periods over which its energy is compared."""
 Angles = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -81,7 +81,7 @@ def _compared(
 
 
 def change_of_energy() -> np.ndarray:
-    """Change of the double pendulum's energy over that of its swing, every second for 100 periods."""
+    """Change of the double pendulum's energy over `linkages.SWING` (-), every second for 100 periods."""
     seconds = round(PERIODS * PERIOD)
     _, energy, _ = march(linkages.double_pendulum(F64), seconds, 1000 * seconds, 1000)
     return np.asarray(energy - energy[0]) / linkages.SWING

@@ -2,11 +2,11 @@
 
 Three boxes of half the water's density, 0.3 m long and 0.2 m high, in waves of 0.03 m: the box of Ren et al.
 2015 (the case `box_in_waves`), a box with round bilges and a keel (its centre of mass is lower), and the box
-on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, and its pitch
-depends on millimetres of the centre of mass; the second has a metacentric height of 0.09 m, and no sharp
-corners in the water, at which vortices take energy that linear theory does not include. The third has the
-metacentric height of the first. Beside every value the report gives the change of the theoretical pitch for
-a centre of mass 2 mm lower.
+on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, so that its
+pitch is sensitive to millimetres in the height of the centre of mass. The second has a metacentric height of
+0.09 m, and no sharp corners in the water, at which vortices take energy that linear theory does not include.
+The third has the metacentric height of the first. Below every RAO of pitch the report gives the change of the
+theoretical value for a centre of mass 2 mm lower.
 
 The motions are those of the centre of mass, by their first harmonic over whole periods after the waves have
 settled, together with a second harmonic and a linear drift; they are divided by the amplitude of the incident
@@ -30,16 +30,16 @@ from jaxsph.output.plot.style import BLUE, GREEN, RED, in_style
 H = 0.03
 """Height of the waves, m."""
 PERIODS = (1.0, 1.15, 1.3)
-"""Periods of the waves, s. The pitch of the free box vanishes in waves of 0.87 s, and springs and water
-resonate in pitch at 1.53 s."""
+"""Periods of the waves, s. The pitch of the free box vanishes in waves of 0.87 s, and the moored box
+resonates in pitch at 1.53 s."""
 MIDDLE, LEVEL = 3.15, 0.4
 """Middle of the boxes, and still water level, m."""
 BAR = 0.07
-"""Largest allowed error of an RAO."""
+"""Largest allowed relative error of an RAO (-)."""
 LOWER = 0.002
 """Change of the centre of mass whose effect on the theory is reported, m."""
 SETTLE, TAKEN = 8, 4
-"""Periods from the start, and over which the motions are taken."""
+"""Numbers of periods left out at the start, and evaluated after it."""
 UNITS = {"surge": "", "heave": "", "pitch": "rad/m"}
 """Motions, and units of their RAOs."""
 

@@ -30,7 +30,7 @@ DEPTH = 0.4
 HELD = 1.0
 """Time for which the box is held while the water settles, s."""
 BAR = 0.02
-"""Largest allowed error of a period."""
+"""Largest allowed relative error of a period (-)."""
 SPEED = float(np.sqrt(G * DEPTH))
 """Speed of the longest waves, m/s."""
 SWINGS = 2
@@ -39,7 +39,7 @@ SWINGS = 2
 
 @dataclass(frozen=True)
 class Release:
-    """A release from one motion."""
+    """A release from a displacement in one motion."""
 
     motion: str
     away: float
@@ -60,7 +60,7 @@ class Release:
     def case(self, dx: float) -> js.Case:
         """The box on its springs in still water, at the spacing dx (m)."""
         base = js.load_case("box_moored")
-        # the sections are positions at rest, from which the links are extended by the initial motion
+        # a case takes its sections as positions at rest; the box is displaced, so the links need `rest`
         middle = 0.5 * self.length
         x, z, angle = self.start
         block = base.body.block

@@ -51,7 +51,7 @@ def _flow():
 
 FLOW = _flow()
 PERIOD = float(FLOW.t_events[0][FLOW.t_events[0] > 1.0][0])
-"""Period, s: the time until A equals B again and is rising."""
+"""Period, s: the time until A - B rises through zero again."""
 
 
 def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

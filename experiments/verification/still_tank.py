@@ -1,8 +1,8 @@
 """Undisturbed incompressible water, and the energy of the projection over a whole run.
 
 A tank at rest must keep its level and potential energy from the first step on, in 2-D and 3-D, and in 3-D it
-must still be at rest after ten seconds. In a run with waves the projection must give or take little of the
-paddle's work, including the start of the run.
+must still be at rest after ten seconds. In a run with waves, the energy exchanged by the projection over the
+whole run must be small compared with the paddle's work.
 """
 
 from __future__ import annotations

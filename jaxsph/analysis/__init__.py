@@ -1,4 +1,4 @@
-"""Analysis of recorded series on the host, by functions of numpy arrays that are not traced."""
+"""Analysis of recorded series on the host, by numpy functions that JAX does not trace."""
 
 from jaxsph.analysis.energy import energy_budget, takers
 from jaxsph.analysis.extrema import Extrema, extrema, mae_amplitude, mae_phase, matched_extrema

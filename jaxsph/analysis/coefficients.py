@@ -1,8 +1,9 @@
 """Added mass, damping and excitation from recorded forces: first harmonics in each period, with their spread.
 
-A motion xi, a force F and an elevation eta oscillate as Re(B exp(i omega t)). On a body that moves in still
-water, the water's oscillating force is F = (omega^2 A - i omega B - C) xi (Newman 1977, chapter 6), with the
-added mass A, the damping B and the hydrostatic stiffness C.
+A motion xi, a force F and an elevation eta are complex amplitudes: the motion in time is
+Re(xi exp(i omega t)). On a body that moves in still water, the water's oscillating force is
+F = (omega^2 A - i omega B - C) xi (Newman 1977, chapter 6), with the added mass A, the damping B and the
+hydrostatic stiffness C.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ MOTIONS = ("surge", "heave", "pitch")
 
 
 class Mode(NamedTuple):
-    """A motion of a body, the others being held."""
+    """One motion of one body, while all other motions are held."""
 
     body: str
     """Name of the body."""
@@ -35,11 +36,11 @@ class BodyAtRest(NamedTuple):
     """Position, inertia and hydrostatic stiffness of a body at rest, per metre of width."""
 
     pivot: tuple[float, float]
-    """Point (x, z) about which it pitches, from the reference position in the still water surface, m."""
+    """Point (x, z) of rotation in pitch, from the reference position in the still water surface, m."""
     centre: tuple[float, float]
-    """Centre of mass (x, z), from the same position, m."""
+    """Centre of mass (x, z), from the reference position, m."""
     buoyancy: tuple[float, float]
-    """Centre of buoyancy (x, z), from the same position, m."""
+    """Centre of buoyancy (x, z), from the reference position, m."""
     area: float
     """Displaced volume per metre of width, m2."""
     inertia: NDArray[np.float64]
@@ -75,19 +76,19 @@ class Coefficients:
     A: NDArray[np.float64]
     """Added mass `[W, n, n]`, kg/m, kg or kg m."""
     A_spread: NDArray[np.float64]
-    """Spread of the added mass `[W, n, n]`."""
+    """Spread of the added mass `[W, n, n]`, in the unit of A."""
     B: NDArray[np.float64]
     """Damping `[W, n, n]`, N s/m2, N s/m or N s. It includes losses that a potential flow does not have."""
     B_spread: NDArray[np.float64]
-    """Spread of the damping `[W, n, n]`."""
+    """Spread of the damping `[W, n, n]`, in the unit of B."""
     X: NDArray[np.complex128]
     """Excitation `[W, n]`, N/m or N per metre of wave amplitude: the force is Re(a X exp(i omega t)) in waves
     with the elevation Re(a exp(i omega t)) at the reference position."""
     X_spread: NDArray[np.float64]
-    """Spread of the excitation `[W, n]`: of its complex value about its mean."""
+    """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
-    """Largest share of a force in the runs with a given motion that was subtracted because the radiated waves
-    return from the paddle, `[W, n]` (-); NaN if it is unknown, and then nothing was subtracted."""
+    """Subtracted force of waves that return from the paddle, divided by the radiation force, in the run with
+    each given motion `[W, n]` (-); NaN if it is unknown, and then nothing was subtracted."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""
     x: float
@@ -99,11 +100,11 @@ class Coefficients:
     g: float
     """Acceleration of gravity, m/s2."""
     failures: Mapping[str, str] = field(default_factory=dict)
-    """Error messages of the runs that failed, by the run in words; empty if all succeeded."""
+    """Error messages of the failed runs, by a description of the run; empty if all runs succeeded."""
     name: str = ""
     """Name of the case."""
     linear: LinearCoefficients | None = None
-    """The same by linear theory of inviscid water; None if the theory does not cover the case."""
+    """Coefficients by linear theory of inviscid water; None if the theory does not cover the case."""
 
     @property
     def C(self) -> NDArray[np.float64]:
@@ -145,10 +146,10 @@ def harmonics(t: ArrayLike, y: ArrayLike, T: float, periods: int) -> NDArray[np.
 
 
 def of_means(amplitude: NDArray[np.complex128], omega: float, dt: float) -> NDArray[np.complex128]:
-    """Complex amplitudes of series whose samples are means over the intervals dt (s) before their times.
+    """Complex amplitudes of series whose samples are means over the interval dt (s) before each sample.
 
     Such a mean of exp(i omega t) is sinc(omega dt / 2) exp(-i omega dt / 2) times exp(i omega t).
-    `amplitude`: of the means, in any unit.
+    `amplitude`: complex amplitudes of the means, in any unit.
     """
     half = 0.5 * omega * dt
     return amplitude * np.exp(1j * half) * half / np.sin(half)
@@ -189,8 +190,8 @@ def added_mass_and_damping(
 
 
 def with_spread(values: NDArray) -> tuple[NDArray, NDArray[np.float64]]:
-    """Mean over the last axis (the periods), and standard deviation; of complex values, of their distance
-    from the mean. The deviation is NaN for a single period."""
+    """Mean and standard deviation over the last axis (the periods). For complex values, the deviation is
+    computed from the distances to the mean in the complex plane. It is NaN for a single period."""
     mean = np.mean(values, axis=-1)
     count = values.shape[-1]
     if count < 2:

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
-    """Names of the parts that take energy, except power take-offs, from the series `power_<name>`.
+    """Names of the parts that take energy, from their series `power_<name>`, without power take-offs.
 
     `harvested`: names of the power take-offs' series.
     """
@@ -19,7 +19,7 @@ def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -
 def energy_budget(
     series: dict[str, np.ndarray], harvested: Collection[str] = ("power_pto",)
 ) -> dict[str, float]:
-    """Energies given, stored and taken over a whole record, J (J/m in 2-D), by name.
+    """Energies supplied, stored and removed over a whole record, J (J/m in 2-D), by name.
 
     The keys are `paddle` (work of paddles, driven bodies and body forces), `stored` (change of kinetic,
     potential and compression energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, `<name>`

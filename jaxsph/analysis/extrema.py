@@ -63,9 +63,9 @@ def matched_extrema(
     """Matched extrema (reference, series) of two elevations: times [pairs, 2] (s), values [pairs, 2] (m).
 
     Each reference extremum is paired with the nearest extremum of the same kind within T / 2. A reference
-    extremum without a partner is left out within T / 2 of the ends of the common time. **Raises** ValueError
-    if a partner is missing elsewhere (leaving the extremum out would understate the error), and if no
-    reference extremum has a partner.
+    extremum without a partner is left out if it lies within T / 2 of the start or end of the common time.
+    **Raises** ValueError if a partner is missing elsewhere (leaving the extremum out would understate the
+    error), and if no reference extremum has a partner.
     """
     found = extrema(t, eta, window, prominence)
     reference = extrema(t_ref, eta_ref, 1, prominence)

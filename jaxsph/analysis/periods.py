@@ -42,8 +42,8 @@ def checked(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
 def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
     """Mask of the samples in the last `periods` whole periods, both ends included.
 
-    `t`: times (s); `T`: period (s). **Raises** ValueError if the record is too short. A hundredth of a
-    sampling interval may be missing, because times may be accumulated or rounded to float32.
+    `t`: times (s); `T`: period (s). **Raises** ValueError if the record is too short by more than a
+    hundredth of a sampling interval, the margin for rounding errors of accumulated or float32 times.
     """
     t = np.asarray(t, np.float64)
     if periods < 1 or T <= 0.0:
@@ -110,10 +110,11 @@ def settled_from(values: ArrayLike) -> int:
     """Number of leading periods to leave out of a mean, from the means `values` of all periods, oldest first.
 
     Leading periods are left out until the others show neither a linear trend nor a first period that differs
-    from the rest. Student's t tests both (the slope of a regression, and a single observation against the
-    rest), each at half of `SIGNIFICANT`. Finding the end of a transient from the record itself follows White
-    (1997). Of ten settled periods, White's rule (MSER) leaves out a quarter on average, this rule 1 %.
-    A transient smaller than the scatter of the periods is not detected. At least `LEAST_PERIODS` remain.
+    from the rest. Both are decided by Student's t-test (for the slope of a regression, and for a single
+    observation against the rest), each at half of `SIGNIFICANT`. As in White (1997), the end of the transient
+    is found from the record itself. Of ten settled periods, White's rule (MSER) leaves out a quarter on
+    average, this rule 1 %. A transient smaller than the scatter of the periods is not detected. At least
+    `LEAST_PERIODS` remain.
     """
     values = np.asarray(values, np.float64)
     least = 1e-6 * np.max(np.abs(values), initial=0.0)  # ignore trends due to rounding of the readings

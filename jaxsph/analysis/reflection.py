@@ -44,10 +44,10 @@ def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:
 
 
 def drift_rate(t: ArrayLike, y: ArrayLike, T: float) -> float:
-    """Rate at which the mean of a series that oscillates with the period T (s) changes, per second.
+    """Drift rate of a series that oscillates with the period T (s), in the unit of y per second.
 
-    y ~ mean + rate t + first and second harmonic. A straight line through the series alone would be tilted by
-    the oscillation, and harmonics alone by the drift.
+    y ~ mean + rate t + first and second harmonic. All terms are fitted together, because the oscillation
+    would tilt a line fitted alone, and the drift would distort harmonics fitted alone.
     """
     t, y = checked(t, y)
     basis = np.column_stack([_harmonics(t, T), t - np.mean(t)])
@@ -58,7 +58,7 @@ def _harmonics(t: Series, T: float) -> Series:
     """Columns 1, and cosine and sine of the first and second harmonic at times t (s)."""
     phase = 2.0 * np.pi / T * t
     columns = [np.ones_like(t)]
-    for n in (1, 2):  # over nearly whole periods, a harmonic that is fitted too does not leak into B
+    for n in (1, 2):  # if periods are not exactly whole, a harmonic left out of the fit would leak into B
         columns += [np.cos(n * phase), np.sin(n * phase)]
     return np.stack(columns, axis=-1)
 
@@ -102,7 +102,7 @@ def reflection(
     if not condition < _MAX_CONDITION:
         raise ValueError(
             f"gauges at {x.tolist()} m cannot tell incident from reflected waves (condition {condition:.3g}) "
-            f"at a wavelength of {2.0 * np.pi / k:.4g} m: avoid distances near multiples of half of it"
+            f"at a wavelength of {2.0 * np.pi / k:.4g} m: avoid distances near multiples of half a wavelength"
         )
     incident, reflected = abs(incident), abs(reflected)
     if incident == 0.0:

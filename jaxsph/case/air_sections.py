@@ -147,7 +147,7 @@ class AirSection(Section):
 
 
 class ChamberSection(Section):
-    """A chamber of air over the water between two walls, or in a body's hollow; the case chooses its name."""
+    """A chamber of air over the water between two walls, or in a body's hollow; you choose its name."""
 
     between: tuple[str, str] | None = None
     """The two walls: names of solids, "device" for the device's plate, "far" for the tank's end wall."""
@@ -155,7 +155,7 @@ class ChamberSection(Section):
     """Body in whose hollow the chamber is, instead of `between`; the air moves with the body. The hollow is
     open below and closed by a roof."""
     at: Coordinate | None = None
-    """A position x in the hollow at the still water level, m, if the body has several hollows."""
+    """Position x inside the hollow at the still water level, m; needed if the body has several hollows."""
     pto: PTOSection | None = None
     air: AirSection | None = None
 
@@ -164,17 +164,17 @@ class ChamberSection(Section):
         if (self.between is None) == (self.body is None):
             raise ValueError("give exactly one of between (two walls) and body (with a hollow)")
         if self.at is not None and self.body is None:
-            raise ValueError("at: belongs to body, to choose one of its hollows")
+            raise ValueError("at: chooses a hollow of a body: give it together with body only")
         return self
 
 
 class DuctSection(Section):
-    """A duct between the air of two chambers; the case chooses its name. Give either area or pto."""
+    """A duct between the air of two chambers; you choose its name. Give either area or pto."""
 
     between: tuple[Name, Name]
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
-    """Narrowest area of the duct, m2 per metre of width; behind it the kinetic energy of the air is lost."""
+    """Narrowest area of the duct, m2 per metre of width; the air loses its kinetic energy downstream."""
     discharge: Discharge = 0.6
     """Discharge coefficient of this area (-)."""
     density: Density = 1.2

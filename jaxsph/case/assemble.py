@@ -159,10 +159,10 @@ def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> 
 def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
     """Number of blocks in a sampling interval `sample_dt` (s), and number of steps in a block.
 
-    A neighbour table is valid until a particle has moved half of the `skin` (m), so that the expected `speed`
-    (m/s) limits the length of a block. A block has an even number of steps of at most `dt_most` (s), so that
-    the block can be divided if a table goes stale. The cheapest number of blocks is chosen; the cost includes
-    the searches and the steps added by rounding.
+    A neighbour table is valid until a particle has moved half of the `skin` (m); the expected `speed` (m/s)
+    therefore limits the length of a block. A block has an even number of steps of at most `dt_most` (s), so
+    that the block can be divided if a table goes stale. The cheapest number of blocks is chosen; the cost
+    includes the searches and the steps added by rounding.
     """
     needed = sample_dt / dt_most
     most = max(2.0, 0.5 * skin / (speed * dt_most))

@@ -80,7 +80,7 @@ def _body(
 
 
 FRICTION_SCALE = 0.01
-"""Rate over which Coulomb friction builds up, m/s or rad/s."""
+"""Rate of a link's extension at which Coulomb friction reaches 76 % of its full value, m/s or rad/s."""
 
 
 def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[Link, ...]:
@@ -109,7 +109,7 @@ def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[
 def _ends(
     case: Sections, name: str, section: LinkSection, bodies: Mapping[str, RigidBody], leaf: Any
 ) -> AbstractEnds:
-    """What a link connects."""
+    """Ends of a link: a motion of a body's joint, or two points of bodies or the tank."""
     named = [section.body] if section.between is None else [one for one in section.between if one != TANK]
     for body in named:
         if body not in case.every_body:

@@ -161,7 +161,7 @@ class Case(Sections):
 
 
 def any_name(key: str) -> str:
-    """Dotted key with `NAME` in place of the name that a case chooses: "solid.bed.disc" becomes
+    """Dotted key with `NAME` in place of the name chosen in the case: "solid.bed.disc" becomes
     "solid.NAME.disc"."""
     first, *rest = key.split(".")
     field = Case.model_fields.get(first)
@@ -310,7 +310,7 @@ def _readable(error: ValidationError) -> str:
     for item in found[:5]:
         # pydantic's path contains the kind of a scheme or of waves, which is not a field
         path = [part for i, part in enumerate(item["loc"]) if i != 1 or item["loc"][0] not in KINDS]
-        path = [part for part in path if part != "[key]"]  # marks a name that the case chooses
+        path = [part for part in path if part != "[key]"]  # marks a name chosen in the case
         field = ".".join(str(part) for part in path) or "case"
         value = (
             ""
@@ -343,7 +343,7 @@ def _meaning(place: tuple[str | int, ...]) -> str:
         if part in kinds:  # pydantic's path contains the kind of a scheme or of waves
             section, kinds = kinds[part], {}
             continue
-        if names:  # any name that the case chooses
+        if names:  # a name chosen in the case
             names = False
             continue
         field = getattr(section, "model_fields", {}).get(part)

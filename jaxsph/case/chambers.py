@@ -23,13 +23,13 @@ class Stretch(NamedTuple):
     """Stretch of the still water surface between a chamber's two walls."""
 
     given: str
-    """Key and value that say in a case where the chamber is."""
+    """Key and value that give the place of the chamber in a case."""
     carrier: str
     """Name of the body in whose hollow the chamber is; empty for a chamber between walls at rest."""
     front: np.ndarray
     """Corners `[K, 2]` (x, z) (m) of the front wall's inner face, from below upwards."""
     back: np.ndarray
-    """Corners of the back wall's inner face."""
+    """Corners `[K, 2]` (x, z) (m) of the back wall's inner face, from below upwards."""
     tip: float
     """Level of the lower end of the wall with the smaller draught, m. Air escapes if water falls
     below this level."""
@@ -187,7 +187,7 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
     if name == FAR:
         return None
     for called in (f"solid.{name}", name):
-        if called in tank.shapes and called.startswith(("solid.", "device")):  # no body that moves
+        if called in tank.shapes and called.startswith(("solid.", "device")):  # moving bodies are excluded
             return tank.shapes[called]
     solids = [called.removeprefix("solid.") for called in tank.shapes if called.startswith("solid.")]
     allowed = ", ".join([*solids, *(["device"] if "device" in tank.shapes else []), FAR])

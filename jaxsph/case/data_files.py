@@ -1,7 +1,7 @@
 """Readers of the files that a case or a command names: text files, and columns of numbers in CSV files.
 
-A case may come from a stranger, and may name any file on the machine. Messages therefore state where a data
-file is wrong and what is expected there, but never show the file's content.
+A case may come from an untrusted source, and may name any file on the machine. Messages therefore state
+where a data file is wrong and what is expected there, but never show the file's content.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ EXPECTED = {
 """Hints on what to use instead of a key, by the last part of the key's name in lower case."""
 
 ONLY_IN = {"amplitude": "waves", "height": "waves", "h": "", "duration": "", "angle_of_incidence": "waves"}
-"""For names with a hint in one section only, the section's name, which is empty for the top level."""
+"""Section of each key whose hint applies in one section only; empty for the top level."""
 
 
 def instead(key: str) -> str:

@@ -162,7 +162,7 @@ class Geometry:
             self.width = self.snap("tank.width", tank.width, least=4, slack=0.1)
         over = 0.1 + 0.1 * tank.depth
         if case.waves is not None:
-            # in most waves the depth is larger, and the shapes of arrays do not depend on the wave height
+            # in most waves the depth is the larger value, so array shapes do not depend on the wave height
             over = max(tank.depth, 0.1 + 3.0 * case.waves.highest(tank.depth, case.g))
         if tank.column is not None:
             over = 3.0 * tank.depth  # the jet at the far wall reaches twice the depth if all energy is kept
@@ -264,7 +264,7 @@ class Geometry:
                         f"{key}.sensors[{index}] = {list(point)}: must have {case.dim} coordinates"
                     )
             self.bodies[name] = shape_of(section, key, case.dim, self.dx)
-            inertia_of(section, self.bodies[name], key)  # raises an error for an inertia that no body has
+            inertia_of(section, self.bodies[name], key)  # raises an error if the inertia is impossible
             corners, carried_by = corners_of(section), carriers(sections, name)
             for carrier in carried_by:
                 corners = turned(corners, carrier)
@@ -417,10 +417,11 @@ class Geometry:
             if on_wall or beyond:
                 place[axis] = there
                 self.notices.append(
-                    f"{name}: {point[axis]:g} m is on {wall}, which the lattice moved: it becomes {there:g} m"
-                    if on_wall
-                    else f"{name}: {point[axis]:g} m is behind {wall}, which the lattice moved: "
+                    f"{name}: {point[axis]:g} m is on {wall}, which was moved by rounding to whole spacings: "
                     f"it becomes {there:g} m"
+                    if on_wall
+                    else f"{name}: {point[axis]:g} m is behind {wall}, which was moved by rounding to whole "
+                    f"spacings: it becomes {there:g} m"
                 )
         return tuple(place)
 

@@ -25,33 +25,33 @@ from jaxsph.waves import theory
 SAMPLES = 50
 """Number of samples in a period."""
 STILL = 1e-6
-"""Height of the waves in runs with a given motion, m: none to a particle, but the paddle absorbs the radiated
-waves that meet it."""
+"""Height of the waves in runs with a given motion, m. It is negligible, but a case with waves has a
+paddle, which absorbs the radiated waves that reach it."""
 RAMP = 2.0
 """Number of periods over which the motion or the waves grow."""
 LEAST_LENGTH = 20
-"""Smallest ratio of the wavelength to the spacing: shorter waves decay too fast for the damping to be that of
-radiated waves."""
+"""Smallest ratio of the wavelength to the spacing. Shorter waves decay so fast that the damping is no longer
+that of radiated waves."""
 LEAST_SPONGE = 0.5
 """Smallest length of the sponge, in wavelengths."""
 SHARE = 0.1
-"""Amplitude of a given motion over the draught, or over the height of the wet part of the body."""
+"""Ratio of a given motion's amplitude to the draught, or to the height of the wet part of the body."""
 PLACES = (0.0, 0.13, 0.31, 0.58, 1.0)
-"""Positions of the gauges along their row: uneven, to separate waves of all lengths."""
+"""Positions of the gauges, as fractions of their row's length; uneven, to separate waves of all lengths."""
 LARGEST_CONDITION = 10.0
 """Largest condition number with which the gauges separate the waves, as in `analysis.reflection`."""
 
 
 @dataclass(frozen=True)
 class Forcing:
-    """Sizes and duration of the runs that give coefficients."""
+    """Amplitude, wave height and duration of the runs from which coefficients are found."""
 
     amplitude: float | None = None
-    """Amplitude of a given motion, m; of a pitch, that of the wet point farthest from the pivot. By default a
-    tenth of the draught (or of the height of the wet part), but at least half a spacing."""
+    """Amplitude of a given motion, m; for pitch, the amplitude of the wet point farthest from the pivot. By
+    default a tenth of the draught (or of the height of the wet part), but at least half a spacing."""
     height: float | None = None
-    """Height of the waves on the held bodies, m. By default `waves.H`; without regular waves in the case,
-    twice the default amplitude of a given motion."""
+    """Height of the waves in runs with all bodies held, m. By default `waves.H`; without regular waves in
+    the case, twice the default amplitude of a given motion."""
     cycles: int = 5
     """Number of periods that are averaged."""
 
@@ -70,7 +70,7 @@ def find_modes(
 ) -> tuple[Mode, ...]:
     """Modes of a case: all motions in which bodies are free or are carried, or those asked for.
 
-    `asked`: motions, of all bodies that have free motions, or by the body's name. A body on an inclined
+    `asked`: names of motions, for all bodies with free motions, or by the body's name. A body on an inclined
     slider has both surge and heave. A body joined to another is carried by the other and has the motions of
     both; a body joined to one that pitches has all three. **Raises** CaseError if the case has no such
     motions.
@@ -113,7 +113,7 @@ def _check_case(case: Any) -> None:
         raise CaseError("g = 0: there are no waves without gravity")
     if case.chambers or case.tank.column is not None:
         what = "tank.column" if case.tank.column is not None else f"chamber.{next(iter(case.chambers))}"
-        raise CaseError(f"{what}: coefficients are those of bodies in open, still water: remove it")
+        raise CaseError(f"{what}: coefficients are found for bodies in open, still water only: remove it")
 
 
 def _moves(case: Case, name: str) -> tuple[str, ...]:
@@ -143,9 +143,9 @@ def usual_amplitude(case: Case, geometry: Geometry, body: str) -> float:
 
 
 def forced(case: Case, mode: Mode, T: float, forcing: Forcing) -> Case:
-    """Case in which a body makes one harmonic motion of period T (s) in still water, and all else is held.
+    """Case in which a body makes one harmonic motion of period T (s) in still water; other motions are held.
 
-    The paddle, or the relaxation zone of the case, absorbs the waves that come to it.
+    The paddle, or the relaxation zone of the case, absorbs the waves that reach it.
     """
     geometry = Geometry.of(case)
     size = usual_amplitude(case, geometry, mode.body) if forcing.amplitude is None else forcing.amplitude
@@ -182,8 +182,8 @@ def _held(
 ) -> Case:
     """Case with all bodies held, or moved with `amplitudes` by name, in waves of height H (m), period T (s).
 
-    `cycles` whole periods follow the time `begin` (s). A held body has a motion of no amplitude, so that all
-    runs have the same parts: they share a compiled program, and a batch on an accelerator.
+    `cycles` whole periods follow the time `begin` (s). A held body has a motion of zero amplitude. All runs
+    therefore have the same parts, share a compiled program, and can form one batch on an accelerator.
     """
     data = case.model_dump(exclude_none=True, mode="json")
     for gone in ("link", "start"):
@@ -203,13 +203,13 @@ def _held(
     t1 = T * (math.ceil(begin / T - 1e-9) + cycles)
     data["t1"] = t1
     data["probes"] = {"gauges": gauges(geometry, T, case.g, None if case.waves is None else case.waves.zone)}
-    # a snapshot in every period, as a run that is killed continues from its last snapshot
+    # a snapshot in every period, because a run that was killed continues from its last snapshot
     data["output"] = {"sample_dt": T / SAMPLES, "snapshot_dt": T, "periods": cycles}
     return Case.from_dict(data)
 
 
 def check_period(case: Case, T: float) -> None:
-    """**Raises** CaseError if the tank does not resolve waves of the period T (s)."""
+    """**Raises** CaseError if the tank cannot resolve, absorb or measure waves of the period T (s)."""
     geometry = Geometry.of(case)
     length = 2.0 * math.pi / wavenumber(T, geometry.depth, case.g)
     asked = f"period = {T:g} s: the wavelength of {length:.3g} m"
@@ -220,30 +220,32 @@ def check_period(case: Case, T: float) -> None:
         )
     if case.sponge is not None and case.sponge.length < LEAST_SPONGE * length:
         raise CaseError(
-            f"{asked} is more than twice sponge.length = {case.sponge.length:g} m, and much of it would come "
-            f"back: use a shorter period, or a sponge of at least {LEAST_SPONGE * length:.3g} m"
+            f"{asked} is more than twice sponge.length = {case.sponge.length:g} m, and much of the waves "
+            f"would return: use a shorter period, or a sponge of at least {LEAST_SPONGE * length:.3g} m"
         )
     row = gauges(geometry, T, case.g, None if case.waves is None else case.waves.zone)
     if worst_separation(row, 2.0 * math.pi / length) > LARGEST_CONDITION:
         raise CaseError(
             f"{asked} is too long for the {_front(geometry):.3g} m between the paddle and the first solid: "
-            "gauges there cannot separate the waves that the bodies send back; place the bodies farther from "
-            "the paddle, or use a shorter period"
+            "gauges there cannot separate incident waves from those that the bodies reflect or radiate; "
+            "place the bodies farther from the paddle, or use a shorter period"
         )
 
 
 def gauges(geometry: Geometry, T: float, g: float, zone: float | None) -> list[float]:
-    """Positions of five gauges in front of the solids, m: a depth or more from these and from the paddle, or
-    beyond the relaxation `zone` (m), over 0.45 wavelengths of the period T (s) if there is room.
+    """Positions of five gauges in front of the solids, m, over 0.45 wavelengths of the period T (s) if there
+    is room.
 
-    Closer there are evanescent waves. **Raises** CaseError if there is no room.
+    The gauges are a depth or more from the solids, and a depth or more from the paddle or beyond the
+    relaxation `zone` (m), because there are evanescent waves closer to these. **Raises** CaseError if
+    there is no room.
     """
     first, last = zone or geometry.depth, _front(geometry) - geometry.depth
     if last - first < 8.0 * geometry.dx:
         raise CaseError(
-            f"tank: the first solid is {_front(geometry):.3g} m from the paddle, and gauges need a depth of "
-            f"{geometry.depth:g} m on either side and eight spacings between; move the bodies away from the "
-            f"paddle by {8.0 * geometry.dx - (last - first):.3g} m or more"
+            f"tank: the first solid is {_front(geometry):.3g} m from the paddle, and gauges need a distance "
+            f"of one depth, {geometry.depth:g} m, from both and eight spacings between; move the bodies "
+            f"away from the paddle by {8.0 * geometry.dx - (last - first):.3g} m or more"
         )
     span = min(last - first, 0.45 * 2.0 * math.pi / wavenumber(T, geometry.depth, g))
     return [round(last - span * (1.0 - place), 9) for place in PLACES]

@@ -16,7 +16,7 @@ from jaxsph.case.shapes import inertia_of
 
 
 def at_rest(case: Sections, geometry: Geometry, name: str, x: float) -> BodyAtRest:
-    """Body `name` of a case at rest; positions are from the point at x (m) in the still water surface."""
+    """Body `name` of a case at rest; positions are relative to the point x (m) in the still water surface."""
     section, shape = case.every_body[name], geometry.bodies[name]
     inertia, origin = inertia_of(section, shape, case.body_key(name)), np.array([x, geometry.depth])
     under = submerged(shape.region(), geometry.depth)
@@ -36,7 +36,7 @@ def at_rest(case: Sections, geometry: Geometry, name: str, x: float) -> BodyAtRe
 
 
 def water_stiffness(case: Sections, geometry: Geometry, modes: Sequence[Mode]) -> NDArray[np.float64]:
-    """Hydrostatic stiffness `[n, n]` of the modes by buoyancy alone, not by weight, N/m2, N/m or N."""
+    """Hydrostatic stiffness `[n, n]` of the modes from buoyancy alone, without weight, N/m2, N/m or N."""
     found = np.zeros((len(modes),) * 2)
     for i, one in enumerate(modes):
         shape = geometry.bodies[one.body]

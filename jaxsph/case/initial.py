@@ -31,7 +31,7 @@ deep at dx = 0.04 m, with the kernels' default smoothing lengths (`python -m exp
 def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> np.ndarray:
     """Positions `[N, D]` (m) of a lattice below `level` (m), moved to where incompressible water is at rest.
 
-    The surface truncates the kernel, so that the rows of particles near the surface are at rest up to two
+    The surface truncates the kernel. The rows of particles near the surface are therefore at rest up to two
     hundredths of a spacing off the lattice. Rows that start on the lattice rise or sink, and the projection
     does work. This happens with kernels that are not in `SURFACE_ROWS`.
     """

@@ -195,7 +195,7 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
     if start.amplitude > min(highest, geometry.depth):
         raise CaseError(
             f"start.amplitude = {start.amplitude:g} m: a standing wave of {2 * half:.3g} m on a depth of "
-            f"{geometry.depth:g} m breaks; at most {min(highest, geometry.depth):.3g} m"
+            f"{geometry.depth:g} m breaks; use at most {min(highest, geometry.depth):.3g} m"
         )
 
 
@@ -264,8 +264,8 @@ def asked(waves: AbstractWavesSection) -> str:
 
 
 def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSection) -> None:
-    """**Raises** CaseError if the air pressure would blow out under a wall or lift the water above the
-    chamber, if the water could fill the volume of air, or if waves could go over the walls."""
+    """**Raises** CaseError if the air would escape under a wall, if suction would lift the water above the
+    walls, if the water could fill the volume of air, or if waves could go over the walls."""
     of_device = case.is_device_chamber(name)
     key, stretch = "" if of_device else f"chamber.{name}.", geometry.stretches[name]
     rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
@@ -296,7 +296,7 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
         raise CaseError(f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure")
-    # the water that leaves one side rises on the other; each change is inverse to the side's length
+    # the water that leaves one side raises the other; each change of level is inverse to the side's length
     front = geometry.front if of_device else geometry.length - stretch.length
     share = front / (front + stretch.length)
     fall = share * section.pto.P_a / (case.fluid.rho0 * case.g)
@@ -384,7 +384,7 @@ def _check_zones(case: Sections, geometry: Geometry) -> None:
             if first < high - 1e-9 and last > low + 1e-9:
                 raise CaseError(
                     f"{key} = {length:g} m: the zone from {first:.4g} to {last:.4g} m covers {what}, from "
-                    f"{low:.4g} to {high:.4g} m, and would absorb its energy: shorten it, or remove it"
+                    f"{low:.4g} to {high:.4g} m, and would absorb its energy: shorten or remove the zone"
                 )
 
 
@@ -426,6 +426,6 @@ def _check_steps(case: Sections) -> None:
     if not case.t1 / dt <= MOST_STEPS:
         why = shortest_limit(case) if stable <= dt else f"output.sample_dt = {sample:g} s: change it"
         raise CaseError(
-            f"t1 = {case.t1:g} s takes {case.t1 / dt:.3g} time steps of {dt:.3g} s, at most {MOST_STEPS:.0e} "
-            f"are allowed. The step is limited by {why}"
+            f"t1 = {case.t1:g} s takes {case.t1 / dt:.3g} time steps of {dt:.3g} s, but at most "
+            f"{MOST_STEPS:.0e} are allowed. The step is limited by {why}"
         )

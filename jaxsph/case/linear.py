@@ -83,7 +83,7 @@ def linear_sea(case: Sections) -> LinearSea:
 
 
 def _linear_air(case: Sections) -> LinearAir:
-    """Resistance of a case's turbine (0 unless the turbine is linear), and compliance of the air."""
+    """Resistance of a case's turbine (Pa s/m2; 0 unless linear), and compliance of the air (m2/Pa)."""
     (chamber,) = case.chambers.values()
     give = 0.0 if chamber.air is None else chamber.air.give
     return LinearAir(_turbine(case).resistance or 0.0, give)
@@ -156,7 +156,7 @@ def why_no_theory(case: Sections) -> str:
 
 
 def _missing(case: Sections, seas: bool = False) -> str | None:
-    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None otherwise."""
+    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None if it does."""
     if len(case.chambers) > 1:
         return "there are several chambers"
     for name, chamber in case.chambers.items():

@@ -1,6 +1,6 @@
 """Linear theory of a case with floating or jointed bodies in regular waves: motions, pressures and power.
 
-Water, bodies, links and chambers come from the case's sections, without any particle. The equilibrium in
+Water, bodies, links and chambers are set up from the case's sections, without particles. The equilibrium in
 still water is found first. Small motions about it follow from `waves.panels` and `waves.linear_bodies`.
 """
 
@@ -32,9 +32,9 @@ from jaxsph.waves.panels import Chamber, Hull, Section, hydrodynamics
 __all__ = ["LinearMotions", "has_free_bodies", "linear_motions", "why_no_motions"]
 
 STEEP = np.deg2rad(60.0)
-"""Inclination of a fixed solid's face at the still water surface below which waves break on it, rad."""
+"""Smallest inclination of a solid's face at the still water surface, rad; waves break on flatter faces."""
 BENT = 0.2
-"""Share of its linear change by which a link's elastic force may differ from it over the motion."""
+"""Largest deviation of a link's elastic force from linearity, relative to its linear change (-)."""
 AIR = ("P_a", "flow", "chamber_level")
 """Names of the oscillations of a chamber: air pressure (Pa), flow (m2/s), and level (m) in its frame."""
 CLOSED = 1e12
@@ -60,7 +60,7 @@ class LinearMotions:
     relative: dict[str, NDArray[Any]]
     """Coordinates of every moving body's joint, by the body's name, m or rad."""
     extensions: dict[str, complex]
-    """Extensions of the links along one extension, by the link's name, m or rad."""
+    """Extensions of the links that have one extension, by the link's name, m or rad."""
     forces: dict[str, complex]
     """Forces of the same links, N/m or N."""
     powers: dict[str, float]
@@ -103,7 +103,7 @@ class LinearMotions:
 
 
 def has_free_bodies(case: Sections) -> bool:
-    """Whether a case has waves, and a body that follows the forces in some motion."""
+    """Whether a case has waves, and a body with at least one free motion."""
     return case.waves is not None and any(one.free for one in case.every_body.values())
 
 
@@ -191,7 +191,7 @@ class _Response:
         self.case, self.resting = case, resting
 
     def found(self) -> LinearMotions:
-        """Linear response to the case's waves. **Raises** ValueError if linear theory does not cover it."""
+        """Response to the case's waves. **Raises** ValueError if linear theory does not cover the case."""
         case, free, waves = self.case, self.resting.free, given_waves(self.case)
         ways = np.asarray(self.resting.posture.ways)[:, :, free]
         hulls, carriers = self._hulls()
@@ -235,7 +235,7 @@ class _Response:
         return Section(self.resting.geometry.depth, tuple(hulls), end, tuple(chambers))
 
     def _dampings(self) -> tuple[dict[str, Damping], Real]:
-        """Forces by the rate of the links along one extension, by name, and the damping of the others."""
+        """Rate-dependent forces of links with one extension, by name, and damping matrix of the others."""
         found, total, t = {}, np.zeros((int(self.resting.free.sum()),) * 2), jnp.zeros(())
         for link in self.resting.mechanism.links:
             way = np.asarray(self.resting.posture.slopes[link.name])[..., self.resting.free]
@@ -248,7 +248,10 @@ class _Response:
         return found, total
 
     def _force(self, link: Link, s: complex, damping: float) -> complex:
-        """Force of a link whose extension oscillates by s. **Raises** ValueError if it is not linear."""
+        """Complex amplitude (N/m or N) of a link's force for the amplitude s (m or rad) of its extension.
+
+        `damping`: damping of the linearised link. **Raises** ValueError if the elastic force is not linear.
+        """
         own, rest = self.resting.parts[link.name].own, self.resting.posture.extensions[link.name]
         at = rest + abs(s) * jnp.array([-1.0, 0.0, 1.0])
         slope = jax.grad(link.law.stored, argnums=1)
@@ -315,14 +318,14 @@ class _Response:
 
 
 class _Rate(NamedTuple):
-    """Force of a link as a function of its rate, at rest."""
+    """Force of a link at its equilibrium extension, as a function of the extension's rate."""
 
     link: Link
     own: Any
     s: jax.Array
 
     def __call__(self, v: Real) -> Real:
-        """Force (N or N m) at rates v `[K]`."""
+        """Force (N or N m) at rates v `[K]` (m/s or rad/s)."""
         with jax.enable_x64(True):
             each = jax.vmap(lambda one: self.link.law.force(self.own, self.s, one, jnp.zeros(())))
             return np.asarray(each(jnp.asarray(v)))

@@ -14,7 +14,7 @@ from jaxsph.case.shapes import inertia_of
 from jaxsph.waves.panels import Hull, Section, hydrodynamics
 
 FINE = 2e-3
-"""Largest distance of a hull's corners from a curved outline, over the height of the outline."""
+"""Largest distance of a curved outline from its hull's straight sides, divided by the outline's height."""
 
 
 def linear_coefficients(

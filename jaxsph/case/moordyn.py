@@ -1,8 +1,8 @@
 """Reader of mooring lines from input files of MoorDyn, version 2 (Hall and Goupee 2015).
 
 Line types, points, lines, and the options of the bed are read. Lines must be in the x-z plane, between a
-fixed point and a point that moves with the body. What the moorings here do not have is refused. Messages
-never show what is in the file, because a case may name any file.
+fixed point and a point that moves with the body. Features that are not available here are refused. Messages
+never show the content of the file, because a case may name any file.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SUFFIXES = (".txt", ".dat")
 """Endings of the names of MoorDyn's files."""
 FIXED = ("fixed", "fix", "anchor")
 MOVING = ("coupled", "vessel", "coupledpinned")
-"""Types of points on the bed or in the tank, and on the body."""
+"""Types of points that are fixed in the tank, and of points that move with the body."""
 TABLES = {"LINE TYPES": "types", "POINTS": "points", "LINES": "lines", "OPTIONS": "options"}
 """Tables that are read, by the words in their headings."""
 OLD = {"LINE DICTIONARY": "LINE TYPES", "CONNECTION": "POINTS", "NODE PROPERTIES": "POINTS"}
@@ -27,7 +27,7 @@ OLD = {"LINE DICTIONARY": "LINE TYPES", "CONNECTION": "POINTS", "NODE PROPERTIES
 REFUSED = {"BOD": "bodies", "ROD": "rods", "FAIL": "failures", "CONTROL": "control", "EXTERNAL": "loads"}
 """Words in the headings of tables that must be empty, and what is in them."""
 ON_PLANE = 1e-6
-"""Largest distance of a point from the x-z plane, and from the bed of a point on it, m."""
+"""Largest distance at which a point counts as in the x-z plane or on the bed, m."""
 
 
 def read_moordyn(
@@ -36,9 +36,9 @@ def read_moordyn(
     """Sections of all lines of a MoorDyn file, by the names line1, line2 and so on.
 
     **Arguments**: `body` with all fairleads; `at`: position (m) in the tank of the file's origin, by default
-    x = 0 at the height of the file's depth of water; `kind` of all moorings; `lines`: number of each line, in
-    two dimensions per metre of width. **Raises** CaseError if the file cannot be read, or has what moorings
-    here have not.
+    x = 0, and z the water depth in the file; `kind` of all moorings; `lines`: number of equal lines for each
+    line in the file, in two dimensions per metre of width. **Raises** CaseError if the file cannot be read,
+    or has features that are not available.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise CaseError(f"{path}: must be a MoorDyn file whose name ends in {' or '.join(SUFFIXES)}")
@@ -47,7 +47,7 @@ def read_moordyn(
     options = file.options()
     if at is None:
         if "wtrdpth" not in options:
-            raise CaseError(f"{path}: OPTIONS has no WtrDpth: give mooring.at, the origin of the file")
+            raise CaseError(f"{path}: OPTIONS has no WtrDpth: give mooring.at, the file's origin")
         at = [0.0, options["wtrdpth"]]
     if not (isinstance(at, list) and len(at) == 2 and all(isinstance(one, int | float) for one in at)):
         raise ValueError(f"at = {at!r}: must be a position [x, z], m")
@@ -181,7 +181,7 @@ class _File:
 
 
 def _ratio(line: dict[str, Any]) -> float:
-    """Damping of a segment over its length times the root of stiffness and mass per length."""
+    """Damping of a segment, divided by its length times the root of stiffness times mass per length (-)."""
     if line["damping"] <= 0.0:
         return -line["damping"]
     size = line["length"] / max(line["segments"], 1)

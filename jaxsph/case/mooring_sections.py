@@ -25,7 +25,7 @@ class MooringSection(Section):
     at: tuple[Coordinate, Coordinate]
     """Position (x, z) of the fairlead with the body at rest, m."""
     anchor: tuple[Coordinate, Coordinate]
-    """Position (x, z) of the anchor, m. On the bed, z = 0, a part of the line may lie there."""
+    """Position (x, z) of the anchor, m; with z = 0, a part of the line may lie on the bed."""
     length: Length
     """Length of the line without tension, m."""
     axial_stiffness: float = Field(ge=1e-3, le=1e13)
@@ -41,16 +41,16 @@ class MooringSection(Section):
     segments: int = Field(20, ge=2, le=400)
     """Number of segments of a line of lumped masses."""
     damping: float = Field(0.5, ge=0, le=10)
-    """Internal damping of a segment, over its length times the square root of axial stiffness and mass per
-    length (-)."""
+    """Internal damping of a segment, divided by its length times the square root of axial stiffness times
+    mass per length (-)."""
     drag: tuple[Shape, Shape] | None = None
     """Drag coefficients across and along the line (-)."""
     added_mass: tuple[Shape, Shape] = (1.0, 0.0)
     """Added mass coefficients across and along the line (-)."""
     bed_stiffness: Bedding = 3.0e6
-    """Pressure of the bed on the line per depth below its surface, Pa/m."""
+    """Pressure of the bed on the line, divided by the line's depth below the bed's surface, Pa/m."""
     bed_damping: Bedding = 3.0e5
-    """Pressure of the bed on the line per vertical speed, Pa s/m."""
+    """Pressure of the bed on the line, divided by the line's vertical speed, Pa s/m."""
 
     @model_validator(mode="after")
     def _whole_mooring(self) -> MooringSection:

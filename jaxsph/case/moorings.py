@@ -22,9 +22,10 @@ from jaxsph.parts.moorings import FromAnchor, Mooring, QuasiStatic
 MOST_STRETCH = 0.1
 """Largest strain of a mooring at rest."""
 MOST_SUBSTEPS = 500
-"""Largest number of steps of a line in a step of the water; such a line takes longer than the water."""
+"""Largest number of steps of a line in a step of the water. A line with so many steps takes more computing
+time than the water."""
 ON_BED = 1e-6
-"""Largest height of an anchor on the bed, m."""
+"""Largest height at which an anchor counts as on the bed, m."""
 
 
 def make_moorings(case: Sections, leaf: Any) -> tuple[Mooring, ...]:
@@ -70,7 +71,7 @@ def _line(case: Sections, section: MooringSection, leaf: Any) -> LumpedLine:
 
 
 def check_moorings(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for a mooring that does not fit into the tank, or is too stiff for its steps."""
+    """**Raises** CaseError for a mooring that does not fit into the tank, or needs too many time steps."""
     for name, section in case.mooring.items():
         _check_ends(case, geometry, name, section)
         weight = section.weight_in_water(case.fluid.rho0, case.g)
@@ -92,8 +93,8 @@ def check_moorings(case: Sections, geometry: Geometry) -> None:
 
 
 def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringSection) -> None:
-    """**Raises** CaseError for a mooring to no body, too short, or with an end outside the tank or in a
-    solid."""
+    """**Raises** CaseError if a mooring's body does not exist, if the line is too short, if an end is outside
+    the tank, or if the anchor is inside a solid."""
     if section.body not in case.every_body:
         there = ", ".join(case.every_body) or "none"
         raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; there are {there}")
@@ -143,7 +144,7 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
 
 
 def _depth_in(shape: Any, points: Any) -> float:
-    """Depth (m) of the deepest of some points (x, z) in a shape, across its middle in 3-D; 0 outside."""
+    """Largest depth (m) of points (x, z) inside a shape, in its middle plane in 3-D; 0 if all are outside."""
     low, high = shape.bounds()
     places = np.asarray(points, float)
     if len(low) == 3:

@@ -1,4 +1,4 @@
-"""Names that a case chooses for its parts."""
+"""Checks of the names that a case gives to its parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def check_names(case: Sections) -> None:
         raise CaseError(f"bodies.{ONLY_BODY}: is the same body as [{ONLY_BODY}]: give one of the two")
     usual = (f"chamber.{DEVICE_CHAMBER}", "" if case.body is not None else f"bodies.{ONLY_BODY}")
     for key, name in named:
-        # a solid at rest has no place in the snapshots
+        # a solid at rest is not stored in the snapshots
         taken = TAKEN if key.startswith("solid.") else TAKEN + RESERVED
         if name in taken and key not in usual:
             raise CaseError(f"{key}: the names {', '.join(taken)} are reserved: give it another name")

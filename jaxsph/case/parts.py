@@ -66,7 +66,7 @@ def make_paddle(
         return Paddle(motion=WaveMotion(waves), rows=walls.paddle)
     distance, width = PADDLE_GAUGE * case.dx, 3.0 * case.dx
     # The drift correction is slow compared with the waves and fast compared with the drift. At a rate of
-    # 0.01 omega the paddle crept back 0.04 m in ten periods, because the gauge's mean is wrong by half a
+    # 0.01 omega the paddle drifted back 0.04 m in ten periods, because the gauge's mean is wrong by half a
     # millimetre.
     rate = 0.04 * float(waves.omega)
     absorption = ActiveAbsorption.at_gauge(waves, distance, drift_rate=rate)

@@ -1,8 +1,8 @@
 """Bodies of a case at rest: their equilibrium in still water, and their inertia and stiffness about it.
 
 The equilibrium minimises the potential energy of weight, links and displaced water. Small motions about it
-have the stiffness that is the energy's second derivative by the coordinates of the joints. Host code in
-double precision: use it with `jax.enable_x64(True)`.
+have the stiffness that is the energy's second derivative with respect to the coordinates of the joints. This
+is host code in double precision: use it with `jax.enable_x64(True)`.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class _Floating(NamedTuple):
     """Buoyancy of a body near a pose."""
 
     pose: Real
-    """The pose: displacements (m) of the pivot and pitch (rad)."""
+    """Displacements (m) of the pivot, and pitch (rad), in the pose."""
     slope: Real
-    """Derivatives of the displaced water's potential energy by the pose, N/m, N/m, N."""
+    """Derivatives of the displaced water's potential energy with respect to the pose, N/m, N/m, N."""
     stiffness: Real
-    """Second derivatives `[3, 3]`."""
+    """Second derivatives `[3, 3]` of this energy, N/m2, N/m or N."""
 
 
 class Posture(NamedTuple):
@@ -51,13 +51,13 @@ class Posture(NamedTuple):
     poses: Any
     """Displacements of the pivots (m, m) and pitch (rad) of all bodies `[B, 3]`."""
     ways: Any
-    """Derivatives of the poses by the coordinates of all joints `[B, 3, n]`."""
+    """Derivatives of the poses with respect to the coordinates of all joints `[B, 3, n]`."""
     mass: Any
     """Mass matrix of these coordinates `[n, n]`."""
     extensions: Any
     """Extensions of all links, by name, m or rad."""
     slopes: Any
-    """Derivatives of the extensions by the coordinates, by name."""
+    """Derivatives of the extensions with respect to the coordinates, by name."""
 
 
 class Resting:
@@ -128,7 +128,7 @@ class Resting:
         return total
 
     def _derivatives(self, q: jax.Array, water: Mapping[str, _Floating]) -> tuple[jax.Array, jax.Array]:
-        """First and second derivatives of the potential energy by the coordinates q; traced."""
+        """First and second derivatives of the potential energy with respect to the coordinates q; traced."""
         return jax.grad(self._energy)(q, water), jax.hessian(self._energy)(q, water)
 
     def _buoyancy(self, poses: Real) -> dict[str, _Floating]:
@@ -145,7 +145,7 @@ class Resting:
         return found
 
     def region(self, body: AbstractBody, pose: Real) -> Any:
-        """Area of a moving body in a pose, as a geometry of shapely (m)."""
+        """Cross-section of a moving body in a pose, as a shapely geometry (m)."""
         (x, z), c, s = np.asarray(body.pivot), np.cos(pose[2]), np.sin(pose[2])
         shift = pose[0] + x - c * x - s * z, pose[1] + z - c * z + s * x
         region = self.geometry.bodies[body.name].region()

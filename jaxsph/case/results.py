@@ -129,7 +129,7 @@ def _coast(case: Sections) -> tuple[Result, ...]:
 
 
 def _overtopping(name: str, record: Record) -> Scalars:
-    """Mean flow over the crest of a solid, from the increase of the water behind it over the window."""
+    """Mean flow over the crest of a solid, m2/s, from the increase of the water behind it over the window."""
     window = record.window
     if not window.periods:
         return {}
@@ -138,7 +138,7 @@ def _overtopping(name: str, record: Record) -> Scalars:
 
 
 def _run_up(name: str, record: Record) -> Scalars:
-    """Highest level on the face of a solid in each period, averaged over the window's periods."""
+    """Highest level on the face of a solid in each period, m, averaged over the window's periods."""
     window = record.window
     if not window.periods:
         return {}
@@ -169,7 +169,7 @@ def _share(case: Sections, share: float) -> dict[str, float]:
 
 
 def _power(case: Sections, record: Record) -> dict[str, float]:
-    """Incident power, and the fraction that the device absorbs, both averaged over the window."""
+    """Incident power (W/m), and the fraction that the device absorbs, both averaged over the window."""
     window, waves = record.window, given_waves(case)
     if not window.periods:
         return {}
@@ -231,7 +231,7 @@ def incident_over(case: Sections, t_end: float, periods: int) -> float:
 
 
 def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
-    """Energy of a focused group, and the fraction that the device has absorbed by the end of the run.
+    """Energy of a focused group (J/m), and the fraction that the device absorbs by the end of the run.
 
     A group has no mean power, because device and waves would need different averaging times.
     """
@@ -244,7 +244,7 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
     t, x = record.t, _device_x(case)
     come = incident_energy(case, x, travel_time(case, x), float(t[-1])) / whole if t[-1] > 0.0 else 0.0
     if come < WHOLE:
-        raise ValueError(f"only {come:.0%} of the group's energy has come to x = {x:.3g} m: raise t1")
+        raise ValueError(f"only {come:.0%} of the group's energy has reached x = {x:.3g} m: raise t1")
     return results | _share(case, float(np.sum(power[1:] * np.diff(t))) / whole)
 
 

@@ -35,9 +35,9 @@ def _plain_name(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_plain_name)]
-"""Name that a case chooses for a part: lower-case letters, digits and underscores."""
+"""Name chosen in a case for a part: lower-case letters, digits and underscores."""
 NAME = "NAME"
-"""Placeholder in lists of keys for a name that a case chooses, as in `solid.NAME.polygon`."""
+"""Placeholder in lists of keys for a name chosen in a case, as in `solid.NAME.polygon`."""
 MOST_POINTS = 10_000
 """Largest number of points in one list of probes."""
 
@@ -51,7 +51,7 @@ class Section(BaseModel):
 
 
 def by_name(annotation: Any) -> bool:
-    """Whether a field holds sections under names that the case chooses, as in `[solid.bed]`."""
+    """Whether a field holds sections under names chosen in the case, as in `[solid.bed]`."""
     return typing.get_origin(annotation) is dict
 
 

@@ -53,13 +53,14 @@ class WeaklyCompressible(Section):
     """Smoothing kernel: the truncated Gaussian, Wendland's C2, the exponential of a semicircle, or the
     polynomial with the least false stress in a strained lattice."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
-    """Smoothing length over dx, except for Wendland's kernel, whose smoothing length is 1.5 times as long."""
+    """Smoothing length divided by dx (-), except for Wendland's kernel, for which it is 1.5 times as long."""
     cut: float = Field(3.5, ge=2.5, le=4)
-    """Radius at which the Gaussian is truncated, over its smoothing length; 3 in Zhu et al. 2020."""
+    """Ratio of the Gaussian's radius of truncation to its smoothing length (-); 3 in Zhu et al. 2020."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
-    """Rate at which hyperviscosity damps the noise of the velocity, over sqrt(g/h); 0 turns it off."""
+    """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-); 0 turns it off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
-    """Rate at which particles closer than 0.6 dx are moved apart, over sqrt(g/h); 0 turns it off."""
+    """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-); 0
+    turns it off."""
     delta: float = Field(0.1, ge=0, le=1)
     """Coefficient delta of the density diffusion (Eq. 8)."""
     alpha: float | None = Field(None, ge=0, le=1)
@@ -68,7 +69,8 @@ class WeaklyCompressible(Section):
     """Time integrator: symplectic Euler, with one evaluation of the rates per step, or predictor-corrector,
     with two."""
     cfl: float | None = Field(None, ge=1e-6, le=1.5)
-    """Courant number, the time step over h/c0; by default 0.5 (symplectic) or 0.25 (predictor_corrector)."""
+    """Courant number: the time step divided by h/c0; by default 0.5 (symplectic) or 0.25
+    (predictor_corrector)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 1000, 3: 2200}
     """Memory per particle of water or wall, bytes, by number of dimensions, from the growth of a run's peak
@@ -98,24 +100,25 @@ class Incompressible(Section):
     dimensions), the exponential of a semicircle (default in three), the truncated Gaussian, or Wendland's
     C2."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
-    """Smoothing length of the kernel over dx. By default, polynomial and semicircle have a support radius of
-    3.05 dx in two dimensions, and of 3.025 and 3 dx in three; the Gaussian has h = 1.2 dx (support 3.5 h),
-    and Wendland's kernel h = 2 dx in two dimensions and 1.5 dx in three (support 2 h)."""
+    """Smoothing length of the kernel divided by dx (-). By default, polynomial and semicircle have a support
+    radius of 3.05 dx in two dimensions, and of 3.025 and 3 dx in three; the Gaussian has h = 1.2 dx (support
+    3.5 h), and Wendland's kernel h = 2 dx in two dimensions and 1.5 dx in three (support 2 h)."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
-    """Rate at which hyperviscosity damps the noise of the velocity, over sqrt(g/h); 0 turns it off."""
+    """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-); 0 turns it off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
-    """Rate at which particles closer than 0.6 dx are moved apart, over sqrt(g/h); 0 turns it off."""
+    """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-); 0
+    turns it off."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
-    """Courant number, the time step over 1.2 dx / (largest expected speed), or 1.5 dx in three dimensions."""
+    """Courant number: time step times largest expected speed, over 1.2 dx (1.5 dx in three dimensions)."""
     speed: Speed | None = None
     """Largest expected speed of the water, m/s; by default estimated from the waves, the depth and the
     body."""
     solver: Literal["bicgstab", "explicit"] = "bicgstab"
     """Solver of the pressure Poisson equation: iterative (BiCGStab) or explicit."""
     tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
-    """Largest residual of the Poisson equation over its right-hand side (-)."""
+    """Largest residual of the Poisson equation, relative to its right-hand side (-)."""
     relaxation: float = Field(RELAXATION, ge=0, le=4)
-    """Rate at which crowded particles are spread again, over sqrt(g/h)."""
+    """Rate at which crowded particles are spread out, divided by sqrt(g/h) (-)."""
     shifting: float | None = Field(None, ge=1e-6, le=20)
     """Strength of the particle shifting (-); by default particles are not shifted."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
@@ -254,7 +257,7 @@ ONLY_BODY = "body"
 TANK = "tank"
 """Name of the tank in `link.NAME.between`."""
 BODY_KEYS = (ONLY_BODY, f"bodies.{NAME}")
-"""Sections of rigid bodies, with `NAME` for the name that a case chooses."""
+"""Sections of rigid bodies, with `NAME` for the name chosen in a case."""
 DEVICE_CHAMBER = "chamber"
 """Name of the device's chamber."""
 KINDS: dict[str, dict[str, type[Section]]] = {"scheme": SCHEMES, "waves": WAVES}
@@ -334,7 +337,7 @@ class Sections(Section):
 
     @property
     def pto_names(self) -> dict[str, str]:
-        """Names of the links that the bodies' power take-offs are, by the body's name."""
+        """Names of the links that represent the bodies' power take-offs, by the body's name."""
         with_pto = (name for name, one in self.every_body.items() if one.pto is not None)
         return {name: "pto" if name == ONLY_BODY else f"pto_{name}" for name in with_pto}
 

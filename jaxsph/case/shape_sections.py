@@ -1,4 +1,4 @@
-"""Sections of solids: shapes, the body that the water moves, and fixed solids."""
+"""Sections of shapes, rigid bodies with their links and given motions, and fixed solids."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ class LinkSection(Section):
     body: Name | None = None
     """Body along whose joint the link acts; give it together with `motion`."""
     motion: Literal["surge", "heave", "pitch"] | None = None
-    """Motion of the body, relative to what it is joined to, along which the link acts. With "pitch" forces
-    are moments (N m), lengths angles (rad), and speeds rad/s."""
+    """Motion of the body, relative to what it is joined to, along which the link acts. With "pitch", forces
+    are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
     between: tuple[Name, Name] | None = None
     """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
     at: tuple[tuple[Coordinate, Coordinate], tuple[Coordinate, Coordinate]] | None = None
@@ -101,7 +101,7 @@ class LinkSection(Section):
     latch: Duration | None = None
     """Time for which a latch holds the link whenever its motion reverses, s; needs `latch_damping`."""
     latch_damping: Coefficient = 0.0
-    """Linear damping by which the latch holds, N s/m; much larger than the mass divided by the time step."""
+    """Linear damping by which the latch holds, N s/m; choose it much larger than mass over time step."""
     take_off: bool = False
     """Whether the link is a power take-off, whose power counts as power of the device."""
 
@@ -171,8 +171,8 @@ class PlateSection(Section):
 
 
 class SolidSection(ShapeSection):
-    """A fixed solid, for example a sloping bed, a breakwater, a step, a caisson or a screen; the case chooses
-    its name. Give one of block, polygon, disc and plate."""
+    """A fixed solid, for example a sloping bed, a breakwater, a step, a caisson or a screen; you choose its
+    name. Give one of block, polygon, disc and plate."""
 
     shapes: ClassVar[tuple[str, ...]] = (*ShapeSection.shapes, "plate")
 
@@ -225,7 +225,7 @@ class MotionSection(Section):
         return np.stack([one or still for one in (self.surge, self.heave, self.pitch)], axis=1)
 
     def top_speed(self, arm: float) -> float:
-        """Largest speed of a point of the body at the distance `arm` (m) from its pivot, m/s, roughly."""
+        """Largest speed of a point of the body at the distance `arm` (m) from its pivot, m/s (estimate)."""
         if self.amplitude is not None and self.period is not None:
             rates = 2.0 * np.pi / self.period * np.abs(self.amplitude)
         else:

@@ -65,7 +65,7 @@ def _plate(section: PlateSection, name: str, dx: float) -> Plate:
     if section.thickness < 0.45 * dx:
         raise CaseError(
             f"{name}.plate.thickness = {section.thickness:g} m is less than half a spacing of {dx:g} m: the "
-            "particles beyond the plate's ends would not see the plate; use dx of at most "
+            "plate would not act on the particles beyond its ends; use dx of at most "
             f"{2 * section.thickness:g} m"
         )
     return plate
@@ -182,7 +182,7 @@ class Inertia(NamedTuple):
 
 
 def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
-    """Inertia of the body of a section `key`. **Raises** CaseError for an inertia that no body has."""
+    """Inertia of the body of a section `key`. **Raises** CaseError if the given inertia is impossible."""
     area, centroid, second = shape.moments()
     centre = np.asarray(centroid if section.centre is None else section.centre)
     pivot = centre if section.pivot is None else np.asarray(section.pivot)
@@ -259,8 +259,8 @@ def crest_of(shape: AbstractShape, dx: float) -> tuple[float, float]:
 
 
 def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
-    """Notice if a face of the block of the section `name` does not lie midway between two particles; it
-    proposes a dx with which all faces do."""
+    """Notice if a face of the block of the section `name` does not lie midway between two particles; the
+    notice proposes a dx with which all faces do."""
     faces = np.array([*block.low, *block.high])
     off = np.abs(faces / dx - np.round(faces / dx)) * dx
     if off.max() < 1e-3 * dx:

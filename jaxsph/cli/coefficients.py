@@ -13,7 +13,7 @@ from jaxsph.cli.studies import INTERRUPTED, announce, cluster, compile_as_member
 from jaxsph.cli.terminal import messages, print_notes, print_table
 
 FAR_OFF = 0.1
-"""Share of a number above which its spread is mentioned in a note."""
+"""Ratio of a damping coefficient's spread to its value above which a note mentions the spread (-)."""
 
 
 Amplitude = Annotated[
@@ -67,7 +67,7 @@ def coefficients(  # its arguments are the options of the command
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Compute added mass, damping and wave excitation of a case's bodies, or continue where this ended."""
+    """Compute added mass, damping and wave excitation of bodies, or continue an interrupted study."""
     import jaxsph as js
 
     compile_as_members()
@@ -154,7 +154,7 @@ def _doubts(loaded: Any, found: Any) -> list[str]:
         f"waves with the elevation a cos(omega t) at x = {found.x:g} m is a |X| cos(omega t + phase)"
     ]
     if loaded.sponge is None:
-        notes.append("there is no sponge: the coefficients are those in front of the tank's far end")
+        notes.append("there is no sponge: the coefficients include the reflection from the tank's far end")
     size = np.abs(found.B.diagonal(axis1=1, axis2=2))
     wide = found.B_spread.diagonal(axis1=1, axis2=2) > FAR_OFF * size
     if np.any(wide):

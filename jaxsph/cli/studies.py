@@ -174,7 +174,7 @@ def slope(  # its arguments are the options of the command
         typer.Option(help="Number of runs around the case's value; the slope is that of a fitted parabola."),
     ] = 9,
     spread: Annotated[
-        float, typer.Option(help="Largest change in these runs to either side, as a share of the value.")
+        float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
     ] = 0.3,
     settings: Settings = None,
     quick: Quick = False,
@@ -220,7 +220,7 @@ def optimise(  # its arguments are the options of the command
     method: Method = Way.ensemble,
     members: Annotated[int, typer.Option(help="Number of runs for every slope.")] = 9,
     spread: Annotated[
-        float, typer.Option(help="Largest change in these runs to either side, as a share of the value.")
+        float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
     ] = 0.3,
     evaluations: Annotated[int, typer.Option(help="Largest number of evaluations in the search.")] = 10,
     table: Annotated[
@@ -277,7 +277,8 @@ def compile_as_members() -> None:
 
 
 def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
-    """**Raises** CaseError if the lattice rounds two lengths to the same value, before a run is timed."""
+    """Checks, before a run is timed, that the members differ. **Raises** CaseError if the lattice rounds two
+    lengths to the same value."""
     from jaxsph.study.sweep import check_different
 
     for name, values in over.items():
@@ -310,8 +311,8 @@ def announce(
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Prints the number of runs and their expected time, from the first steps of one run; nothing if the
-    study continues in the file `out`."""
+    """Prints the number of runs and their expected time, from the first steps of one run. Prints nothing
+    if the study continues in the file `out`."""
     if out.exists():
         return
     import jaxsph as js

@@ -26,7 +26,7 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def write_page(path: Path, wanted: bool, quiet: bool) -> None:
-    """Writes the page of a file next to it, if `wanted`. An error prints a note only."""
+    """Writes the page of a file next to it, if `wanted`. An error only prints a note."""
     if not wanted:
         return
     from jaxsph.report.page import report

@@ -27,7 +27,7 @@ class AbstractKernel(eqx.Module):
     width: eqx.AbstractClassVar[float]
     """Ratio of the kernel's smoothing length to that of the Gaussian that the kernel replaces (-)."""
     reach: eqx.AbstractVar[float]
-    """Support radius in units of h."""
+    """Ratio of the support radius to h (-)."""
 
     @abc.abstractmethod
     def value(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:

@@ -18,7 +18,7 @@ Lattice = Literal["cubic", "close"]
 """Lattice with one particle per dx^D: "cubic", or "close" (triangular in 2-D, body-centred in 3-D)."""
 
 STRAIN = 0.25
-"""Largest logarithmic strain of the pure strain."""
+"""Largest logarithmic strain of the lattices under pure strain (-)."""
 DISTORTION = 0.12
 """Standard deviation of the components of the random deformations (logarithmic, without volume change)."""
 SAMPLES = 1000

@@ -8,9 +8,9 @@ from pathlib import Path
 import jax
 
 MOST = 0.5
-"""Share of the memory maps that a process may have, beyond which compiled programs are forgotten."""
+"""Share of the allowed number of memory maps above which compiled programs are forgotten (-)."""
 MAPS, LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
-"""Lists of Linux: the memory maps of this process, and the largest number that a process may have."""
+"""Files of Linux with the memory maps of this process, and with the number of maps that it may have."""
 
 
 def forget_programs() -> None:

@@ -25,9 +25,9 @@ def increasing_root(
     """Zero between `low` and `high` of a function that increases; the nearer end if there is no zero.
 
     Newton's steps that leave the interval of the root are replaced by bisection. The number of steps is
-    fixed, so that the function can be vectorised. `function` is called with the unknown and the `parameters`;
-    the derivative of the root by the parameters is that of the implicit function theorem, and is zero where
-    there is no root.
+    fixed, so that the function can be vectorised. `function` is called with the unknown and the `parameters`.
+    The derivative of the root with respect to the parameters follows from the implicit function theorem. It
+    is zero where there is no root.
     """
     value_and_slope = jax.value_and_grad(function)
 
@@ -38,7 +38,7 @@ def increasing_root(
         newton, middle = at - value / slope, 0.5 * (low + high)
         # the comparison is also false for NaN
         inside = (newton >= low) & (newton <= high)
-        # near the root halving would move an iterate that Newton's method has already found
+        # near the root, bisection would discard an iterate of Newton's method that has already converged
         take = inside & ((k % 2 == 0) | (jnp.abs(newton - at) < 1e-3 * (high - low)))
         return low, high, jnp.where(take, newton, middle)
 

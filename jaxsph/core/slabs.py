@@ -327,7 +327,7 @@ class PointNeighbours(eqx.Module):
     """Indices of the points whose sums each slab computes, slab by slab; an unused entry holds the number of
     points."""
     places: Int[Array, " P"]
-    """Index into `rows` of the entry of every point; the length of `rows` for a point not near the water."""
+    """Index of every point's entry in `rows`; the length of `rows` for a point that is not near the water."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod

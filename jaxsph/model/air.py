@@ -104,8 +104,8 @@ class AirCoupling(NamedTuple):
         return -jnp.sum(dot(self.force, at)) - moved
 
     def mobility(self) -> Scalar:
-        """Rate of change of the flow per unit of -P_a due to the air's force on the water alone, m4/kg
-        (m3/kg in 2-D)."""
+        """Time derivative of the flow out of the chamber per unit of -P_a, due to the air's force on the
+        water alone, m4/kg (m3/kg in 2-D)."""
         return jnp.sum(dot(self.force, self.force) / self.m)
 
 

@@ -12,8 +12,8 @@ from jaxsph.model.interfaces import Model
 __all__ = ["RESERVED", "check_parts", "part_states"]
 
 RESERVED = ("id", "p", "step", "time", "u", "x")
-"""Names that no moving part may have: a snapshot has fields of the particles with these names beside the
-places of the parts."""
+"""Names that no moving part may have, because a snapshot stores fields of the particles under these names and
+the positions of the parts under the parts' names."""
 
 
 def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Interfaces of schemes, tangent filters, damping zones, outlets and chambers, and the model of all parts.
 
-A step loops over tuples of parts. An empty tuple switches its parts off, because tracing then leaves nothing
-of the loop. A part stores its evolving state in `state.parts` under its `name` and adds its energies to
+A step loops over tuples of parts. An empty tuple costs nothing, because these loops run only while JAX traces
+the step. A part stores its evolving state in `state.parts` under its `name` and adds its energies to
 `state.ledger`. In two dimensions all quantities are per metre of width.
 
 The interfaces of scheme and chamber and the model refer to each other and therefore share this file. The
@@ -66,7 +66,7 @@ class AbstractScheme(eqx.Module):
     rho0: eqx.AbstractVar[Scalar]
     """Density of water at zero gauge pressure, kg/m3."""
     too_fast: eqx.AbstractClassVar[str]
-    """Message, in words, for a particle that is faster than `fastest`."""
+    """Words of the error message for a particle that is faster than `fastest`."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:
@@ -373,7 +373,7 @@ class Model(eqx.Module):
     def ghosts_at(
         self, parts: Mapping[str, Any], p: Particles, images: Chosen
     ) -> tuple[Float[Array, "G D"], Float[Array, "G D"], Float[Array, " G"]]:
-        """Positions (m) of all ghosts and of their nodes, and the volumes (m^D) of wet ghosts.
+        """Positions (m) of all ghosts and of their nodes, and the volumes (m^D) that the ghosts have if wet.
 
         `images`: particles of `p` that image ghosts mirror. An image ghost without a particle is at its
         position at rest and has no volume.

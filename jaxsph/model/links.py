@@ -2,8 +2,8 @@
 
 A link acts along its extension s, a length (m) or an angle (rad), with a force (N; N/m in 2-D) or a moment
 (N m; N in 2-D) that is positive if it increases s. The extension may also be a vector, for example from an
-anchor to a fairlead; the force is then a vector, too. In the units below, a link along an angle has N m for
-N, rad for m, and all quantities are per metre of width in 2-D.
+anchor to a fairlead; the force is then a vector, too. Units below are those of a link along a length. For a
+link along an angle, replace m by rad and N by N m. In 2-D all quantities are per metre of width.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class Places(NamedTuple):
     """Coordinates of the bodies' joints, m or rad."""
 
     def point(self, body: str, x: Float[Array, "2"]) -> Float[Array, "2"]:
-        """Present position (m) of a point of a body, from its position x (m) at rest; no name: the tank."""
+        """Present position (m) of a point of a body, or of the tank if `body` is empty, from the point's
+        position x (m) at rest."""
         if not body:
             return x
         pose, pivot = self.poses[body], self.pivots[body]
@@ -47,7 +48,7 @@ Extension: TypeAlias = Float[Array, "*components"]
 
 
 class AbstractEnds(eqx.Module):
-    """What a link connects, and the extension that follows from the bodies' places."""
+    """Ends of a link: the bodies that it connects, and its extension as a function of the bodies' places."""
 
     @property
     @abc.abstractmethod
@@ -73,7 +74,8 @@ class AbstractLaw(eqx.Module):
     """Law of a link's force.
 
     The force is minus the slope of the energy `stored`, plus the `force` of everything else: dampers,
-    friction, control. Both are made implicit in the step by their derivatives, so that stiff laws are stable.
+    friction, control. The step treats both implicitly, linearised with their derivatives, so that stiff laws
+    are stable.
     """
 
     @property
@@ -110,11 +112,11 @@ class LinkMotion(eqx.Module):
     """State of a link."""
 
     own: Any
-    """State of its law."""
+    """State of the link's law."""
     extension: Extension
     """Extension, m or rad."""
     force: Extension
-    """Force of the last step, at first that of a link at rest, N or N m (per metre in 2-D)."""
+    """Force in the last step, or at t = 0 the force of the link at rest, N or N m (per metre in 2-D)."""
 
 
 class Pull(NamedTuple):
@@ -132,9 +134,9 @@ class Pull(NamedTuple):
     other: Float[Array, " k"]
     """Other force at constant rate, N or N m."""
     stiffness: Float[Array, "k k"]
-    """Force per unit change of the extension, N/m or N m; positive semi-definite."""
+    """Decrease of the force per unit increase of the extension, N/m or N m; positive semi-definite."""
     damping: Float[Array, "k k"]
-    """Force per unit change of the rate, N s/m or N m s; positive semi-definite."""
+    """Decrease of the force per unit increase of the rate, N s/m or N m s; positive semi-definite."""
 
     @property
     def force(self) -> Float[Array, " n"]:
@@ -155,11 +157,11 @@ class Link(AbstractPart):
     """Spring, damper, take-off or other force between two bodies, or between a body and the tank."""
 
     ends: AbstractEnds
-    """What the link connects."""
+    """Ends of the link, which determine its extension."""
     law: AbstractLaw
     """Law of the force."""
     harvests: bool = eqx.field(static=True, default=False, kw_only=True)
-    """Whether the energy that the link takes is the power of a device."""
+    """Whether the energy that the link takes counts as harvested by a power take-off."""
     name: str = eqx.field(static=True, default="pto", kw_only=True)
     usual_name: ClassVar[str] = "pto"
 
@@ -206,8 +208,8 @@ class Link(AbstractPart):
     ) -> Pull:
         """Force of the link at the time t (s).
 
-        **Arguments**: the state `motion`; the extension s (m), its derivatives `way` by the coordinates and
-        its `rate` (m/s).
+        **Arguments**: the state `motion`; the extension s (m), its derivatives `way` with respect to the
+        coordinates, and its `rate` (m/s).
         """
 
         def slope(flat):
@@ -236,7 +238,7 @@ class Link(AbstractPart):
         """State of the link after a step of dt (s), and the energy that it took, by ledger name, J.
 
         **Arguments**: the extension s (m) and the force `pull` at the time t (s) of the step's forces;
-        `acceleration` (m/s2 or rad/s2) of the bodies' coordinates by all forces.
+        `acceleration` (m/s2 or rad/s2) of the bodies' coordinates due to all forces.
         """
         change = dt * (pull.way @ acceleration)
         mean, other = pull.rate + 0.5 * change, pull.other - pull.damping @ change

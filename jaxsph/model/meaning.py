@@ -86,7 +86,7 @@ class Label(NamedTuple):
     """Name of the result in words. If the name begins with spaces, the result is a part of the preceding
     result, and a table omits the text up to a colon, for example "efficiency: "."""
     unit: str = ""
-    """Unit, for example "W/m"; labels of the package's own results have the unit in two dimensions."""
+    """Unit, for example "W/m"; labels of the package's own results give the unit for two dimensions."""
     meaning: str = ""
     """Explanation of the result; empty if the name is enough."""
     group: str = Group.DEVICE

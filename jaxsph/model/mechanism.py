@@ -1,8 +1,8 @@
 """Motion of rigid bodies that are joined to the tank and to each other, as one multibody system.
 
-The generalised coordinates are the coordinates of all joints, followed by one time coordinate per joint. As a
-coordinate the time has the constant rate 1, and a given motion is a function of it. A motion that is not free
-is a coordinate with a constant rate, too. The equations of motion are
+The generalised coordinates are the coordinates of all joints, followed by one time coordinate per joint. A
+time coordinate has the constant rate 1, and given motions are functions of it. A joint's coordinate that is
+not free also has a constant rate. The equations of motion are
 
     M q'' + c = sum over bodies of J^T F + forces along the joints,
 
@@ -28,11 +28,11 @@ __all__ = ["Kinematics", "Mechanism", "inverse_where"]
 
 
 RUNGE_KUTTA = ((0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
-"""Time of every stage of the Runge-Kutta method of fourth order, over the step, and its weight."""
+"""Stages of the fourth-order Runge-Kutta method: time as a fraction of the step, and weight (-)."""
 
 
 class Kinematics(NamedTuple):
-    """Positions, velocities and accelerations of all bodies at one time, by the n generalised coordinates.
+    """Positions, velocities and accelerations of all bodies at one time, from the n generalised coordinates.
 
     The first axis of `poses`, `ways` and `bias` distinguishes the bodies' pivots (0) and centres of mass (1).
     """
@@ -42,11 +42,12 @@ class Kinematics(NamedTuple):
     poses: Float[Array, "2 B 3"]
     """Displacements along x and z (m) and pitch (rad) from the positions at rest."""
     ways: Float[Array, "2 B 3 n"]
-    """Derivatives of the poses by the coordinates."""
+    """Derivatives of the poses with respect to the coordinates."""
     bias: Float[Array, "2 B 3"]
     """Accelerations at constant rates of the coordinates, m/s2, m/s2, rad/s2."""
     mass: Float[Array, "B 3"]
-    """Mass (kg; kg/m in 2-D), twice, and moment of inertia about the centre of mass (kg m2; kg m in 2-D)."""
+    """Equal masses for motion along x and z (kg; kg/m in 2-D), and moment of inertia about the centre of
+    mass (kg m2; kg m in 2-D)."""
     movable: Float[Array, " n"]
     """Mask of the coordinates: 1 where the coordinate is free, 0 where its rate is constant."""
 
@@ -95,7 +96,7 @@ class Mechanism(NamedTuple):
     """Forces between bodies, or between a body and the tank."""
 
     def check(self) -> None:
-        """**Raises** ValueError if a body is joined to one that is not before it, or a link to no body."""
+        """**Raises** ValueError if a body precedes the one it is joined to, or a link's body is unknown."""
         known = {""}
         for body in self.bodies:
             if body.joint.parent not in known:
@@ -152,9 +153,9 @@ class Mechanism(NamedTuple):
         return self._at(*self._gathered(parts, t), self._movable(t))
 
     def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, "3"]]:
-        """Accelerations of the bodies without forces on them by name, m/s2, m/s2, rad/s2; empty if all are 0.
+        """Accelerations (m/s2, m/s2, rad/s2), by name, of bodies on which no forces act; empty if all are 0.
 
-        These are the accelerations of pivot and pitch by given motions and by the inertia of joined bodies.
+        These are the accelerations of pivot and pitch due to given motions and the inertia of joined bodies.
         """
         if self.coasts:
             return {}
@@ -163,7 +164,7 @@ class Mechanism(NamedTuple):
         return {body.name: a for body, a in zip(self.bodies, own, strict=True)}
 
     def drifted(self, parts: Mapping[str, Any], t: Scalar, dt: Scalar) -> dict[str, Any]:
-        """Motions of the bodies by name dt (s) after t (s), without forces on the bodies.
+        """Motions of the bodies, by name, at the time t + dt (s), if no forces act on them after t (s).
 
         `parts`: states of the parts by name at the time t.
         """
@@ -181,7 +182,7 @@ class Mechanism(NamedTuple):
             slope = self._at(z + ahead * dt * slope_z, at_rates, movable).coasting
             return ((at_rates, slope), (sum_z + weight * at_rates, sum_rates + weight * slope)), None
 
-        # Runge-Kutta of fourth order: the energy of the free motion is kept to rounding errors
+        # fourth-order Runge-Kutta conserves the energy of the free motion to rounding errors
         none = jnp.zeros_like(z)
         stages = jnp.asarray(RUNGE_KUTTA, z.dtype)
         (_, (by_z, by_rates)), _ = jax.lax.scan(stage, ((none, none), (none, none)), stages)
@@ -224,10 +225,10 @@ class Mechanism(NamedTuple):
         return forces, found
 
     def step(self, parts: Mapping[str, Any], t: Scalar, dt: Scalar, g: Float[Array, " D"]) -> FreeStep:
-        """Bodies and links a step of dt (s) after the time t (s), without water.
+        """Bodies and links after a step of dt (s) from the time t (s), without water.
 
-        A half drift, the kick of the forces and a half drift, as in a step of a scheme. `parts`: states of
-        bodies and links by name at the time t; `g`: gravity, m/s2.
+        The step consists of a half drift, a kick by the forces and a half drift, as in a step of a scheme.
+        `parts`: states of bodies and links by name at the time t; `g`: gravity, m/s2.
         """
         middle = t + 0.5 * dt
         parts = {**parts, **self.drifted(parts, t, 0.5 * dt)}
@@ -249,7 +250,7 @@ class Mechanism(NamedTuple):
     ) -> dict[str, Scalar]:
         """Power that the drive of every body's joint gives to the bodies, by the body's name, W (W/m in 2-D).
 
-        The drive moves the coordinates with constant rates, among them the time. **Arguments**:
+        The drive moves the coordinates with constant rates, including its time coordinate. **Arguments**:
         `acceleration`: accelerations of the coordinates in addition to `Kinematics.coasting`; `others`:
         generalised forces on the coordinates except those of the drives.
         """
@@ -268,14 +269,14 @@ class Mechanism(NamedTuple):
         found, first = {}, 0
         for index, body in enumerate(self.bodies):
             last = first + body.joint.size
-            # the compiler for processors aborts on slices without elements
+            # the compiler for CPUs aborts on slices without elements
             own = values[first:last] if last > first else jnp.zeros(0, values.dtype)
             found[body.name] = own, values[index - len(self.bodies)]
             first = last
         return found
 
     def _gathered(self, parts: Mapping[str, Any], t: Scalar) -> tuple[Array, Array]:
-        """Coordinates and rates of all joints, each followed by those of the times."""
+        """Coordinates of all joints followed by the time coordinates, and the rates of both."""
         motions = [parts[body.name] for body in self.bodies]
         times = jnp.broadcast_to(t, (len(motions),))
         z = jnp.concatenate([*(motion.q for motion in motions), times])
@@ -330,7 +331,7 @@ class Mechanism(NamedTuple):
 
 
 def inverse_where(mask: Float[Array, " n"], matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Inverse of the rows and columns of a matrix where the mask is 1; zero elsewhere."""
+    """Inverse of the submatrix of the rows and columns at which the mask is 1; zero elsewhere."""
     both = mask[:, None] * mask
     return both * jnp.linalg.inv(jnp.where(both > 0, matrix, jnp.eye(len(mask), dtype=matrix.dtype)))
 

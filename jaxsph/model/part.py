@@ -61,7 +61,7 @@ class AbstractPart(eqx.Module):
         """Meaning of the energies that the part adds to the ledger, by name."""
 
     def harvest(self) -> tuple[str, ...]:
-        """Names in the ledger of the energies that the part's power take-off harvests."""
+        """Ledger names of the energies that the part's power take-off harvests."""
         return tuple(name for name, entry in self.entries().items() if entry.exchange is Exchange.HARVESTED)
 
     def readings(self, dim: int) -> Mapping[str, Reading]:

@@ -66,7 +66,7 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
 
     @abc.abstractmethod
     def place(self, motion: Any, x: Float[Array, "B D"], nodes: Float[Array, "B D"]) -> tuple[Array, Array]:
-        """Positions of the solid's ghosts and of their nodes, m, from x and `nodes` (m) at rest."""
+        """Positions of the solid's ghosts and of their nodes, m, from those at rest, x and `nodes` (m)."""
 
     @abc.abstractmethod
     def velocity(self, motion: Any, x: Float[Array, "B D"]) -> Float[Array, "B D"]:
@@ -139,9 +139,9 @@ class AbstractJoint(eqx.Module):
 
     @property
     def coasts(self) -> bool:
-        """Whether without forces every coordinate keeps its rate, whatever the inertia of the body.
+        """Whether every coordinate keeps its rate if no force acts, whatever the inertia of the body.
 
-        Steps are then cheaper. False is always right.
+        If True, steps are cheaper. False is always correct.
         """
         return False
 
@@ -184,7 +184,7 @@ class AbstractBody(AbstractMovingSolid):
 
     Its state in `State.parts` has the fields `q` and `rates` (coordinates of the joint and their rates),
     `pose` and `velocity` (displacements of the pivot along x and z, and pitch; m, m, rad and per second),
-    `force` and `contact` (the water's forces in the last step) and `impulse` (of both).
+    `force` and `contact` (the water's forces in the last step) and `impulse` (their time integral).
     """
 
     joint: eqx.AbstractVar[AbstractJoint]
@@ -201,13 +201,13 @@ class AbstractBody(AbstractMovingSolid):
 
     @abc.abstractmethod
     def generalised_mass(self) -> Float[Array, "3"]:
-        """Mass, twice (kg; kg/m in 2-D), and moment of inertia about the centre of mass (kg m2; kg m
-        in 2-D)."""
+        """Equal masses for motion along x and z (kg; kg/m in 2-D), and moment of inertia about the centre of
+        mass (kg m2; kg m in 2-D)."""
 
     @abc.abstractmethod
     def directions(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
-        """Velocity of the body at points x (m) per unit velocity of the pivot along x and z (-), and of the
-        pitch (m)."""
+        """Velocity of the body at points x (m) per unit velocity of the pivot along x and z (-), and per unit
+        rate of the pitch (m)."""
 
     @abc.abstractmethod
     def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:

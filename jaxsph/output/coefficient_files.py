@@ -17,7 +17,7 @@ from jaxsph.output.hdf5 import put_file, replace_file, tell_write_errors, versio
 
 PER_WIDTH = "two-dimensional: all forces, masses and stiffnesses are per metre of width"
 """Remark in every file."""
-SPREAD = "standard deviation from period to period of the run; errors of the spacing are not part of it"
+SPREAD = "standard deviation from period to period of the run; discretisation errors are not included"
 """Meaning of the spreads in every file."""
 
 
@@ -41,7 +41,7 @@ class AbstractCoefficientFile(abc.ABC):
 
 
 def file_at(path: str | Path) -> AbstractCoefficientFile:
-    """File of coefficients whose layout follows from the path's suffix. **Raises** CaseError for others."""
+    """File of coefficients in the layout for the path's suffix. **Raises** CaseError for other suffixes."""
     found = {".nc": CapytaineFile, ".h5": BEMIOFile}.get(Path(path).suffix)
     if found is None:
         raise CaseError(
@@ -135,18 +135,18 @@ def _names(modes: Sequence[Mode]) -> list[str]:
 
 
 SIX = {"surge": 0, "heave": 2, "pitch": 4}
-"""Places of the motions among the six of a body in three dimensions."""
+"""Indices of the motions among the six degrees of freedom of a body in three dimensions."""
 
 
 class BEMIOFile(AbstractCoefficientFile):
-    """HDF5 file in the layout of BEMIO, from which WEC-Sim reads.
+    """HDF5 file in the layout of BEMIO, which WEC-Sim reads.
 
-    Every body has 6 x 6 N matrices, with zeros where two dimensions have no value and where a motion was not
+    Every body has 6 x 6 N matrices, with zeros for motions that do not exist in two dimensions or were not
     asked for. Added mass is divided by rho, damping by rho omega, excitation and stiffness by rho g. Motions
-    oscillate as exp(i omega t). WEC-Sim takes moments about the centre of mass: the coefficients are moved
-    there from the pivot. The added mass at infinite frequency, which a simulation in regular waves does not
-    need, is NaN, because a few periods do not give it; nor do they give the impulse responses, which are left
-    out.
+    oscillate as exp(i omega t). WEC-Sim takes moments about the centre of mass, so the coefficients are
+    transformed from the pivot to that point. The added mass at infinite frequency is NaN, and the impulse
+    responses are left out, because a few periods do not determine them. A simulation in regular waves does
+    not need this added mass.
     """
 
     def check(self, modes, bodies):
@@ -224,8 +224,9 @@ class BEMIOFile(AbstractCoefficientFile):
 def _in_six(found: Coefficients) -> dict[str, NDArray]:
     """Coefficients over the six motions of every body about its centre of mass, frequencies last.
 
-    With r the pivot's position relative to the centre of mass, a motion xi of the centre of mass moves the
-    pivot by T xi, and matrices become T^T A T. The spreads are not moved: they are those about the pivot.
+    A motion xi of the centre of mass moves the pivot by T xi, where T contains the pivot's position r
+    relative to the centre of mass. Matrices become T^T A T. The spreads are not transformed: they refer to
+    the pivot.
     """
     names, n = list(found.bodies), len(found.modes)
     place = [6 * names.index(mode.body) + SIX[mode.motion] for mode in found.modes]
@@ -257,6 +258,6 @@ def _in_six(found: Coefficients) -> dict[str, NDArray]:
 
 
 def _put(group: h5py.Group, name: str, value: ArrayLike, description: str, units: str) -> None:
-    """Writes a number as a 1 x 1 array, or an array, with its description and units."""
+    """Writes a number (as a 1 x 1 array) or an array, with its description and units."""
     data = group.create_dataset(name, data=np.atleast_2d(np.asarray(value, float)))
     data.attrs["description"], data.attrs["units"] = description, units

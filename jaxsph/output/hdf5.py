@@ -4,7 +4,7 @@ Every write goes to a copy that then replaces the file, so a kill at any moment 
 the new file intact.
 
 Files of runs and sweeps end with the CRC-32 of all their bytes, stored after the end of the HDF5 data. The
-checksum is verified before HDF5 opens the file, because some kinds of damage make HDF5 end the program.
+checksum is verified before HDF5 opens the file, because some kinds of damage make HDF5 crash the program.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from jaxsph.errors import FileError, JaxsphError
 from jaxsph.output.records import Damage
 
 SCHEMA = 5
-"""Version of the file layout. Files with a newer layout are refused. Files with an older layout give series
-and snapshots, but no checkpoint: layout 1 lacks the numbers derived from the case, 2 lacks readings of the
-noise, 3 has no checksums, and 4 has a checksum for each part only."""
+"""Version of the file layout. Files with a newer layout are refused. In older layouts, series and
+snapshots can be read, but not the checkpoint: layout 1 lacks the numbers derived from the case, 2 lacks
+readings of the noise, 3 has no checksums, and 4 has a checksum for each part only."""
 
 SEALED = 5
 """First version of the layout whose files end with a checksum."""

@@ -95,7 +95,7 @@ def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) 
 
 
 def _check_body(file: BinaryIO, head: Head) -> None:
-    """**Raises** Damage if the checksum of the body of a record of an older version does not match."""
+    """**Raises** Damage if the checksum of the body does not match; for records of older versions."""
     file.seek(head.body)
     body = file.read(head.end - head.body)
     if len(body) < head.end - head.body or zlib.crc32(body) != head.checksum:

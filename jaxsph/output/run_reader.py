@@ -1,4 +1,4 @@
-"""Reader of a run's file and its journal, of a finished run or one in progress. See `output.run_file`."""
+"""Reader of the file and the journal of a run, finished or in progress. See `output.run_file`."""
 
 from __future__ import annotations
 

@@ -104,10 +104,10 @@ class SweepFile:
         """Writes a whole sweep, and replaces an existing file.
 
         **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (for a
-        list of members, all over its one dimension); `members`: by flat index, "results" (scalars),
-        "series" (arrays `[T]` or `[T, k]` by name, including "time") and "failure" (text, empty after
-        success); `meanings`: of series and results; `about`: further settings that identify the study, as
-        numbers, texts and lists by name. **Raises** FileError if the file cannot be written.
+        list of members, each parameter has one value per member); `members`: by flat index, "results"
+        (scalars), "series" (arrays `[T]` or `[T, k]` by name, including "time") and "failure" (text, empty
+        after success); `meanings`: meanings of series and results; `about`: further settings that identify
+        the study, as numbers, texts and lists by name. **Raises** FileError if the file cannot be written.
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -131,7 +131,7 @@ class SweepFile:
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.
 
-        **Raises** FileError if the file is missing, damaged or not a sweep's.
+        **Raises** FileError if the file is missing, damaged or not the file of a sweep.
         """
         check_signature(self.path)
         with open_file(self.path) as file:

@@ -39,7 +39,7 @@ class AbstractAirLaw(eqx.Module):
 
     @abc.abstractmethod
     def read(self, air: Air) -> Mapping[str, Scalar]:
-        """Readings of the air, by name, that incompressible air does not have."""
+        """Additional readings of compressible air, by name; none for incompressible air."""
 
     @abc.abstractmethod
     def press(

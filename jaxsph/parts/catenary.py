@@ -1,6 +1,6 @@
 """Elastic catenary in a vertical plane: forces at its ends, shape and energy, with exact derivatives.
 
-The end forces are solved for in the form in which one unknown remains whose equation increases. With the
+The end forces follow from one scalar equation whose left-hand side increases with its unknown. With the
 horizontal force H, and the vertical forces V at the upper and V - w L at the lower end, let V = H sinh(p + q)
 and V - w L = H sinh(p - q). The equations of the elastic catenary (Jonkman 2007) for the span l and the
 height h then become, with e = w L / (2 EA),
@@ -8,8 +8,8 @@ height h then become, with e = w L / (2 EA),
     h / L = tanh(p) (1 + e coth(q)),    l / L = (q + e) / (cosh(p) sinh(q)),
 
 so that (h tanh(q) / (tanh(q) + e))^2 + (l sinh(q) / (q + e))^2 = L^2, which has one solution q. A catenary
-with a part on the bed, without friction, has one unknown, too, because V follows from H and h: with the
-tension T at the fairlead, (T + EA)^2 = (H + EA)^2 + 2 EA w h.
+that lies partly on the bed, without friction, also has only one unknown, H, because V follows from H and h:
+with the tension T at the fairlead, (T + EA)^2 = (H + EA)^2 + 2 EA w h.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ __all__ = ["AbstractCatenary", "EndForces", "GroundedCatenary", "HangingCatenary
 STEEPEST = 30.0
 """Largest q; the horizontal force is then 1e-13 of the line's weight."""
 SMALLEST = 1e-6
-"""Smallest span and height, over the length, for which the equations are solved."""
+"""Smallest ratio of span or height to length for which the equations are solved (-)."""
 STRAIN = 10.0
-"""Largest strain that is considered."""
+"""Largest strain that is considered (-)."""
 
 
 class EndForces(NamedTuple):
@@ -48,7 +48,8 @@ class EndForces(NamedTuple):
 class AbstractCatenary(eqx.Module):
     """Heavy elastic line between two points in still water, in static equilibrium.
 
-    The span is the horizontal distance of the ends, and the height that of the fairlead above the anchor.
+    The span is the horizontal distance between the ends, and the height is the height of the fairlead above
+    the anchor.
     """
 
     length: Scalar
@@ -70,8 +71,8 @@ class AbstractCatenary(eqx.Module):
     def energy(self, x: Scalar, z: Scalar) -> Scalar:
         """Elastic and potential energy (J; J/m in 2-D) with the fairlead at x and z (m) from the anchor.
 
-        Its derivatives by x and z are the components of the force on the upper end, and its second
-        derivatives the stiffness, a positive semi-definite matrix.
+        The derivatives of the energy with respect to x and z are the components of the force on the upper
+        end. The second derivatives are the stiffness, a positive semi-definite matrix.
         """
         return _energy(x, z, self)
 
@@ -127,7 +128,7 @@ class HangingCatenary(AbstractCatenary):
 
 
 class GroundedCatenary(AbstractCatenary):
-    """Catenary with its anchor on a horizontal bed, on which a part of it may lie, without friction."""
+    """Catenary whose anchor is on a horizontal bed; part of the line may lie on the bed, without friction."""
 
     def vertical(self, up, below):
         """See `AbstractCatenary`."""
@@ -141,7 +142,7 @@ class GroundedCatenary(AbstractCatenary):
         x, h = span / self.length, height / self.length
         low, high = jnp.log(1e-7 * jnp.ones_like(k)), jnp.log(1.0 + STRAIN * k)
         H = jnp.exp(increasing_root(_grounded, low, high, (x, h, k)))
-        # with no horizontal force the line hangs straight down, and the rest of it lies on the bed
+        # with no horizontal force the line hangs straight down, and its remainder lies on the bed
         H = jnp.where(_grounded(low, (x, h, k)) < 0.0, H, 0.0)
         V = _lifted(H, h, k)
         off_bed = hanging.below > 0.0
@@ -150,14 +151,17 @@ class GroundedCatenary(AbstractCatenary):
 
 
 def _hanging(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
-    """Logarithm of the length at the parameter q = exp(y), over the line's length."""
+    """Residual of the equation for q = exp(y) (-): half the logarithm of its left-hand side over L^2."""
     x, h, e = parameters
     q = jnp.exp(y)
     return 0.5 * jnp.log((h * jnp.tanh(q) / (jnp.tanh(q) + e)) ** 2 + (x * jnp.sinh(q) / (q + e)) ** 2)
 
 
 def _grounded(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
-    """Span at the horizontal force exp(y) minus the span x, both over the length; forces over the weight."""
+    """Span of a line with the horizontal force exp(y) minus the given span x (-).
+
+    Spans are divided by the line's length, and forces by its weight.
+    """
     x, h, k = parameters
     H = jnp.exp(y)
     V = _lifted(H, h, k)
@@ -165,7 +169,10 @@ def _grounded(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
 
 
 def _lifted(H: Scalar, h: Scalar, k: Scalar) -> Scalar:
-    """Vertical force at the fairlead at the height h, over the length, of a line that begins on the bed."""
+    """Vertical force at the fairlead of a line that lies partly on the bed, divided by its weight (-).
+
+    The height h is divided by the line's length, and the horizontal force H by its weight.
+    """
     # the tension minus H, in a form without squares of k, which may overflow
     twice = 2.0 * h * k / (H + k)
     more = twice / (1.0 + jnp.sqrt(1.0 + twice / (H + k)))
@@ -182,7 +189,7 @@ def _energy(x: Scalar, z: Scalar, line: AbstractCatenary) -> Scalar:
 
 @_energy.defjvp
 def _energy_jvp(primals, tangents):
-    """The forces at the end make the energy stationary: its derivatives hold them constant."""
+    """Derivative of the energy at constant end forces, because the energy is stationary in these forces."""
     x, z, line = primals
     span = _span(x, line)
     force = line.end_forces(span, z)
@@ -192,5 +199,5 @@ def _energy_jvp(primals, tangents):
 
 
 def _span(x: Scalar, line: AbstractCatenary) -> Scalar:
-    """Horizontal distance (m) of the ends; smooth where they are above each other."""
+    """Horizontal distance between the ends, m; smooth in x where one end is above the other."""
     return jnp.sqrt(x**2 + (SMALLEST * line.length) ** 2)

@@ -208,7 +208,7 @@ class Chamber(AbstractChamber):
             )
 
         force = self.frame.turned(parts, scheme.grip.force(self, self.frame.back(parts, x), V, around))
-        # a particle without mass feels no force, so any divisor will do
+        # no force acts on a particle without mass, so any divisor will do
         m = jnp.where(fields["m"] > 0.0, fields["m"], 1.0)
         return AirCoupling(index, force, m, slabs, self.frame.reaction(parts, x, force))
 
@@ -222,7 +222,7 @@ class Chamber(AbstractChamber):
         mean = 0.5 * (before + after)
         passed, ducted = self.air.divided(pressed, mean)
         left, head = passed + ducted, self.air.head(pressed.P_a)
-        # force times the mean velocity of the step is exactly the kinetic energy that the force takes
+        # force times mean velocity times dt is exactly the kinetic energy that the force takes in the step
         amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
         amounts |= {name: dt * (pressed.P_a * mean - head * left) for name in self.air.entries("")}
         kept = self.air.finish(air, passed, left, mean, dt)

@@ -75,8 +75,9 @@ class Duct(AbstractDuct):
         """See `AbstractDuct`."""
         drop, q = pressed.P_a, pressed.passed
         amounts = {name: dt * drop * part for name, part in pressed.pto.flows(drop, q).items()}
-        # the chambers' mean flows differ slightly from the duct's flow at the end; correct the sum to `work`
-        if amounts:  # a closed duct has none
+        # the mean flows out of the chambers differ slightly from the duct's flow at the end of the step;
+        # correct the sum to `work`
+        if amounts:  # a closed duct has no entries
             first = next(iter(amounts))
             amounts[first] = amounts[first] - (sum(amounts.values()) - work)
         air = Air(drop, q, air.driven.add(dt * q))

@@ -23,7 +23,7 @@ class PlanarJoint(AbstractJoint):
 
     With all three free the body floats, with pitch alone it is hinged, with surge or heave alone it slides,
     and with none it is fixed. Surge and heave are along axes of the parent, which `angle` turns. A coordinate
-    that is not free keeps its velocity. All coordinates are in addition to the `path`, a given motion.
+    that is not free keeps its velocity. The coordinates are added to the `path`, a given motion.
     """
 
     free: tuple[bool, bool, bool] = eqx.field(static=True)
@@ -32,7 +32,7 @@ class PlanarJoint(AbstractJoint):
     """Time at which the free motions are released, s."""
     parent: str = eqx.field(static=True, default="", kw_only=True)
     angle: float = eqx.field(static=True, default=0.0)
-    """Inclination of the axis of surge to the x axis of the parent, upwards, rad."""
+    """Inclination of the axis of surge to the x axis of the parent, rad, positive upwards."""
     velocity: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
     """Velocities of surge, heave and pitch at t = 0, m/s, m/s, rad/s."""
     position: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
@@ -61,7 +61,7 @@ class PlanarJoint(AbstractJoint):
 
     @property
     def coasts(self) -> bool:
-        """See `AbstractJoint`: on the tank, with pitch alone, or without it."""
+        """See `AbstractJoint`: True for a joint to the tank without a path, unless it turns and slides."""
         turns, slides = self.free[2] or self.velocity[2], any(self.free[:2])
         return not (self.parent or self.path or (turns and slides))
 

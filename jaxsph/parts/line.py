@@ -1,9 +1,9 @@
 """Mooring line of lumped masses in still water: axial stiffness and damping, drag, added mass and the bed.
 
 The equations are those of Hall and Goupee 2015: half of the mass, weight and forces of each segment acts on
-the node at either end. The line takes several short steps in each step of the water. In these its nodes drift
-for half a step, the forces change their velocities, and they drift for another half; drag and the damping of
-the bed are implicit.
+the node at each end. The line takes several short steps in each step of the water. In each short step the
+nodes drift for half the step, the forces change their velocities, and the nodes drift for the other half.
+Drag and the damping of the bed are integrated implicitly.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from jaxsph.parts.moorings import AbstractMooringLaw
 __all__ = ["Bed", "LineMotion", "LumpedLine", "Morison"]
 
 SMALL_SPEED = 1e-6
-"""Speed below which drag is linear, m/s; keeps its derivative finite at rest."""
+"""Speed below which drag is linear, m/s; keeps the derivative of drag finite at rest."""
 LEAST_ACROSS = 1e-3
-"""Smallest horizontal force of a chain at rest, over its weight. With less, the chain would hang straight
-down, and its height would not increase with the vertical force while a segment is upright."""
+"""Smallest ratio of horizontal force to weight of a chain at rest (-). With a smaller force the chain would
+hang straight down, and its height would not increase with the vertical force while a segment is upright."""
 COURANT = 0.5
-"""Step of the line over the largest stable step."""
+"""Ratio of the line's time step to its largest stable time step (-)."""
 
 
 class Morison(NamedTuple):
@@ -77,7 +77,7 @@ class Forces(NamedTuple):
     mass: Float[Array, "N 2 2"]
     """Mass of the nodes with the water's added mass, kg."""
     damping: Float[Array, "N 2 2"]
-    """Force of drag and bed against the velocity, N s/m."""
+    """Damping matrices of drag and bed: force against the velocity per unit velocity, N s/m."""
 
 
 class LumpedLine(AbstractMooringLaw):
@@ -85,7 +85,7 @@ class LumpedLine(AbstractMooringLaw):
     to the anchor."""
 
     at_rest: AbstractCatenary
-    """The line in static equilibrium, in which it starts; its length, weight and axial stiffness."""
+    """Catenary in which the line starts at rest; holds its length, weight and axial stiffness."""
     mass: Scalar
     """Mass per length in air, kg/m."""
     damping: Scalar
@@ -128,7 +128,7 @@ class LumpedLine(AbstractMooringLaw):
         )
 
     def force(self, own, s, v, t):
-        """See `AbstractLaw`: mean force on the fairlead in a step in which it moves at the rate v."""
+        """See `AbstractLaw`: mean force on the fairlead in a step in which the fairlead moves at v (m/s)."""
         del t
         return self._moved(own, s + 0.5 * own.dt * v, v, own.dt)[1]
 
@@ -162,7 +162,7 @@ class LumpedLine(AbstractMooringLaw):
         return float(2.0 * (np.sqrt(1.0 + ratio**2) - ratio) / frequency)
 
     def stepped(self, dt: float) -> LumpedLine:
-        """The same line, with as many steps as it needs in a step of the water of dt (s)."""
+        """The same line, with the number of substeps that it needs in a water step of dt (s)."""
         return dataclasses.replace(self, substeps=int(np.ceil(dt / (COURANT * self.stable_step()))))
 
     def _moved(self, own: LineMotion, end: Array, v: Array, dt: Scalar) -> tuple[LineMotion, Array]:
@@ -196,8 +196,7 @@ class LumpedLine(AbstractMooringLaw):
         return apart / length[:, None], length
 
     def _tensions(self, x: Array, u: Array) -> Array:
-        """Tensions of the segments as vectors towards the fairlead, N; a segment does not push by its
-        stiffness."""
+        """Tensions of the segments as vectors towards the fairlead, N; the elastic part is never negative."""
         along, length = self._segments(x)
         rate = jnp.sum(jnp.diff(u, axis=0) * along, axis=1) / self.size
         elastic = self.at_rest.axial_stiffness * jnp.maximum(length / self.size - 1.0, 0.0)
@@ -241,7 +240,7 @@ class LumpedLine(AbstractMooringLaw):
 def hung_chain(line: AbstractCatenary, count: int, span: Scalar, height: Scalar) -> Float[Array, "K 2"]:
     """Inner nodes (m, relative to the anchor) of a chain of equal straight segments in static equilibrium.
 
-    Half of the weight of each segment is at either of its ends. As for the catenary, the span increases with
+    Half of the weight of each segment acts at each of its ends. As for the catenary, the span increases with
     the horizontal force, and the height at a given horizontal force with the vertical force. Slack that lies
     on the bed is spread evenly.
     """
@@ -272,7 +271,7 @@ def _vertical(H: Scalar, line: AbstractCatenary, below: Array, height: Scalar) -
 
 
 def _height_beyond(y: Scalar, parameters: tuple) -> Scalar:
-    """Height of a chain minus the given height, m, with the vertical force sinh(y) over its weight."""
+    """Height of a chain minus the given height, m; its vertical force is sinh(y) times its weight."""
     H, line, below, height = parameters
     V = line.weight * line.length * jnp.sinh(y)
     return jnp.sum(_sides(H, V, line, below)[1]) - height

@@ -1,4 +1,4 @@
-"""Links: what they connect, and the laws of springs, dampers, friction, stops, latches and hydraulics."""
+"""Links: their ends, and the laws of springs, dampers, friction, stops, latches and hydraulics."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 
 class BetweenPoints(AbstractEnds):
-    """Straight link between two points; its extension is its length beyond `rest`."""
+    """Straight link between two points; its extension is its length minus `rest`."""
 
     first: str = eqx.field(static=True)
     """Name of the body at the first end; empty for the tank."""
@@ -50,7 +50,7 @@ class BetweenPoints(AbstractEnds):
     def extension(self, places):
         """See `AbstractEnds`."""
         apart = places.point(self.second, self.b) - places.point(self.first, self.a)
-        # 1e-12 m2 keeps the direction finite where both ends are at one place
+        # 1e-12 m2 keeps the direction finite where both ends coincide
         return jnp.sqrt(jnp.sum(apart**2) + 1e-12) - self.rest
 
     def points(self, places):
@@ -64,7 +64,7 @@ class BetweenPoints(AbstractEnds):
 
 
 class AlongJoint(AbstractEnds):
-    """Link along one coordinate of a body's joint, between the body and what carries it."""
+    """Link along one coordinate of a body's joint, between the body and the tank or the body's parent."""
 
     body: str = eqx.field(static=True)
     """Name of the body."""
@@ -122,10 +122,10 @@ class Spring(AbstractLaw):
 
 
 class Rope(AbstractLaw):
-    """Linear spring with a damper that never pushes: it is slack where its tension would be negative."""
+    """Linear spring and damper that never push; slack where the spring's tension would be negative."""
 
     stiffness: Scalar
-    """Stiffness where it is taut, N/m; positive."""
+    """Stiffness where the rope is taut, N/m; positive."""
     pretension: Scalar
     """Tension at zero extension, N."""
     damping: Scalar
@@ -201,9 +201,9 @@ class Latch(AbstractLaw):
     """Latch that holds the link for some time whenever its rate changes sign (latching control)."""
 
     hold: Scalar
-    """Time for which it holds, s."""
+    """Time for which the latch holds, s."""
     damping: Scalar
-    """Coefficient of the damper that holds, N s/m."""
+    """Coefficient of the damper that holds the link, N s/m."""
 
     def start(self, s):
         """See `AbstractLaw`: the time until which the latch holds (s), and the last rate (m/s)."""
@@ -223,15 +223,15 @@ class Latch(AbstractLaw):
 
 
 class Controlled(AbstractLaw):
-    """Force given by a function of extension, rate and time, for control of one's own."""
+    """Force given by a function of extension, rate and time, for user-defined control."""
 
     function: Partial
-    """Force (N) as a function of extension s (m), rate v (m/s) and time t (s), after its parameters."""
+    """Force (N) as a function of extension s (m), rate v (m/s) and time t (s), bound to its parameters."""
 
     @classmethod
     def of(cls, function: Callable[..., Scalar], *parameters: Any) -> Controlled:
-        """Builds the law from a function of the parameters, s, v and t; it is differentiable by the
-        parameters."""
+        """Builds the law from a function of the parameters, s, v and t; the force can be differentiated with
+        respect to the parameters."""
         return cls(Partial(function, *parameters))
 
     def force(self, own, s, v, t):
@@ -241,15 +241,16 @@ class Controlled(AbstractLaw):
 
 
 FULL = 0.99
-"""Share of an accumulator's volume that is oil when it is full."""
+"""Share of a full accumulator's volume that is oil (-)."""
 
 
 class HydraulicTakeOff(AbstractLaw):
     """Cylinder with check valves, a gas accumulator and a hydraulic motor.
 
-    The cylinder pumps oil into the accumulator in both directions, against its pressure p. The gas follows
-    p V^gamma = p0 V0^gamma, with gamma = 1 for constant temperature, and the motor takes oil in proportion to
-    p - p0. When oil fills the volume V0 to `FULL`, a relief valve lets out what is pumped beyond.
+    The cylinder pumps oil into the accumulator in both directions of motion, against the gas pressure p. The
+    gas follows p V^gamma = p0 V0^gamma, with gamma = 1 for constant temperature, and the motor takes oil in
+    proportion to p - p0. When oil fills the share `FULL` of the volume V0, a relief valve discharges any
+    further oil.
     """
 
     area: Scalar
@@ -263,7 +264,7 @@ class HydraulicTakeOff(AbstractLaw):
     gamma: Scalar
     """Exponent of the gas (-)."""
     scale: Scalar
-    """Rate over which the valves open, m/s."""
+    """Rate at which the force reaches 76 % of its value with open valves, m/s."""
 
     def start(self, s):
         """See `AbstractLaw`: the volume of oil in the accumulator, m3."""

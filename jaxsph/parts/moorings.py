@@ -49,7 +49,7 @@ class FromAnchor(AbstractEnds):
 
 
 class AbstractMooringLaw(AbstractLaw):
-    """Law of a mooring's force on its fairlead, for the vector from the anchor to the fairlead."""
+    """Force of a mooring on its fairlead, as a function of the vector from the anchor to the fairlead."""
 
     @abc.abstractmethod
     def anchor_tension(self, own: Any, s: Float[Array, "2"]) -> Scalar:

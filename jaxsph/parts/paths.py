@@ -25,7 +25,7 @@ class HarmonicPath(AbstractPath):
     phase: Float[Array, "3"]
     """Phases of surge, heave and pitch, rad."""
     ramp: Scalar
-    """Time over which the motion grows to its amplitude, s; 0 for none."""
+    """Time over which the motion grows to its amplitude, s; 0 for no ramp."""
 
     def pose(self, t):
         """See `AbstractPath`."""

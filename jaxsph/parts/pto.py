@@ -132,7 +132,7 @@ def _on_lines(x: Scalar, nodes: Float[Array, " n"], values: Float[Array, " n"]) 
 
 
 class PhasedPTO(AbstractPTO):
-    """Quadratic turbine whose damping follows the waves' phase, by a Fourier series of its logarithm.
+    """Quadratic turbine whose damping varies with the waves' phase, by a Fourier series of its logarithm.
 
         ln(K_dm(t)/K_dm) = sum_n a_n cos(n omega t) + b_n sin(n omega t).
 
@@ -225,7 +225,7 @@ class ReliefValve(AbstractPTO):
         return jnp.clip(self.turbine.pressure(q_free, compliance, t), -self.under, self.over)
 
     def flows(self, P_a, q):
-        """See `AbstractPTO`: at a limiting pressure the valve passes what exceeds the turbine's flow."""
+        """See `AbstractPTO`: at a limiting pressure the valve passes the flow that exceeds the turbine's."""
         # An infinite limit is never reached, and any finite number in its place keeps derivatives finite.
         over, under = (jnp.where(jnp.isfinite(limit), limit, 1.0) for limit in (self.over, self.under))
         turbine = _turbine(self.turbine)

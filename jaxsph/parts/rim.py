@@ -23,7 +23,7 @@ class Spill(eqx.Module):
 
 
 class Rim(AbstractOutlet):
-    """Top of a tank's walls, over which water leaves for good.
+    """Top of a tank's walls, over which water leaves permanently.
 
     A particle above the rim at a neighbour search loses its mass, and thus all effect on the flow. This
     particle then rests in a corner above the tank, so that the number of particles and the shapes of arrays

@@ -30,7 +30,7 @@ WIDTH = 1.5
 
 
 class NoiseProbe(AbstractProbe):
-    """Probe of the noise of the particles: RMS of their velocities less the flow around them, m/s.
+    """Probe of the particles' noise: RMS of their velocities minus the velocity of the flow around them, m/s.
 
     The flow around a particle is a linear function of position, fitted by least squares to the velocities
     of the particle and its neighbours within 3 dx, with weights exp(-(r/(1.5 dx))^2). The neighbours come

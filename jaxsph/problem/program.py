@@ -104,7 +104,7 @@ class Program:
         return self.arguments[name]
 
     def built(self, name: str) -> Any:
-        """See `Source.built`: as given."""
+        """See `Source.built`: the value as given."""
         return self.value(name)
 
     def to_toml(self) -> str:

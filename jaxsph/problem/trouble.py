@@ -22,13 +22,13 @@ class Trouble(enum.Enum):
     NOT_FINITE = "take shorter time steps, or more viscosity"
     """A value is not finite."""
     NOT_CONVERGED = "take shorter time steps, or give the scheme a solver with a larger tolerance"
-    """A solution for the pressure did not converge."""
+    """The iterative solution for the pressure did not converge."""
     TOO_DENSE = "build the walls with another filling, such as MirrorNodes"
     """More particles are near a wall than there are ghosts for their images."""
     NO_TABLES = "take a smaller spacing, or shorter time steps"
-    """The neighbour tables overflow again and again."""
+    """The neighbour tables overflow repeatedly."""
     TOUCHING = "give the body less mass, or a link that stops it before it reaches the other solid"
-    """A body is too near to another solid."""
+    """A body is too close to another solid."""
 
 
 Remedies = Mapping[Trouble, str]

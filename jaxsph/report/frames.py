@@ -36,9 +36,9 @@ class LocalFlow(NamedTuple):
 
 
 def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> LocalFlow:
-    """Least-squares linear fit of velocities `[N, D]` (m/s) of the particles at x `[N, D]` (m).
+    """Vorticity and noise around the particles at x `[N, D]` (m) with the velocities u `[N, D]` (m/s).
 
-    **Arguments**: `rows`: indices of the particles at which the fit is made; by default all.
+    **Arguments**: `rows`: indices of the particles around which the flow is computed; by default all.
     """
     at, own = (x, u) if rows is None else (x[rows], u[rows])
     if len(x) < x.shape[1] + 2:

@@ -170,7 +170,9 @@ def _check_laws(case: Case, new: Case) -> None:
                 continue
             of = "pto" if case.pto is old else f"{name}: pto"
             if old.is_turbine != now.is_turbine:
-                raise CaseError(f"{of}: cannot change between a turbine and a pressure during a run")
+                raise CaseError(
+                    f"{of}: cannot change between a turbine and a prescribed pressure during a run"
+                )
             if old.has_relief != now.has_relief:
                 raise CaseError(
                     f"{of}.relief: cannot be added or removed during a run: the energy budget contains it"
@@ -187,10 +189,10 @@ def _refuse_unknown(case: Case, key: str, value: Any) -> None:
 
 
 def _carry_over(state: State, initial: State) -> State:
-    """Returns the state of the run. **Raises** CaseError if the amended case has other state arrays."""
+    """Returns the state of the run. **Raises** CaseError if the amended case needs other state arrays."""
     old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
     if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:
-        raise CaseError("the changed case has other state arrays than the run: start a new run with --set")
+        raise CaseError("the changed case needs other state arrays than the run: start a new run with --set")
     return state
 
 

@@ -95,7 +95,7 @@ def better_settings(model: Model, status: Status) -> dict[str, int] | None:
         spare = dict.fromkeys(needed, SPARE) | {"points": SPREADS_ON}
         grown = {k: needed_capacity(most, spare[k]) for k, most in needed.items() if most > now[k]}
         return grown or None
-    # lost neighbours can cause every other failure: correct the tables first
+    # missing neighbours can cause any other failure: correct the tables first
     if failed & Failure.STALE_TABLE and now["rebuild_every"] > 1:
         step = FASTER * float(np.sqrt(np.max(status.speed2))) * float(np.max(model.dt))
         # divisors, so that particles are regularised at the same steps as before

@@ -29,7 +29,7 @@ compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m exp
 """
 
 WORTH_SPARING = 0.1
-"""Smallest number of nodes away from the water, as a fraction of the number of particles, that is omitted.
+"""Number of nodes away from the water, divided by that of particles, from which these nodes are omitted (-).
 
 Omitting fewer nodes does not make a run on one device faster.
 """
@@ -80,7 +80,7 @@ def usual_devices(model: Model, state: State) -> int:
     """Default number of devices of a run, the largest number that makes the run faster.
 
     The number is one for a case that cannot be shared. Otherwise a run uses all devices of several processes,
-    all accelerators, or as many cores of a CPU as get enough particles each, if the slabs are wide enough.
+    all accelerators, or as many CPU cores as have enough particles each, if the slabs are wide enough.
     """
     found = find_devices(None)
     if jax.process_count() > 1:

@@ -1,8 +1,9 @@
 """Host driver with `run`, `resume`, `restore` and `march`, which call the pure `simulate`.
 
 The driver advances in chunks. After each chunk it checks the status and records series, snapshot and
-checkpoint in one step. If a neighbour table overflowed or went stale, the table is resized and the chunk is
-replayed. Any other failure stops the run with the last good checkpoint in the file.
+checkpoint in one step. If a neighbour table overflowed, it is enlarged; if it went stale, it is rebuilt more
+often; in both cases the chunk is replayed. Any other failure stops the run with the last good checkpoint in
+the file.
 """
 
 from __future__ import annotations
@@ -92,8 +93,8 @@ def resume(
     number may differ from the previous number. `changes`: values of the case from here on, by dotted name,
     such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then records the
     time of each change. `given`: the function or the problem that was run, unless it was a case; it is needed
-    because code that only a file names is never imported. **Raises** FileError, as `restore`; CaseError for a
-    change that is not possible during a run.
+    because jaxsph never imports code that is only named in a file. **Raises** FileError, as `restore`;
+    CaseError for a change that is not possible during a run.
     """
     file = RunFile.open(path)
     find_devices(devices)
@@ -247,9 +248,9 @@ def march(
 ) -> Solution:
     """Runs an assembled model to t1 (s), with a sample every `sample_dt` (s, as given to `assemble`).
 
-    Tables that overflow or go stale are resized and the run is replayed, as in `run`. The returned model
-    holds the settings that the run needed, and a further call continues from the returned state. The first
-    sample is the given state; the last sample is one interval before t1.
+    If neighbour tables overflow or go stale, their settings are changed and the run is replayed, as in `run`.
+    The returned model holds the settings that the run needed, and a further call continues from the returned
+    state. The first sample is the given state; the last sample is one interval before t1.
     **Raises** ValueError if the state is not at a sample, or t1 is not at least one sample later;
     SimulationError, as `run`.
     """
@@ -258,8 +259,8 @@ def march(
     start = int(state.step)
     if last <= start or start % sample_every:
         raise ValueError(
-            f"t1 = {t1:g} s: must be at least one sample after the state, which must itself be at a sample "
-            f"and is at {start * float(model.dt):g} s"
+            f"t1 = {t1:g} s: must be at least one sample after the state, which is at "
+            f"{start * float(model.dt):g} s and must itself be at the time of a sample"
         )
     bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
     advance = functools.partial(

@@ -82,8 +82,9 @@ def hear_interrupts() -> Iterator[Interrupt]:
 def end_at_once(words: Callable[[], str]) -> Iterator[None]:
     """Context of a program with a single run: an interrupt ends it at once or after the run's chunk.
 
-    The program ends at once before the first saved chunk and on a second interrupt. A thread handles the
-    signal, even while the main thread is busy compiling. **Arguments**: `words` returns the last message.
+    An interrupt before the first saved chunk, or a second interrupt, ends the program at once. A thread
+    handles the signal, even while the main thread is busy compiling. **Arguments**: `words` returns the last
+    message.
     """
     global _watched
     if threading.current_thread() is not threading.main_thread():

@@ -30,7 +30,7 @@ WIDTH = 96
 
 
 def join(place: str) -> None:
-    """Joins the processes of a run, before JAX is first used.
+    """Connects this process to the other processes of a run; call it before JAX is first used.
 
     **Arguments**: `place`: K/N@HOST:PORT for process K (from 0) of N, which connect at this address of
     process 0; or auto under Slurm or MPI. **Raises** CaseError for any other text, or if the other processes

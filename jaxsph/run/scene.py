@@ -23,10 +23,10 @@ FAR = 10.0
 def scene_of(problem: Problem) -> dict[str, Any]:
     """Box of the water, its walls, and the outlines of all solids in the x-z plane; lengths in m.
 
-    Moving solids have their positions at rest. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
+    Moving solids are drawn in their rest positions. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
     `walls`: whether the box has a left, a right and a bottom wall; `level`: still water level, None if the
     model has none; `solids`: `name` (key of the pose in snapshots, empty for a fixed solid), `corners`,
-    `pivot`; `lines`: names of the links that are drawn, whose points snapshots hold.
+    `pivot`; `lines`: names of the links to draw, whose points are stored in the snapshots.
     """
     model = problem.model
     walls = model.walls
@@ -67,10 +67,9 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
 
 
 def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
-    """What pictures draw around the particles of a snapshot, by name.
+    """Poses of the moving solids and points of the links in a snapshot, by name.
 
-    These are the poses of all moving solids, each with surge (m), heave (m) and pitch (rad), and the points
-    `[K, 2]` (m) of links.
+    A pose is surge (m), heave (m) and pitch (rad). The points of a link are `[K, 2]` (m).
     """
     poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in model.movers()}
     return poses | _lines(model, state)

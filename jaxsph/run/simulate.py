@@ -33,14 +33,14 @@ def simulate(
     **Returns** the new state and every reading at the start of each sample interval, `[n_samples, ...]`,
     with "time" (s); the first sample is the given state, whatever its step. Failures set bits in
     `state.status` and never raise exceptions: check the status.
-    **Raises** ValueError if a number of steps is not such a multiple.
+    **Raises** ValueError if `n_steps` or `sample_every` is not such a multiple.
     """
     every = _check(model, n_steps, sample_every)
     return _advance(model, state, n_steps, tuple(probes), every, every_block)
 
 
 def _check(model: Model, n_steps: int, sample_every: int | None) -> int:
-    """Number of steps between samples. **Raises** ValueError for a number of steps that is not a multiple."""
+    """Checked number of steps between samples. **Raises** ValueError, as `simulate`."""
     every = model.search.rebuild_every
     sample_every = every if sample_every is None else sample_every
     if n_steps % sample_every or sample_every % every:

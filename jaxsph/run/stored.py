@@ -40,7 +40,7 @@ def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
         again = f"jaxsph resume {path} --program {place}" if place else "js.resume(path, given=problem)"
         raise FileError(
             f"{path}: was made by {place or 'a problem that a program assembled'}; jaxsph does not import "
-            f"code that only a file names, so pass the function or the problem again: {again}"
+            f"code that is only named in a file, so pass the function or the problem again: {again}"
         )
     source = source_of(given)
     if isinstance(source, Program) and source.arguments != keys.get("arguments"):

@@ -36,12 +36,12 @@ NEWTON = 8
 """Number of Newton iterations for laws that are coupled by the water or by ducts.
 
 Each iteration doubles the number of correct digits. The iteration starts from the air of the previous step,
-which may differ in the first digit.
+which may differ from the solution in the first digit.
 """
 
 
 class Met(NamedTuple):
-    """Air over a step that satisfies the laws of all chambers and ducts, by name."""
+    """Pressures and flows of the air over a step that satisfy the laws of all chambers and ducts, by name."""
 
     chambers: dict[str, Pressed]
     ducts: dict[str, Pressed]
@@ -148,9 +148,9 @@ def correct_for_air(
     pressures: Pressures,
     u: Float[Array, "N D"],
 ) -> CorrectedForAir:
-    """Corrects a step computed with the previous step's air pressures to those that satisfy the laws.
+    """Corrects a step, computed with the previous step's air pressures, to those that satisfy the laws.
 
-    **Arguments**: `started`: velocities of the bodies before the step's forces by name, m/s, m/s, rad/s;
+    **Arguments**: `started`: velocities of the bodies by name before the step's forces act, m/s, m/s, rad/s;
     `pressures` and velocities u (m/s) of the water with the air pressures of the previous step.
     """
     dt, before = interval.dt, {name: interval.before[name].P_a for name in airs}
@@ -186,12 +186,15 @@ class _Laws(NamedTuple):
     dt: Scalar
 
     def give(self, between: tuple[str, str]) -> Scalar:
-        """Compliance of the water to the pressure drop of a duct; the chambers at its ends act in series."""
+        """Decrease of a duct's flow per unit pressure drop, m3/s/Pa (m2/s/Pa in 2-D), due to the water.
+
+        The water columns at both ends of the duct act in series.
+        """
         a, b = (self.line.compliance[end, end] for end in between)
         return a * b / (a + b)
 
     def begin(self) -> Array:
-        """First values of the unknown flows, chambers before ducts, from the air of the previous step."""
+        """Initial guess of the unknown flows, chambers before ducts, from the air of the previous step."""
         P_a = {c.name: self.parts[c.name].P_a for c in self.chambers}
         chambers = [self.line.flows[name] - self.others(name, P_a) for name in P_a]
         ducts = []
@@ -206,7 +209,7 @@ class _Laws(NamedTuple):
         return self.model.chambers
 
     def others(self, name: str, P_a: Mapping[str, Scalar]) -> Scalar:
-        """Flow by which the pressures (Pa) of the other chambers reduce the flow out of a chamber."""
+        """Decrease of the flow out of a chamber due to the other pressures (Pa), m3/s (m2/s in 2-D)."""
         held = [self.line.compliance[name, k.name] * P_a[k.name] for k in self.chambers if k.name != name]
         return sum(held, jnp.zeros_like(self.line.flows[name]))
 
@@ -226,7 +229,7 @@ class _Laws(NamedTuple):
         return Met(chambers, ducts)
 
     def missing(self, unknown: Array) -> Array:
-        """Residuals of the equations, as flows."""
+        """Residuals of the equations, as flows, m3/s (m2/s in 2-D)."""
         met = self.met(unknown)
         P_a = {name: pressed.P_a for name, pressed in met.chambers.items()}
         found = [
@@ -271,7 +274,8 @@ def finish_airs(
         name, ways = chamber.name, _ways(model, chamber.name)
         airs[name], amounts, given = chamber.finish(parts[name], met.chambers[name], *flows[name], dt)
         taken |= amounts
-        # closed chamber: its ducts share the difference of the mean flow from their flow at the step's end
+        # in a closed chamber the ducts' mean flow over the step differs from their flow at its end; divide
+        # the difference equally among the ducts
         off = (given.flow - met.chambers[name].ducted) / max(len(ways), 1)
         for duct, way in ways:
             work[duct] = work[duct] + dt * given.head * (way * met.ducts[duct].passed + off)

@@ -131,7 +131,7 @@ class AbstractParticleScheme(AbstractScheme):
         return Sources(fields, {})
 
     def level_pressure(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
-        """Field "level_p": pressure (Pa) from which dummies find the water level; empty if this is p."""
+        """Field "level_p": pressure (Pa) from which dummies find the water level; empty if it equals p."""
         del model, state
         return {}
 
@@ -183,8 +183,8 @@ class AbstractParticleScheme(AbstractScheme):
     ) -> Float[Array, "G D"]:
         """Pressure gradient across the walls at the ghosts, rho0 (f - a_wall), N/m3.
 
-        `parts`: states of the parts by name. Of a body's acceleration, the part without forces on the bodies
-        is included; `schemes.bodies` covers the remainder.
+        `parts`: states of the parts by name. The acceleration that a body has without forces is included;
+        `schemes.bodies` adds the acceleration due to forces.
         """
         force = jnp.broadcast_to(model.g, ghosts.x.shape) * self.rho0
         for field in model.forces:

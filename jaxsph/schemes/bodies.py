@@ -208,7 +208,7 @@ class BodyWork(NamedTuple):
     by_pressure: Scalar
     """Work of the water's pressure on the bodies, J (J/m in 2-D)."""
     by_touch: Scalar
-    """Work on the bodies of the water that touches them, J (J/m in 2-D)."""
+    """Work of the water's contact forces on the bodies, J (J/m in 2-D)."""
 
 
 def push_bodies(

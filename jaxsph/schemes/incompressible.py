@@ -336,7 +336,7 @@ class ISPH(AbstractParticleScheme):
         for name, air in couple_airs(self, model, p, ghosts.water, tables, state.parts).items():
             kicked = ghosts.seeing(tables, u=columns(air.push(still, dt)))
             kicked = self.ghost_velocity(model, state.parts, tables, kicked)
-            # only the part of the ghosts' velocities that follows the water
+            # use only the part of the ghosts' velocities that depends on the water's velocities
             sources = self._sources(kicked, kicked.u - resting.u)
             equation = self._equation(model, state, tables, kicked, sources, interval)
             equation = equation.unforced().under(air.reaction)
@@ -390,7 +390,7 @@ class ISPH(AbstractParticleScheme):
         closed = poisson.closed()
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
-        # complete from the limited pressure, so that a body feels no tension that the water cannot bear
+        # complete from the limited pressure, so that no tension acts on a body that the water cannot bear
         limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
         return Projection(equation.complete(pressure), equation.couplings, residual, converged, limited)
 

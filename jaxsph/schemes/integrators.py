@@ -124,7 +124,10 @@ class SymplecticEuler(AbstractIntegrator):
 
 
 class PredictorCorrector(AbstractIntegrator):
-    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): half a step, then a full step with its rates."""
+    """Predictor-corrector (Zhu et al. 2020; Monaghan 1989): half a step, then a full step.
+
+    The full step uses the rates at the end of the half step.
+    """
 
     cfl: ClassVar[float] = 0.25
     evaluations: ClassVar[int] = 2
@@ -199,7 +202,8 @@ def _accelerate(
     ghosts = scheme.ghosts(model, at, tables, interval)
     # the air's force uses positions of the same time as the rates
     airs = couple_airs(scheme, model, p, scheme.sources(ghosts, ghosts.u), tables, at.parts)
-    # a body feels the air pressure of the previous step: the air moves only the water next to it at once
+    # the previous step's air pressure acts on the bodies, because within a step a change of the air
+    # pressure moves only the water on which the air acts directly
     air = on_bodies(airs, {name: interval.before[name].P_a for name in airs})
     ghosts, bodies = _with_bodies(scheme, model, at, tables, interval, ghosts, air, moving)
     for body in model.bodies:
@@ -223,9 +227,10 @@ def _accelerate(
 
 
 def _line_of(airs: Mapping[str, AirCoupling], flows: Mapping[str, Scalar], dt: Scalar) -> WaterLine:
-    """Flows over a step of dt (s) as functions of the pressures; `flows` if all pressures were zero.
+    """Flows over a step of dt (s) as functions of the pressures.
 
-    Sound takes several steps to reach the water below: in one step the air moves only the water it acts on.
+    `flows`: flows if all pressures were zero, m3/s (m2/s in 2-D). Sound takes several steps to reach the
+    water below: in one step the air moves only the water on which it acts directly.
     """
     moved = {name: dt * air.mobility() for name, air in airs.items()}
     return WaterLine(flows, {(a, b): moved[a] if a == b else jnp.zeros_like(dt) for a in airs for b in airs})

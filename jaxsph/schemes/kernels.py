@@ -53,7 +53,7 @@ SUPPORT = {Semicircle: {2: 3.05, 3: 3.0}, Polynomial: {2: 3.05, 3: 3.025}}
 """Ratio of support radius to spacing (-), by kernel and number of dimensions."""
 
 STEP_LENGTH = {2: 1.2, 3: 1.5}
-"""Ratio to the spacing (-) of the length in the Courant condition, by number of dimensions, for any kernel.
+"""Ratio of the length in the Courant condition to the spacing (-), by number of dimensions, for any kernel.
 
 In a time step a particle may move by `cfl` times this length.
 """

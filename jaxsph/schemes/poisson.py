@@ -77,7 +77,7 @@ class BiCGStab(AbstractSolver):
 
     def solve(self, operator, b, p):
         """See `AbstractSolver.solve`."""
-        # solve for the change since the last step, whose smaller numbers lose less to rounding in float32
+        # solve for the change since the last step: it is smaller, and so are its rounding errors in float32
         start = jax.lax.stop_gradient(p)
         rest = jax.tree.map(jnp.subtract, b, operator(start))
         # A second unknown, equal to its right-hand side, carries the norm of b to the iteration. For tangents
@@ -129,7 +129,7 @@ def _norm(a: Unknown) -> Scalar:
 
 
 def _plus(a: Unknown, factor: Scalar | float, b: Unknown) -> Unknown:
-    """a + factor b."""
+    """Sum a + factor b of two unknowns."""
     return jax.tree.map(lambda x, y: x + factor * y, a, b)
 
 
@@ -214,7 +214,7 @@ class AbstractSurface(eqx.Module):
 
     @abc.abstractmethod
     def missing(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Increase of the diagonal per unit of the missing neighbours' weights.
+        """Increase of the diagonal per unit of the missing neighbours' weights (-).
 
         `filled`: ratio of the kernel sum V W to its value in a full lattice (-).
         """
@@ -242,7 +242,7 @@ class EmptyNeighbours(AbstractSurface):
     """
 
     gain: Scalar | float = 1.0
-    """Ratio of minus the pressure of a missing neighbour to the pressure of the particle (-)."""
+    """Minus the ratio of a missing neighbour's pressure to the particle's pressure (-)."""
     low: Scalar | float = 0.7
     """Share of a full kernel's sum below which the missing neighbours have their full weight."""
     high: Scalar | float = 0.85

@@ -35,7 +35,7 @@ SECOND_ROW = 28.0
 A rate proportional to dt acts as a spring whose stiffness does not depend on dt. The spring counteracts
 the pressure, which pushes this row out of place (`surface_stiffness`). With the rate used elsewhere in the
 water the spring would weaken as the time step grows. Neither a value of 40 nor the same rate in the
-third row as well improves the result noticeably.
+third row improves the result noticeably.
 """
 
 MOST = 0.5
@@ -45,9 +45,9 @@ MEAN_TIME = 3.0
 """Averaging time of the pressure from which dummies find the water level, as a multiple of sqrt(h/g) (-).
 
 A dummy that becomes wet crowds the water beside it, and the pressure of that water makes the dummy wetter.
-With the pressure of the last step, water below a leaning plate never comes to rest. A time of 1 is sometimes
-too short; times of 2 and 6 are long enough. Every particle has its own mean, because a particle stays at the
-same depth below the surface of waves.
+With the pressure of the last step, water below a leaning plate never comes to rest. A value of 1 is
+sometimes too small; values of 2 and 6 are large enough. Every particle has its own mean, because a particle
+stays at the same depth below the surface of waves.
 """
 
 LEFT_OVER = 0.5

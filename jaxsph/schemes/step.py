@@ -135,15 +135,15 @@ def at_rest(model: Model, state: State) -> Interval:
 def damp(
     model: Model, p: Particles, u: jax.Array, interval: Interval
 ) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
-    """Velocities (m/s) after all dampers over a step, and the kinetic energy exchanged with each, by name.
+    """Velocities (m/s) after all dampers have acted for a step, and the energy exchanged with each, by name.
 
-    The energies (J; J/m in 2-D) are positive if taken from the water. They are positive if given to the water
-    for a damper whose ledger entry is `Exchange.GIVEN`.
+    The exchanged kinetic energies (J; J/m in 2-D) are positive if taken from the water. For a damper whose
+    ledger entry is `Exchange.GIVEN`, they are positive if given to the water.
     """
     exchanged = {}
     for damper in model.dampers:
         damped = damper.damp(p.x, u, interval.t + interval.dt, interval.dt)
-        # a difference of squares in the form of a product, which loses small changes less to rounding
+        # a difference of squares written as a product, which reduces the rounding error of small changes
         gained = 0.5 * jnp.sum(p.m * jnp.sum((damped - u) * (damped + u), axis=1))
         given = damper.entries()[damper.name].exchange is Exchange.GIVEN
         exchanged[damper.name] = gained if given else -gained

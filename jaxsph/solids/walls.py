@@ -120,8 +120,8 @@ class Ghosts(eqx.Module):
         """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
         **Arguments**: `dx`: spacing, m; `slip`: slip at the tank's walls and plates; `sliding`: velocities
-        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end); only
-        with `NoSlip` they drag the water; `platform`: a raised bed at the far end of a two-dimensional tank,
+        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end), which
+        drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional tank,
         with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the water,
         which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's ghosts
         behind a fixed shape belong to the shape, so that the shape receives all of the water's force on it.

@@ -27,7 +27,8 @@ class Derivative:
     slope: float
     """Slope d(of)/d(parameter), in the result's unit divided by the parameter's unit."""
     error: float | None
-    """Standard error of the slope, or the expected bias of a filter; None if the method gives neither."""
+    """Standard error of the slope, or expected bias of a filter, in the unit of the slope; None if the method
+    gives neither."""
     reach: float
     """Largest change of the parameter for which the slope is valid, in the parameter's unit: an ensemble's
     spread, or the change that moves neighbouring particles a tenth of a spacing relative to each other."""

@@ -53,9 +53,9 @@ def coefficients(
 ) -> Coefficients:
     """Added mass, damping and excitation of a case's bodies at wave periods (s), per metre of width.
 
-    For every period and every mode (a motion of a body) there is a run in which the body moves harmonically
-    in still water while all else is held, and for every period one run in which waves meet all bodies held
-    still. Bodies are released from joints and links; a mode is a motion of one body in the tank.
+    For every period and every mode (one motion of one body), one run moves the body harmonically in still
+    water and holds all other motions. For every period, one further run has regular waves and holds all
+    bodies. Joints and links are removed, so that a mode is the motion of a single body in the tank.
 
     **Arguments**: `out`: a file of coefficients, such as `js.CapytaineFile("buoy.nc")`, or a path that ends
     in .nc (Capytaine's dataset) or .h5 (WEC-Sim's BEMIO). The runs are kept beside it, in `<name>_runs.h5`,
@@ -103,10 +103,10 @@ def check_study(
     modes: tuple[Mode, ...],
     forcing: Forcing,
 ) -> list[Case]:
-    """Cases of all runs of a study, for which see `coefficients`.
+    """Cases of all runs of a study (see `coefficients`).
 
-    **Raises** CaseError if the periods are no distinct positive numbers, if the tank does not resolve one, or
-    if a run or the file is impossible.
+    **Raises** CaseError if the periods are not distinct positive numbers, if the tank is unsuitable for
+    one of them, or if a run or the file is impossible.
     """
     try:
         found = np.asarray(periods, float)
@@ -196,8 +196,8 @@ class _Study(NamedTuple):
     def _at_period(self, T: float, runs: Sequence[_Run | None], found: Mapping[str, NDArray]) -> None:
         """Sets the coefficients `found` of one period T (s) from its runs, None for those that failed.
 
-        Waves that come back from the paddle in a run with a given motion act on the bodies like those of the
-        run in waves: their force is subtracted.
+        In a run with a given motion, waves that return from the paddle act on the bodies as incident waves.
+        Their force is computed from the excitation and subtracted.
         """
         *moving, waves = runs
         if waves is not None:

@@ -54,7 +54,7 @@ class Ensemble(AbstractMethod):
         value = parameter_value(source, parameter)
         check_result(source.problem(), of)
         if value == 0.0:
-            raise CaseError(f"{parameter} = 0: must not be 0: an ensemble varies the value by a share of it")
+            raise CaseError(f"{parameter} = 0: must not be 0: an ensemble varies the value by relative steps")
         shares = self.spread * np.linspace(-1.0, 1.0, self.members)
         values = _as_built(source, parameter, [float(v) for v in value * (1.0 + shares)])
         value = float(source.built(parameter))

@@ -52,7 +52,7 @@ class ScatterTable:
             raise CaseError(f"{path}: {kind}: must not be negative, and at least one must be positive")
         if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
             raise CaseError(
-                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; for hours name the column hours"
+                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; for hours, name the column hours"
             )
         hours = float(np.sum(weight)) if kind == "hours" else None
         return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)
@@ -71,7 +71,7 @@ class ScatterTable:
 
 @dataclass(frozen=True)
 class PowerMatrix:
-    """Mean absorbed power of a device over sea states, with its standard error, beside linear theory."""
+    """Mean absorbed power of a device over sea states, its standard error, and the power by linear theory."""
 
     Hs: NDArray[np.float64]
     """Significant wave heights, m."""

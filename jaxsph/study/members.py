@@ -1,9 +1,9 @@
 """Members of a sweep: runs in batches, or in separate processes, here or on the workers of an executor.
 
-All files of a member are in the sweep's folder, so the next worker can continue from its last checkpoint. Two
-rules prevent a member from running in two processes at once after a worker, or the sweep itself, was lost.
-The member's process ends together with the worker that started it, and a worker gives up a member that
-another worker has claimed.
+All files of a member are in the sweep's folder, so that another worker can continue the member from the
+member's last checkpoint. Two rules prevent a member from running in two processes at once after a worker, or
+the sweep itself, was lost. The member's process ends together with the worker that started it, and a worker
+gives up a member that another worker has claimed.
 """
 
 from __future__ import annotations

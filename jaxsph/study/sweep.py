@@ -120,7 +120,7 @@ class Runner(NamedTuple):
     def run(
         self, sources: Mapping[int, Source], folder: Path, stack: contextlib.ExitStack, progress: bool
     ) -> Iterator[tuple[int, Ended]]:
-        """Runs members and yields them as they end; the stack closes what is opened for them."""
+        """Runs members and yields them as they end; `stack` closes an executor that is opened for them."""
         if self.batch is not None:
             return run_in_batches(sources, folder, self.batch, progress)
         executor = self.executor or stack.enter_context(one_per_core(self.workers))
@@ -139,9 +139,9 @@ def run_missing(
 ) -> tuple[dict[int, Any], Meanings]:
     """Runs the members that are not in the file yet; returns all members and their meanings.
 
-    **Arguments**: `source`: what all members share; `sources`: of the members, in the order of the `axes`;
-    `about`: further settings that identify the study. **Raises** FileError if the file, or a member beside
-    it, belongs to another study.
+    **Arguments**: `source`: case or program that all members share; `sources`: sources of the members, in the
+    order of the `axes`; `about`: further settings that identify the study. **Raises** FileError if the file,
+    or a member beside it, belongs to another study.
     """
     members, meanings, about = {}, Meanings(), dict(about or {})
     if file.path.exists():
@@ -203,7 +203,7 @@ def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, A
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """Reads the results of a sweep, ended or not, from a file. **Raises** FileError if this is impossible."""
+    """Reads the results of a sweep, ended or not, from a file. **Raises** FileError if it cannot be read."""
     stored = SweepFile(path).read()
     stored_identity(Path(path), stored.case_toml, stored.version)  # refuses unreadable versions
     keys = tomllib.loads(stored.case_toml)

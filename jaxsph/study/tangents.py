@@ -194,7 +194,7 @@ def _beside(source: S, parameter: str, model: Model) -> tuple[S, S, float]:
 
 
 def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
-    """Slopes of all floats in model and initial state: differences of builds with two parameter values.
+    """Slopes of all floats in model and initial state, by central differences between two builds.
 
     The time step is held constant. It must divide the sampling interval, and so it changes only in jumps.
     """

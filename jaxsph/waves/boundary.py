@@ -7,9 +7,10 @@ the Legendre polynomials P_n over the panel are
     int P_n(t) / (z - t) dt = 2 Q_n(z),
     int P_n(t) ln(z - t) dt = 2 (Q_{n+1}(z) - Q_{n-1}(z)) / (2n + 1) for n >= 1,
 
-with the Legendre functions of the second kind Q_n. They give the potentials of sources (ln r) and of dipoles
-along the normal on the panel. The recursion for Q_n loses digits away from the panel, where Gauss's rule is
-used instead. Source of the formulas: NIST Digital Library of Mathematical Functions, 14.7 and 14.10.
+with the Legendre functions of the second kind Q_n. These integrals give the potentials of sources (ln r) and
+of dipoles along the normal on the panel. The recursion for Q_n loses digits away from the panel, where
+Gauss's rule is used instead. Source of the formulas: NIST Digital Library of Mathematical Functions, 14.7 and
+14.10.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from jaxsph.waves.section import RADIATING, Edge, Section, edges
 __all__ = ["Boundary", "Resolution"]
 
 FAR = 1e8
-"""Growth of rounding errors in the recursion for Q_n from which Gauss's rule is used instead; the error of
+"""Growth of rounding errors in the recursion for Q_n above which Gauss's rule is used instead; the error of
 both is then about 1e-8."""
 
 
@@ -37,11 +38,11 @@ class Resolution(NamedTuple):
     nodes: int = 6
     """Number of nodes on a panel."""
     levels: int = 7
-    """Number of times that panels become smaller towards a corner at which the velocity is singular."""
+    """Number of reductions in panel length towards a corner at which the velocity is singular."""
     ratio: float = 0.3
-    """Ratio of the lengths in this progression."""
+    """Ratio of panel lengths in each of these reductions (-)."""
     largest: float = 1.0
-    """Factor on the largest length of panels."""
+    """Factor on the largest panel length (-)."""
 
 
 class Boundary(NamedTuple):
@@ -56,7 +57,7 @@ class Boundary(NamedTuple):
     owner: NDArray[np.str_]
     """Name of the hull or chamber that each node belongs to, or `FREE` or `RADIATING`, `[N]`."""
     source: NDArray[np.floating]
-    """Integrals `[N, N]` of ln r over the panels, by the values at the nodes (columns), m."""
+    """Integrals `[N, N]` of ln r over the panels, at each node (row) per unit value at a node (column), m."""
     dipole: NDArray[np.floating]
     """Integrals `[N, N]` of the derivative of ln r along the normal (-)."""
 
@@ -85,10 +86,10 @@ class Panel(NamedTuple):
 
 
 CORNER_LEVELS = 3
-"""Number of times that panels become smaller towards a corner at which the velocity is finite."""
+"""Number of reductions in panel length towards a corner at which the velocity is finite."""
 APART = 2.0
-"""Largest length of a panel, relative to its distance from corners of hulls that it does not end at. For the
-free surface the distance from a hull counts, because waves over a submerged hull are shorter."""
+"""Largest ratio of a panel's length to its distance from corners of hulls at which its edge does not end (-).
+For the free surface the distance from a hull is used, because waves over a submerged hull are shorter."""
 UPRIGHT = 6
 """Number of panels of equal length at a radiating end; they resolve the evanescent modes."""
 
@@ -251,7 +252,7 @@ def _potentials(points: NDArray, ends: NDArray, nodes: int) -> tuple[NDArray, ND
 def _legendre_integrals(z: NDArray, nodes: int) -> tuple[NDArray, NDArray]:
     """Integrals of P_n(t) ln|z - t| and of Im P_n(t) / (z - t) over [-1, 1], `[..., n]`, for n < `nodes`.
 
-    On the panel itself the second integral is zero, its mean of both sides.
+    On the panel itself the second integral is set to zero, the mean of its values on both sides.
     """
     above, below = np.log(z + 1.0), np.log(z - 1.0)
     # the difference of the logarithms would have a cut at z < -1

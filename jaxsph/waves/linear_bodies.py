@@ -1,17 +1,17 @@
 """Linear response of jointed bodies with links and chambers to regular waves.
 
-The motions follow from generalised coordinates xi, amplitudes of small changes of the joints' coordinates
-from equilibrium, by the Jacobian J from the coordinates' rates to the velocities v of all hulls. With the
-symbols of `waves.panels`, the mass matrix M, the stiffness K of weight, buoyancy and links, the damping C of
-the links and an incident amplitude a,
+The unknowns xi are the amplitudes of small changes of the joints' coordinates from equilibrium. The Jacobian
+J gives the velocities v of all hulls from the coordinates' rates. With the symbols of `waves.panels`, the
+mass matrix M, the stiffness K of weight, buoyancy and links, the damping C of the links and an incident
+amplitude a,
 
     (-omega^2 M + K - i omega (C + J^T (B - i omega A) J)) xi - J^T P p = J^T X a,
     q = S a - i omega T J xi - Z p,    q_t = q + i omega c p,    p = r q_t,
 
 where c is the compliance of a chamber's air, q_t its turbine's flow and r its turbine's resistance. Forces
-that are not linear in the rate, of links and turbines, are replaced by the linear force that takes the same
-mean power from a sinusoidal motion (equivalent linearisation), at the amplitude that is found. Host numpy in
-double precision; a complex amplitude stands for Re(a exp(-i omega t)), with the incident crest at x = 0 at
+of links and turbines that are nonlinear in the rate are replaced by the linear force that takes the same mean
+power from a sinusoidal motion of the amplitude that is found (equivalent linearisation). Host numpy in double
+precision; a complex amplitude stands for Re(a exp(-i omega t)), with the incident crest at x = 0 at
 t = 0; all values are per metre of width.
 """
 
@@ -78,20 +78,20 @@ class Compliance:
 
 @dataclass(frozen=True)
 class SmallMotion:
-    """Small motions of jointed bodies about their equilibrium in still water, by n free coordinates."""
+    """Equations of small motions of jointed bodies about equilibrium in still water, n free coordinates."""
 
     mass: Real
     """Mass matrix `[n, n]`, kg, kg m or kg m2 per metre of width."""
     stiffness: Real
-    """Stiffness `[n, n]` of weight, buoyancy and links."""
+    """Stiffness `[n, n]` of weight, buoyancy and links, N/m, N or N m per metre of width."""
     damping: Real
-    """Damping `[n, n]` of the links with linear forces."""
+    """Damping `[n, n]` of the links with linear forces, N s/m, N s or N m s per metre of width."""
     jacobian: Real
     """Velocities of the hulls `[m, n]`, as in `Hydrodynamics`, per unit rate of the coordinates."""
     dampings: tuple[Damping, ...] = ()
-    """Forces of the links along one extension."""
+    """Rate-dependent forces of the links, each along one extension."""
     chambers: tuple[Compliance, ...] = ()
-    """Turbines and air of the section's chambers, in their order."""
+    """Turbines and air of the chambers, in the order of the section."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,8 @@ class LinearBodies:
 def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> LinearBodies:
     """Linear response of bodies to a regular wave of height H (m, > 0).
 
-    **Raises** ValueError for arrays that do not fit, and if the equivalent linearisation does not converge.
+    **Raises** ValueError if the sizes of arrays do not match or H is not positive, and if the equivalent
+    linearisation does not converge.
     """
     hulls, chambers = len(water.excitation), len(water.scattered_flow)
     if bodies.jacobian.shape[0] != hulls or len(bodies.chambers) != chambers or not H > 0.0:
@@ -153,7 +154,8 @@ def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> Linear
         after = np.abs(np.concatenate([water.omega * (ways @ xi), q_pto]))
         if np.all(np.abs(after - sizes) <= EXACT * (sizes + 1e-9)):
             return _response(water, bodies, H, ways, xi, q_pto, damping, resistance)
-        # the amplitude falls as the equivalent damping rises, so that the mean of both converges
+        # the amplitude falls as the equivalent damping rises, so that the geometric mean of the old and the
+        # new amplitude converges
         sizes = np.sqrt(np.maximum(after, 1e-12) * np.maximum(sizes, 1e-12))
     raise ValueError("the equivalent linearisation of the links' forces does not converge")
 
@@ -163,7 +165,7 @@ def _solved(
 ) -> tuple[Complex, Complex]:
     """Coordinates (m or rad) and flows of the turbines (m2/s) for the incident amplitude a (m).
 
-    `damping` `[n, n]` of the links with equivalent forces, and `resistance` (Pa s/m2) of the turbines.
+    `damping`: equivalent damping `[n, n]` of the links; `resistance` (Pa s/m2) of the turbines.
     """
     J, omega, n = bodies.jacobian, water.omega, len(bodies.mass)
     give = np.array([one.give for one in bodies.chambers])

@@ -6,14 +6,14 @@ exp(-i omega t), z = 0 at the still water level, flow q of AIR OUT of a chamber,
 incident wave travels towards +x and has its crest at x = 0 at t = 0. Host numpy in double precision; nothing
 here is traced.
 
-The generalised velocities v are surge, heave and pitch of every hull about its pivot, and p is the gauge
-pressures of the chambers. Forces of the water and of the chambers' air on the hulls, and flows, per incident
-amplitude a, are
+The generalised velocities v are surge, heave and pitch of every hull about its pivot, and p are the gauge
+pressures of the chambers. For the incident amplitude a, the forces F of the water and of the chambers' air on
+the hulls, and the flows q, are
 
     F = X a - (B - i omega A) v + P p,    q = S a + T v - Z p,
 
-where F is without the hydrostatic restoring forces. A and B are symmetric, Z is symmetric with Re Z >= 0, and
-P = -T^T, because each of these radiates waves by the same equations.
+where F excludes the hydrostatic restoring forces. A and B are symmetric, Z is symmetric with Re Z >= 0, and
+P = -T^T, because hulls and chambers radiate waves by the same equations.
 
 Method: Green's identity on the boundary of the water, with mirror images at the bed and the end wall, gives
 the potential on the boundary. On every straight panel the potential is a polynomial, collocated at Gauss
@@ -49,8 +49,8 @@ Complex = NDArray[Any]
 """Array of complex numbers."""
 
 MODES = 12
-"""Number of evanescent modes that are matched at a radiating end. The next one decays to exp(-20) on its way
-from the nearest hull."""
+"""Number of evanescent modes that are matched at a radiating end. The next mode decays to exp(-20)
+between the nearest hull and the end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +73,12 @@ class Hydrodynamics:
     added_mass: NDArray[np.floating]
     """Added mass A `[m, m]`, kg/m (kg and kg m for pitch)."""
     damping: NDArray[np.floating]
-    """Radiation damping B `[m, m]`, N s/m2 and so on."""
+    """Radiation damping B `[m, m]`, N s/m2 (N s/m and N s for pitch)."""
     excitation: Complex
     """Exciting force X `[m]` per metre of incident amplitude, N/m2 (N/m for pitch)."""
     pressure_force: Complex
-    """Force P `[m, c]` on the hulls per unit pressure of a chamber, m (m2 for pitch); of a chamber that a
-    hull carries, with the force on its roof and walls."""
+    """Force P `[m, c]` on the hulls per unit pressure of a chamber, m (m2 for pitch); for a chamber that a
+    hull carries, this includes the force on its roof and walls."""
     scattered_flow: Complex
     """Flow of air S `[c]` out of open chambers per metre of incident amplitude, with fixed hulls, m/s."""
     motion_flow: Complex
@@ -172,7 +172,7 @@ class _End(NamedTuple):
 
 
 def _radiating(section: Section, boundary: Boundary, omega: float, k: float, g: float) -> list[_End]:
-    """Radiating ends, left and right; an outgoing wave of the wavenumber k and `MODES` evanescent ones."""
+    """Radiating ends, left and right, with an outgoing wave of wavenumber k (rad/m) and evanescent modes."""
     h, found = section.depth, []
     roots = evanescent(omega**2 / g * h, MODES)
     norm = np.sqrt(0.5 * (1.0 + np.sin(2.0 * roots) / (2.0 * roots)))
@@ -198,8 +198,8 @@ def _wave(z: NDArray, k: float, h: float) -> NDArray[np.floating]:
 def _potential(boundary: Boundary, dry: NDArray, ends: list[_End], K: float, given: NDArray) -> NDArray:
     """Potentials `[N, r]` at the nodes, for the `given` parts `[N, r]` of the velocity out of the water.
 
-    The velocity is `given` at the nodes of the mask `dry`, on hulls; K phi + `given` on the surface; and
-    follows from the potential at the radiating ends.
+    The velocity is `given` on hulls, the nodes of the mask `dry`, and K phi + `given` on the surface. At the
+    radiating ends the velocity follows from the potential.
     """
     source = boundary.source
     matrix = (np.pi * np.eye(len(source)) - boundary.dipole).astype(complex)
@@ -217,7 +217,7 @@ def _incident(
     velocity (m/s) out of the water, at the nodes."""
     x, z = boundary.x.T
     shape = -1j * g / omega / _wave(np.zeros(1), k, section.depth)
-    # the derivative of the mode by z is k times the mode with the opposite sign of the second exponential
+    # d/dz of the mode is k times the mode with the opposite sign of the second exponential
     down = _wave(z, k, section.depth)
     rise = k * np.tanh(k * (z + section.depth)) * down
     there, back = np.exp(1j * k * x), np.zeros(len(x))
@@ -238,7 +238,10 @@ def _motions(section: Section, boundary: Boundary) -> NDArray[np.floating]:
 
 
 def _carried(section: Section) -> NDArray[np.floating]:
-    """Force `[m, c]` of each chamber's unit pressure on the hull that carries it: minus that on the water."""
+    """Force `[m, c]` on the hull that carries a chamber per unit pressure, m (m2 for pitch).
+
+    It is minus the force of the air on the water surface.
+    """
     found = np.zeros((3 * len(section.hulls), len(section.chambers)))
     names = [hull.name for hull in section.hulls]
     for column, one in enumerate(section.chambers):

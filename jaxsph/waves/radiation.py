@@ -51,7 +51,7 @@ _FUNCTIONS = 16
 
 
 _FAR = 4000.0
-"""Argument kappa (-) beyond which sums over modes replace the Bessel functions by their asymptotes."""
+"""Argument kappa (-) beyond which sums over modes replace the Bessel functions by their asymptotic forms."""
 
 
 @dataclass(frozen=True)

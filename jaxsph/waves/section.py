@@ -58,7 +58,7 @@ class Chamber:
     """x at which the stretch ends, m."""
     hull: str = ""
     """Name of the hull that carries the chamber; empty for a chamber at rest. The flow of air of a carried
-    chamber is relative to the hull, and its pressure acts on the hull's roof and walls, too."""
+    chamber is relative to the hull, and the air pressure also acts on the hull's roof and walls."""
 
     def __post_init__(self) -> None:
         """**Raises** ValueError for a stretch without length."""
@@ -121,8 +121,8 @@ class Edge(NamedTuple):
     owner: str
     """Name of the hull or chamber that the edge belongs to, or `FREE` or `RADIATING`."""
     sharp: tuple[bool, bool]
-    """Whether the velocity is singular at the beginning and at the end: at an edge of a hull that the water
-    surrounds by more than half a turn."""
+    """Whether the velocity is singular at the beginning and at the end: at a corner of a hull where the angle
+    in the water exceeds pi."""
     corner: tuple[bool, bool]
     """Whether the boundary turns, or its condition changes, at the beginning and at the end."""
 
@@ -137,7 +137,7 @@ TURN = 0.3
 
 
 def edges(section: Section) -> list[Edge]:
-    """Edges of the water's boundary without the bed and the end wall, which mirror images replace.
+    """Edges of the water's boundary without the bed and the end wall, which are replaced by mirror images.
 
     **Raises** ValueError for water that is closed in without a free surface, and for a stretch of a chamber
     that is not on the free surface.
@@ -177,13 +177,13 @@ def _rings(section: Section) -> list[shapely.LinearRing]:
             continue
         part = shapely.orient_polygons(shapely.Polygon(part), exterior_cw=False)
         if part.bounds[3] < -tiny:
-            raise ValueError("a hull closes in water that has no free surface: fill or open this space")
+            raise ValueError("a hull encloses water that has no free surface: fill or open this space")
         rings += [part.exterior, *part.interiors]
     return rings
 
 
 def _with_chamber_ends(corners: NDArray, section: Section) -> NDArray:
-    """Corners without repetitions and needless corners, and with the ends of chambers on the surface."""
+    """Corners without repetitions, and with the ends of chambers on the surface added."""
     tiny = CLOSE * section.depth
     ends = np.array([x for one in section.chambers for x in (one.first, one.last)])
     found = []
@@ -199,7 +199,7 @@ def _with_chamber_ends(corners: NDArray, section: Section) -> NDArray:
 
 
 def _owner(a: NDArray, b: NDArray, section: Section) -> str:
-    """Name of what an edge belongs to; empty for the bed and the end wall."""
+    """Name of the hull or chamber of an edge, `FREE` or `RADIATING`; empty for the bed and the end wall."""
     tiny, middle = 10.0 * CLOSE * section.depth, 0.5 * (a + b)
     left, right = section.ends
     if max(abs(a[1]), abs(b[1])) < tiny:
@@ -218,7 +218,7 @@ def _owner(a: NDArray, b: NDArray, section: Section) -> str:
 
 
 def _wedge(corners: NDArray, index: int, owners: list[str]) -> float:
-    """Angle of the water at a corner, rad; with the mirror image at the bed or the end wall."""
+    """Angle in the water at a corner, rad; includes the mirror image at the bed or the end wall."""
     before = corners[index - 1] - corners[index]
     after = corners[(index + 1) % len(corners)] - corners[index]
     turn = np.arctan2(before[1], before[0]) - np.arctan2(after[1], after[0])
@@ -233,7 +233,7 @@ def _is_sharp(wedge: float, owners: list[str], index: int, section: Section) -> 
 
 
 def _is_corner(wedge: float, owners: list[str], index: int) -> bool:
-    """Whether the boundary turns at a corner, or its condition changes there without a radiating end."""
+    """Whether the boundary turns at a corner or its condition changes there; False at a radiating end."""
     both = {owners[index - 1], owners[index]}
     if RADIATING in both:
         return False

@@ -24,9 +24,9 @@ than three lines of cells of the whole radius."""
 SPREADING = 1.3
 """Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
 
-Spreading water comes near more points, and every change of `Slabs.points` recompiles the step. Water that has
-once come near more points than this will spread further: the number is then set to `SPREADS_ON` times the
-points needed.
+Water that spreads comes near more points, and every change of `Slabs.points` recompiles the step. If the
+water comes near more points than `Slabs.points`, it will spread further: `Slabs.points` is then set to
+`SPREADS_ON` times the number needed.
 """
 SPREADS_ON = 2.0
 

@@ -25,7 +25,7 @@ class Seen(NamedTuple):
 
 
 NARROW = 1 << 30
-"""Value reported for the needed size of a halo if a slab is too narrow. Then no size suffices."""
+"""Halo size reported as needed if a slab is too narrow for a halo of any size."""
 
 
 def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"]) -> tuple[Any, Array]:
@@ -96,7 +96,7 @@ def water_neighbours(
 
 
 def _grid_of(method: AbstractSearch) -> Grid:
-    """Cells of the search, by which slabs are sorted; only the search by cells supports slabs."""
+    """Cells of the search, by which particles are sorted; only the search by cells supports several slabs."""
     return method.grid  # pyright: ignore[reportAttributeAccessIssue]
 
 

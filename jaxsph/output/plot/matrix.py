@@ -29,17 +29,17 @@ class MeanPower(Protocol):
 
     @property
     def P(self) -> Table:
-        """Mean power, `[Hs, Tp]`; NaN if no run of the sea state ended."""
+        """Mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run of the sea state ended."""
         ...
 
     @property
     def error(self) -> Table:
-        """Standard error of the mean power, `[Hs, Tp]`."""
+        """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D)."""
         ...
 
     @property
     def linear(self) -> Table:
-        """Mean power by linear theory, `[Hs, Tp]`; NaN if the theory does not cover the case."""
+        """Mean power by linear theory, `[Hs, Tp]`, W/m; NaN if the theory does not cover the case."""
         ...
 
     @property

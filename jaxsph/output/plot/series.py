@@ -67,7 +67,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     """Figure of level, flow, pressure and power of the chambers over time.
 
     With `linear`, dashed lines show linear theory: the extremes of level, flow and pressure, and the mean
-    power. They span the periods over which the efficiency was averaged (the last period without an average).
+    power. They span the periods over which the efficiency was averaged, or else the last period.
     """
     panels = [
         ("chamber_level", "level (m)", "mean level above still water, positive when risen", BLUE),
@@ -246,7 +246,7 @@ def energy_terms(
 
 
 def _of_every_pto(series: dict[str, np.ndarray], from_ptos: Collection[str]) -> np.ndarray:
-    """Energy absorbed by all power take-offs together."""
+    """Energy absorbed by all power take-offs together, J (J/m in 2-D)."""
     works = [work_of(series, name) for name in from_ptos]
     return np.sum([np.zeros_like(series["time"]), *works], axis=0)
 
@@ -272,7 +272,7 @@ def _budget_title(series: dict[str, np.ndarray], from_ptos: list[str]) -> str:
 
 
 def work_of(series: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """Energy from a power whose samples are means since the last sample (see `analysis.energy_budget`)."""
+    """Energy, J (J/m in 2-D), from a power whose samples are means over the interval before each sample."""
     if name not in series:
         return np.zeros_like(series["time"])
     work = np.cumsum(series[name][1:] * np.diff(series["time"]))
@@ -280,7 +280,7 @@ def work_of(series: dict[str, np.ndarray], name: str) -> np.ndarray:
 
 
 def _integral(series: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """Energy from a power with instantaneous samples, by the trapezoidal rule."""
+    """Energy, J (J/m in 2-D), from a power with instantaneous samples, by the trapezoidal rule."""
     if name not in series:
         return np.zeros_like(series["time"])
     power = series[name]

@@ -41,12 +41,12 @@ class Tank:
     depth: float | None
     """Still water level, m; None if the scene has no level."""
     top: float
-    """Upper edge of the view."""
+    """Upper edge of the view, m."""
     walls: tuple[bool, bool, bool]
     """Whether there is a wall to the left, to the right, and below."""
     solids: tuple[Outline, ...]
     lines: tuple[str, ...] = ()
-    """Names of the links that are drawn, whose points snapshots hold."""
+    """Names of the links to draw, whose points are stored in the snapshots."""
 
     @classmethod
     def of(cls, run: RunReader) -> Tank:
@@ -62,7 +62,7 @@ class Tank:
             for one in scene.get("solids", ())
             if one["corners"]
         )
-        # a floating body is seen as a whole, but not a wall that is drawn to far above the water
+        # show a floating body as a whole, but not a wall that extends far above the water
         roofs = [float(one.corners[:, 1].max()) for one in solids]
         top = max([top, *(roof for roof in roofs if roof < ROOF * top)])
         top += 0.12 * max(depth or top - float(low[-1]), 4 * dx)
@@ -79,14 +79,14 @@ class Tank:
         )
 
     def strips(self) -> list[tuple[float, float]]:
-        """x ranges of the strips in which the tank is drawn, each at most about ten times as long as high."""
+        """x ranges (m) of the strips of a drawn tank, each at most about ten times as long as high."""
         margin = 0.01 * (self.x1 - self.x0) + self.dx
         count = max(1, int(np.ceil((self.x1 - self.x0) / (8.0 * self.top) - 0.3)))
         edges = np.linspace(self.x0 - margin, self.x1 + margin, count + 1)
         return list(itertools.pairwise(edges))
 
     def zoom(self) -> tuple[float, float] | None:
-        """x range around the solids if they are small in a picture of the whole tank, or else None."""
+        """x range (m) around the solids if they are small in a picture of the whole tank; otherwise None."""
         within = [one.corners[:, 0] for one in self.solids if one.corners[:, 0].min() > self.x0 + self.dx]
         if not within or self.x1 - self.x0 < 4.0 * self.top:
             return None

@@ -130,7 +130,7 @@ function particles() {
     drag(canvas, water);
     return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, canvas, readings(run));
   });
-  const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "Of a three-dimensional run, the picture shows the middle of the tank's width.") : null;
+  const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "The picture of a three-dimensional run shows the middle of the tank's width.") : null;
   const thinnest = Math.max(...shown.map((run) => run.player.thinning));
   const thinned = thinnest > 1 ? el("p", { class: "hint" }, `One particle in ${thinnest} is shown, enlarged.`) : null;
   return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), slice, thinned,
@@ -299,7 +299,7 @@ async function loadLibrary() {
   URL.revokeObjectURL(address);
 }
 
-// Asks the local server for what is new, until the run has ended.
+// Asks the local server for updates, until the run has ended.
 async function follow() {
   let known = "";
   for (;;) {

@@ -33,7 +33,7 @@ class Water {
     }
   }
 
-  // Shows the whole tank or the device: x of the left edge, z of the lower edge, pixels in a metre.
+  // Sets the view to the whole tank or the device: x of the left edge (m), z of the lower edge (m), pixels per metre.
   fit(look) {
     const tank = this.player.tank, { width, height } = this.canvas;
     const [a, b] = look === "device" && tank.zoom ? tank.zoom : [tank.x0 - 0.03, tank.x1 + 0.03];
