@@ -25,6 +25,7 @@ import jaxsph as js
 from experiments.common import Report, solved
 from experiments.floating_body import LinearBody, Points, Spring, box_outline, displaced
 from jaxsph import analysis
+from jaxsph.case.settling import settling_time
 from jaxsph.output.plot.style import BLUE, GREEN, RED, in_style
 
 H = 0.03
@@ -38,8 +39,8 @@ BAR = 0.07
 """Largest allowed relative error of an RAO (-)."""
 LOWER = 0.002
 """Change of the centre of mass whose effect on the theory is reported, m."""
-SETTLE, TAKEN = 8, 4
-"""Numbers of periods left out at the start, and evaluated after it."""
+TAKEN = 4
+"""Periods that are evaluated, after the waves have reached the far end of the tank."""
 UNITS = {"surge": "", "heave": "", "pitch": "rad/m"}
 """Motions, and units of their RAOs."""
 
@@ -70,10 +71,8 @@ class Box:
     def case(self, T: float, dx: float) -> js.Case:
         """The box in waves of the period T (s), at the spacing dx (m)."""
         base = js.load_case(self.case_name)
-        end = (SETTLE + TAKEN) * T
         changes = {
             "dx": dx,
-            "t1": round(end / 0.02) * 0.02,
             "waves.H": H,
             "waves.T": T,
             "output.periods": TAKEN,
@@ -85,7 +84,9 @@ class Box:
         if self.bilge:
             corners = np.add(self.outline, (MIDDLE, LEVEL))
             changes |= {"body.block": None, "body.polygon": corners.tolist()}
-        return base.replace(changes)
+        case = base.replace(changes)
+        end = settling_time(case) + TAKEN * T
+        return case.replace({"t1": round(np.ceil(end / 0.02) * 0.02, 2)})
 
     def theory(self) -> LinearBody:
         """The box in linear theory."""
