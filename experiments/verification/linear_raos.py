@@ -154,6 +154,8 @@ def _picture(found: dict[tuple[str, float], list[float]]) -> Figure:
         for k, (ax, (name, unit)) in enumerate(zip(axes, UNITS.items(), strict=True)):
             ax.plot(fine, theory[k], color=colour, lw=1)
             ax.plot(PERIODS, [found[box.name, T][k] for T in PERIODS], "o", color=colour, label=box.name)
-            ax.set(xlabel="T, s", ylabel=f"RAO of {name}" + (f", {unit}" if unit else ""), ylim=(0, None))
+            ax.set(xlabel="T, s", ylabel=f"RAO of {name}" + (f", {unit}" if unit else ""))
+    for ax in axes:
+        ax.set_ylim(bottom=0)  # after all boxes, which set the upper end
     axes[0].legend(title="lines: linear theory", fontsize="small")
     return figure
