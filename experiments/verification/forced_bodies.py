@@ -263,7 +263,8 @@ def _picture(found: Found) -> Figure:
                     ms=4,
                     label=body.name,
                 )
-                ax.set_ylim(0, None)
+        for ax in rows[:, k]:
+            ax.set_ylim(bottom=0)  # after all bodies, which set the upper end
         rows[0, k].set(title=motion if motion != "roll" else "roll about the lowest point")
         rows[1, k].set(xlabel="T, s")
     for row, name in zip(rows, ("added mass, kg/m (kg m)", "damping, N s/m2 (N s)"), strict=True):
