@@ -30,7 +30,7 @@ T1, STEPS = 3.0, 6000
 PERIOD, PERIODS = 1.9, 100
 """Period of the double pendulum, s, and number of periods over which its energy is compared."""
 Angles = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Times (s), and angles (rad) of the bodies and by scipy, one row for each body."""
+"""Times (s), angles of the bodies (rad), and the angles that scipy computes (rad); one row for each body."""
 
 
 def march(bodies: Sequence[RigidBody], t1: float, n: int, every: int, dtype: Any = F64):

@@ -110,9 +110,9 @@ def has_free_bodies(case: Sections) -> bool:
 def linear_motions(case: Sections) -> LinearMotions:
     """Linear theory of a case's bodies, with links and chambers, in the case's regular waves.
 
-    The theory includes the end wall, unless there is a sponge in front of it, and other solids. It assumes
-    that the paddle absorbs all waves that return to it. Results are cached.
-    **Raises** CaseError, with the reason, for a case that linear theory does not cover.
+    The theory includes other solids, and also the end wall unless there is a sponge in front of it. It
+    assumes that the paddle absorbs all waves that return to it. Results are cached. **Raises** CaseError,
+    with the reason, for a case that linear theory does not cover.
     """
     return _found(type(case), case.model_dump_json(exclude_none=True))
 

@@ -35,10 +35,10 @@ def read_moordyn(
 ) -> dict[str, Any]:
     """Sections of all lines of a MoorDyn file, by the names line1, line2 and so on.
 
-    **Arguments**: `body` with all fairleads; `at`: position (m) in the tank of the file's origin, by default
-    x = 0, and z the water depth in the file; `kind` of all moorings; `lines`: number of equal lines for each
-    line in the file, in two dimensions per metre of width. **Raises** CaseError if the file cannot be read,
-    or has features that are not available.
+    **Arguments**: `body` with all fairleads; `at`: position (x, z) of the file's origin in the tank, m; by
+    default x = 0 and z = the water depth given in the file; `kind` of all moorings; `lines`: number of equal
+    lines for each line in the file, in two dimensions per metre of width. **Raises** CaseError if the file
+    cannot be read, or has features that are not available.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise CaseError(f"{path}: must be a MoorDyn file whose name ends in {' or '.join(SUFFIXES)}")

@@ -93,10 +93,10 @@ class Regularisation(eqx.Module):
     the residual at the neighbour. The kinetic energy therefore never grows, and velocities up to second
     degree in space are not damped, not even beside walls and surfaces. Disorder of the particles adds noise
     to their velocities that varies from one particle to the next. Noise with a wavelength of two spacings
-    decays at 1.3 to 1.6 times the rate hyperviscosity sqrt(g/h), within 0.05 s for dx = 0.02 m. The damping
-    of a wave with wavenumber k is much weaker, because it is proportional to (kh)^6. An artificial viscosity,
-    whose damping is proportional to (kh)^2, damps both noise and waves. In spray and thin sheets, where the
-    weights add up to less than `THIN`, the polynomial is of first degree.
+    decays at a rate of 1.3 to 1.6 times hyperviscosity sqrt(g/h); with dx = 0.02 m it falls by a factor of e
+    in less than 0.05 s. The damping of a wave with wavenumber k is much weaker, because it is proportional to
+    (kh)^6. An artificial viscosity, whose damping is proportional to (kh)^2, damps both noise and waves. In
+    spray and thin sheets, where the weights add up to less than `THIN`, the polynomial is of first degree.
 
     **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
     dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. The velocities change
@@ -147,7 +147,8 @@ class Regularisation(eqx.Module):
     ) -> Regularised:
         """Velocities (m/s) and displacements (m) after the time t (s), by two pair sums.
 
-        t is the time between two regularisations. Noise and clumping are at most removed, however large t is.
+        t is the time between two regularisations. However large t is, no more than the whole of the noise and
+        of the clumping is removed.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         radius, unit = smoothing.radius, lattice_sum(smoothing, model.dx, dim)

@@ -40,7 +40,7 @@ class TangentFilter(AbstractTangents):
 
     The filter must act faster than exact tangents grow. Under pressure the rows of the square lattice slide
     over each other, and exact tangents grow. At the bed of still water 0.4 m deep, with dx = 0.02 m, they
-    grow by a factor of e in 0.14 s (`python -m experiments run lattice_growth`). Higher orders preserve the
+    grow by a factor of e in 0.23 s (`python -m experiments run lattice_growth`). Higher orders preserve the
     chamber's flow better: order 3 at every step lost a fifth of the response, while order 1 at every fifth
     step loses half. But order 3 left slow modes of the sliding rows, which grew thirtyfold per period in a
     tank of 4 m. Tangents of the densities need no filter, since they follow the tangents of positions and

@@ -62,8 +62,8 @@ class AbstractAirLaw(eqx.Module):
     def divided(self, pressed: Pressed, mean: Scalar) -> tuple[Scalar, Scalar]:
         """Flows through the power take-off and into the ducts in a step, m2/s.
 
-        **Arguments**: `pressed`: the air over the step; `mean`: mean flow at the water's surface over the
-        step, m2/s.
+        **Arguments**: `pressed`: pressures and flows of the air in the step; `mean`: mean flow at the water's
+        surface over the step, m2/s.
         """
 
     @abc.abstractmethod

@@ -232,7 +232,8 @@ number counts as discontinuous. If it is smooth, this ratio is about the relativ
 
 
 def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None:
-    """**Raises** CaseError if a number in the model jumps with the parameter, such as a rounded length."""
+    """**Raises** CaseError if a number in the model, such as a rounded length, is a discontinuous function of
+    the parameter."""
     for at, more, less in zip(here, ahead, behind, strict=True):
         at, more, less = (np.asarray(a, np.float64) for a in (at, more, less))
         rounding = 8 * np.finfo(here[0].dtype).eps * (np.max(np.abs(at), initial=0.0) + 1e-30)
