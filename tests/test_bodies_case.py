@@ -20,7 +20,6 @@ def box(first, last, **keys):
 
 FORE = box(1.0, 1.4, free=["surge", "heave", "pitch"])
 AFT = box(1.5, 1.9, free=["pitch"], joined_to="fore", pivot=[1.45, 0.5])
-
 TALL = FORE | {"block": {"low": [1.2, 0.2], "high": [1.4, 0.9]}}
 
 
@@ -48,10 +47,8 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
             {"bodies": {"fore": FORE, "aft": AFT | {"block": {"low": [1.3, 0.4], "high": [1.9, 0.6]}}}},
             r"bodies.fore and bodies.aft: have 0.02 m2 in common: move one of them",
         ),
-        (
-            {
-                "bodies": {"fore": TALL | {"angle": 1.4}, "aft": box(1.5, 1.9)}
-            },  # they overlap only at this angle
+        (  # they overlap only at this angle
+            {"bodies": {"fore": TALL | {"angle": 1.4}, "aft": box(1.5, 1.9)}},
             r"bodies.fore and bodies.aft: have .* m2 in common: move one of them",
         ),
         (

@@ -65,7 +65,7 @@ def test_a_stiff_polynomial_is_of_first_degree(dim, seed):
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**31), data=st.data())
 def test_few_neighbours_leave_no_residual(dim, seed, data):
-    """A polynomial with as many coefficients as neighbours goes through all values, so that spray is free."""
+    """A free polynomial with as many coefficients as neighbours goes through all values: it damps nothing."""
     rng = np.random.default_rng(seed)
     count = data.draw(st.integers(1, COUNT[dim] - 2))
     d, w = neighbours(rng, COUNT[dim], dim)

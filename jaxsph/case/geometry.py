@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between, stretch_in
-from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Device, Sections
+from jaxsph.case.sections import DEVICE_CHAMBER, Device, Sections
 from jaxsph.case.shape_sections import SolidSection
 from jaxsph.case.shapes import (
     Points,
@@ -85,6 +85,7 @@ class Geometry:
         """Empty geometry for the spacing dx (m)."""
         self.dx = dx
         self.notices, self.rounded, self.bodies, self.solids, self.stretches = [], {}, {}, {}, {}
+        self.keys: dict[str, str] = {}
         self.length = self.depth = self.height = self.column = self.layer = self.stroke = 0.0
         self.withdrawal = 0.0
         self.width = self.plate = self.platform = None
@@ -257,7 +258,7 @@ class Geometry:
         if sections and case.device is not None:
             raise CaseError("body: a tank has either bodies or a device: remove one of the two")
         for name, section in sections.items():
-            key = case.body_key(name)
+            key = self.keys[name] = case.body_key(name)
             for index, point in enumerate(section.sensors):
                 if len(point) != case.dim:
                     raise CaseError(
@@ -288,7 +289,7 @@ class Geometry:
             if section.block is not None:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
         bodies = case.every_body
-        carried = {case.body_key(name): carriers(bodies, name) for name in bodies}
+        carried = {key: carriers(bodies, name) for name, key in self.keys.items()}
         check_apart(self.named_shapes(), self.dx, carried)
         self._check_regions(case)
 
@@ -349,7 +350,7 @@ class Geometry:
 
     def named_shapes(self) -> dict[str, AbstractShape]:
         """Shapes of all solids in the tank, by their names in a case."""
-        found = {name if name == ONLY_BODY else f"bodies.{name}": one for name, one in self.bodies.items()}
+        found = {self.keys[name]: shape for name, shape in self.bodies.items()}
         found |= {f"solid.{name}": shape for name, shape in self.solids.items()}
         if self.plate is not None:
             found["device"] = Block((self.plate.x0, self.plate.tip), (self.plate.x1, self.height))

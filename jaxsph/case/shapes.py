@@ -87,16 +87,13 @@ def check_apart(
 ) -> None:
     """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume.
 
-    In two dimensions bodies are at their initial angles; `carried`: for every body the result of `carriers`.
+    Bodies are at their initial angles; `carried`: for every body the result of `carriers`.
     """
     areas = {name: _placed(shape, carried.get(name, ())) for name, shape in shapes.items()}
     for a, b in itertools.combinations(shapes, 2):
         low, high = (np.stack(ends) for ends in zip(shapes[a].bounds(), shapes[b].bounds(), strict=True))
-        dim = len(low[0])
-        if dim == 2:
-            common = areas[a].intersection(areas[b]).area
-        else:
-            common = np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0))
+        across = np.maximum(high.min(axis=0) - low.max(axis=0), 0.0)[1:-1]  # along y, in three dimensions
+        dim, common = low.shape[1], areas[a].intersection(areas[b]).area * np.prod(across)
         if common > 0.5 * dx**dim:
             raise CaseError(
                 f"{a} and {b}: have {common:.3g} m{dim} in common: move one of them, or combine both in one "

@@ -58,6 +58,8 @@ wall, and 0.20 to 0.26 in a row of particles. In three dimensions it is 0.24 or 
 walls, and 0.05 to 0.09 in a row. A polynomial of second degree fits the few neighbours in spray and thin
 sheets whatever their velocities, so that nothing would be damped there: dam breaks then failed at the impact.
 """
+FADE = 0.1
+"""Width of the transition below `THIN`, as a sum of weights (-)."""
 
 
 class Regularised(NamedTuple):
@@ -163,7 +165,7 @@ class Regularisation(eqx.Module):
 
         of_water = tables.fluid.of_water()
         total, summed, differences = of_water.sum(equations, smoothing, own, Sources(own, {}))
-        thin = jnp.clip(10.0 * (THIN[dim] - total), 0.0, 1.0)
+        thin = jnp.clip((THIN[dim] - total) / FADE, 0.0, 1.0)
         own = own | {"fit": polynomials(summed, differences, dim, thin)}
         law = functools.partial(self.law, unit, model.dx, radius)
         terms = of_water.sum(law, smoothing, own, Sources(own, {}))

@@ -24,11 +24,10 @@ than three lines of cells of the whole radius."""
 SPREADING = 1.3
 """Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
 
-Water that spreads comes near more points, and every change of `Slabs.points` recompiles the step. If the
-water comes near more points than `Slabs.points`, it will spread further: `Slabs.points` is then set to
-`SPREADS_ON` times the number needed.
+Water that spreads comes near more points, and every change of `Slabs.points` recompiles the step.
 """
 SPREADS_ON = 2.0
+"""The same factor (-) once the water has come near more points than `Slabs.points`, and spreads further."""
 
 
 class Grid(eqx.Module):
