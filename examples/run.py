@@ -1,6 +1,6 @@
 """A run: waves drive an oscillating water column; readings of the run are in one file and in `solution`.
 
-The case is coarse and takes half a minute. The built-in case, without the changes, takes five minutes.
+The case is coarse and takes half a minute. The built-in case, without the changes, takes four minutes.
 """
 
 import jaxsph as js

@@ -1,4 +1,4 @@
-"""Built-in cases with solids and chambers through the whole command line: run, kill, resume, sweep, page."""
+"""Built-in cases, from the command line: run, killed, resumed, swept; each page is written."""
 
 import os
 import subprocess
@@ -18,12 +18,16 @@ from jaxsph.output.run_file import RunFile
 AS_HERE = os.environ | {"PYTHONPATH": str(Path(js.__file__).parents[1])}
 NAMES = (
     "beach",
+    "box_in_waves",
+    "box_moored",
     "breakwater",
+    "buoy_heave",
     "flap_floating",
     "owc_floating",
     "owc_ning",
     "owc_slope",
     "owc_two_chambers",
+    "raft",
     "section_fixed",
 )
 

@@ -9,7 +9,9 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from mutations import SMALL
 
+import jaxsph as js
 from jaxsph.core.slabs import Neighbours, Slabs
 from jaxsph.errors import CaseError
 from jaxsph.output.run_file import RunFile
@@ -17,6 +19,18 @@ from jaxsph.run.devices import find_devices
 
 SHARING = Path(__file__).parent / "sharing.py"
 COARSE = ("dx=0.04", "device.wall_thickness=0.04")
+SHARED = (
+    "beach",
+    "box_in_waves",
+    "box_moored",
+    "buoy_heave",
+    "dam_break_column",
+    "flap_2d",
+    "flap_floating",
+    "owc_floating",
+    "owc_two_chambers",
+    "raft",
+)
 
 
 def apart(case, devices, steps, *settings):
@@ -80,11 +94,11 @@ def test_more_devices_make_the_flow_of_one_for_200_steps(devices, settings, shar
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("case", "settings"), [("flap_2d", "dx=0.05"), ("dam_break_column", "dx=0.02 tank.layer=")]
-)
-def test_two_devices_share_bodies_and_three_dimensions(case, settings):
-    found = apart(case, 2, 20, *settings.split(), "scheme.tolerance=3e-5")
+@pytest.mark.parametrize("name", SHARED)
+def test_two_devices_share_bodies_solids_and_three_dimensions(name, tmp_path):
+    coarse = tmp_path / "case.toml"
+    coarse.write_text(js.load_case(name).replace(SMALL[name]).to_toml(), encoding="utf-8")
+    found = apart(str(coarse), 2, 20, "scheme.tolerance=3e-5")
     check(found, 3e-4, {"x": 0, "u": 0.1, "p": 0})
 
 

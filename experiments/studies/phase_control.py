@@ -1,8 +1,9 @@
-"""Damping as a function of the waves' phase, learnt wave by wave: four Fourier coefficients, by reverse mode.
+"""Damping as a function of the phase of the waves, optimised wave by wave by reverse mode.
 
-The OWC stands in a tank of 1.2 m. For every wave one filtered reverse pass computes the absorbed energy and
-its slopes over all coefficients; Adam then changes the coefficients for the next wave. Afterwards waves
-with the learnt damping are compared with waves with the constant damping.
+The OWC stands in a tank of 1.2 m. The function has four Fourier coefficients. For every wave one filtered
+reverse pass computes the absorbed energy and its slopes over all coefficients; Adam then changes the
+coefficients for the next wave. Afterwards waves with the learnt damping are compared with waves with the
+constant damping.
 
 The method fails: with coefficients that follow the slopes, the OWC absorbs less and less energy. The
 filtered slope of one wave contains the direct effect of a coefficient on that wave and half of the water's

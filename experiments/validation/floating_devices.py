@@ -15,9 +15,9 @@ from experiments.common import Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, in_style
 
 DEVICES = ("box_moored", "buoy_heave", "raft", "flap_floating", "owc_floating")
-"""Built-in cases with bodies that float."""
+"""Built-in cases with floating bodies."""
 ENERGIES = {"residual": 2.0, "projection": 5.0, "hyperviscosity": np.inf}
-"""Energies of the balance, and the largest that each may be, % of the paddle's work."""
+"""Terms of the energy balance, and the largest allowed magnitude of each, % of the paddle's work."""
 AMPLITUDE = "linear_amplitude_"
 """Beginning of the names of results that are amplitudes by linear theory."""
 

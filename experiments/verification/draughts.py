@@ -26,7 +26,7 @@ from jaxsph.output.plot.style import in_style
 DEPTH, APART = 0.4, 0.5
 """Depth of the water, and distance between the middles of two bodies, m."""
 PLACES = 10
-"""Number of bodies, each at another place relative to the lattice."""
+"""Number of bodies; each has a different position relative to the lattice."""
 RATIOS = (0.3, 0.5, 0.7, 0.9)
 """Densities of the bodies over that of the water."""
 SETTLED, T1 = 5.0, 7.0

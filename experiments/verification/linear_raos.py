@@ -38,7 +38,7 @@ MIDDLE, LEVEL = 3.15, 0.4
 BAR = 0.07
 """Largest allowed relative error of an RAO (-)."""
 LOWER = 0.002
-"""Change of the centre of mass whose effect on the theory is reported, m."""
+"""Distance by which the centre of mass is lowered, to report how much the theory changes, m."""
 TAKEN = 4
 """Periods that are evaluated, after the waves have reached the far end of the tank."""
 UNITS = {"surge": "", "heave": "", "pitch": "rad/m"}

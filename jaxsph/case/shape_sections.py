@@ -113,7 +113,7 @@ class LinkSection(Section):
         if along == between or any((a is None) != (b is None) for a, b in parts):
             raise ValueError("give either body and motion, or between and at")
         if self.rest is not None and not between:
-            raise ValueError("rest needs between and at: a motion of a joint has no length")
+            raise ValueError("rest needs between and at: a link along a joint has no length")
         if self.between is not None and self.between[0] == self.between[1]:
             raise ValueError("between: the two ends must be on different bodies, or one on the tank")
         if (self.stops is None) != (self.stop_stiffness == 0.0) or (

@@ -13,7 +13,7 @@ from jaxsph.cli.studies import INTERRUPTED, announce, cluster, compile_as_member
 from jaxsph.cli.terminal import messages, print_notes, print_table
 
 FAR_OFF = 0.1
-"""Ratio of a damping coefficient's spread to its value above which a note mentions the spread (-)."""
+"""Spread of a damping coefficient over its value, above which the command prints a note on it (-)."""
 
 
 Amplitude = Annotated[

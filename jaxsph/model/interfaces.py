@@ -219,7 +219,7 @@ class AbstractChamber(AbstractPart):
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Volume of the water in the chamber, m3 (m2 in 2-D), for particles with volumes V at x (m).
 
-        `smooth`: half the height (m) over which a particle is counted partially.
+        `smooth`: half the height (m) of the layer in which particles count in part.
         """
 
     @abc.abstractmethod

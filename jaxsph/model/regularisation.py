@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 HYPERVISCOSITY = 1.0
-"""Default strength of the hyperviscosity (-): ratio of the decay rate of velocity noise to sqrt(g/h).
+"""Default strength of the hyperviscosity, in units of sqrt(g/h) (-): see `Regularisation`.
 
 In the OWC case at dx = 0.02 m, half this strength leaves a sixth more noise in the water, and takes 11
 instead of 12 % of the paddle's work.

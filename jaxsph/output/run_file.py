@@ -78,7 +78,7 @@ class RunFile(RunReader):
         machine: str = "",
         scene: Mapping[str, Any] | None = None,
     ) -> RunFile:
-        """Creates the file of a run, without samples, and the folders that it needs.
+        """Creates the file of a run, which has no samples yet, and missing folders of its path.
 
         **Arguments**: `coordinates`: name -> (dimension, values `[k]`, units, long name), such as
         "gauge_x": ("gauge", [...], "m", "..."); `numbers`: numbers that determine the run, by name;

@@ -237,7 +237,7 @@ class Chamber(AbstractChamber):
         """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).
 
         **Arguments**: `x`, `V`: positions (m) and volumes (m3; m2 in 2-D) of the particles; `smooth`: half
-        the height (m) over which a particle is counted partially.
+        the height (m) of the layer in which particles count in part.
         """
         level = self.sides.z[self.sides.start]
         s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)

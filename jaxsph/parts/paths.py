@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.parts.driven import AbstractPath
@@ -46,7 +46,7 @@ class SampledPath(AbstractPath):
 
         The motion begins and ends with zero velocity.
         """
-        spline = CubicSpline(t, poses, bc_type="clamped")
+        spline = scipy.interpolate.CubicSpline(t, poses, bc_type="clamped")
         return cls(jnp.asarray(t, dtype), jnp.asarray(spline.c, dtype))
 
     def pose(self, t):

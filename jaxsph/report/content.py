@@ -49,7 +49,7 @@ PANELS = {
     "max_speed": "Largest speed of a particle",
     "noise": "Noise of the particles and their RMS speed",
 }
-"""Titles of the panels over time, by the series that each shows, in the order of the page."""
+"""Titles of the charts over time, by the series that they show, in the order of the page."""
 UNSHOWN = (
     "chamber_volume",
     "flow_mean",

@@ -88,10 +88,13 @@ class Recorder:
             "step": int(state.step),
             "x": np.asarray(p.x)[order],
             "u": np.asarray(p.u)[order],
-            "p": np.asarray(model.pressure(state))[order],
+            "p": np.asarray(_pressure(model, state))[order],
             "id": np.asarray(p.id)[order],
         }
         return snapshot | places_of(model, state)
+
+
+_pressure = jax.jit(Model.pressure)
 
 
 def check_end(start: Start, t1: float, ended: bool = True) -> None:

@@ -26,9 +26,8 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
     stored = Case.from_dict(keys)
     if given is not None and given != stored:
         raise FileError(
-            f"{file.path}: was made by another case than the one given ({stored.name!r} against "
-            f"{getattr(given, 'name', given)!r}, or other values): resume without a case, or run the new one "
-            "to a new file"
+            f"{file.path}: contains a run of the case {stored.name!r}, which differs from the given case "
+            f"{getattr(given, 'name', given)!r}; resume without a case, or run the given case to a new file"
         )
     return stored
 

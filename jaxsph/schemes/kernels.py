@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxsph.core.arrays import Scalar
 from jaxsph.core.kernels import AbstractKernel, Gaussian, Polynomial, Semicircle, WendlandC2
@@ -91,11 +93,15 @@ def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> LatticeS
     axes = np.meshgrid(*(np.arange(-reach, reach + 1.0),) * dim)
     r2 = np.sum([a**2 for a in axes], axis=0)
     near = r2 < (kernel.reach * h_over_dx) ** 2
-    up, r2 = jnp.asarray(axes[-1][near]), jnp.asarray(r2[near])
+    return jax.tree.map(float, _summed(kernel, h_over_dx, dim, axes[-1][near], r2[near]))
+
+
+@partial(jax.jit, static_argnums=2)
+def _summed(kernel: AbstractKernel, h_over_dx: Scalar, dim: int, up: Array, r2: Array) -> LatticeSums:
+    """Sums over the particles `up` spacings above the middle one, at the squared distances r2 (-)."""
     pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
     weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
     full = jnp.sum(pair.W)
     first, second = (jnp.sum(pair.F * up * (up < above)) for above in (0.5, 1.5))
     lacks = jnp.sum(pair.W * (up > 1.5)) / full
-    sums = LatticeSums(full, jnp.sum(weights) * h_over_dx**2, lacks, (first, second))
-    return jax.tree.map(float, sums)
+    return LatticeSums(full, jnp.sum(weights) * h_over_dx**2, lacks, (first, second))

@@ -20,7 +20,7 @@ except ModuleNotFoundError:  # Windows
     fcntl = None
 
 _FEW = 5
-"""Number of differences that an error names."""
+"""Largest number of differences that an error message lists."""
 
 _held: set[Path] = set()
 _guard = threading.Lock()

@@ -82,8 +82,8 @@ class Hydrodynamics:
     scattered_flow: Complex
     """Flow of air S `[c]` out of open chambers per metre of incident amplitude, with fixed hulls, m/s."""
     motion_flow: Complex
-    """Flow of air T `[c, m]` out of open chambers per unit velocity, m (m2 for pitch); relative to the hull
-    that carries the chamber."""
+    """Flow of air T `[c, m]` out of open chambers per unit velocity, m (m2 for pitch); relative to the
+    hull that contains the chamber."""
     admittance: Complex
     """Radiation admittance Z `[c, c]`: flow of air into a chamber per unit pressure, m2/(s Pa)."""
     reflection: complex
