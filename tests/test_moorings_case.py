@@ -35,8 +35,8 @@ def moored(mooring, **sections):
         (CHAIN | {"mass": 0.2}, "give either weight, or mass and diameter"),
         (CHAIN | {"segments": 10}, 'segments: belong to kind = "line"'),
         (CHAIN | {"kind": "line"}, 'kind = "line" needs mass, diameter and drag'),
-        (CHAIN | {"anchor": [-0.4, 0.0]}, r"mooring.a.anchor = \[-0.4, 0.0\] m: is outside the tank"),
-        (CHAIN | {"at": [1.8, 3.0]}, "mooring.a.at .* is outside the tank"),
+        (CHAIN | {"anchor": [-0.4, 0.0]}, r"mooring.a.anchor: \(-0.4, 0\) m is outside the tank"),
+        (CHAIN | {"at": [1.8, 3.0]}, "mooring.a.at: .* is outside the tank"),
         (CHAIN | {"anchor": [2.0, 0.5]}, "mooring.a.anchor .* is inside body"),
         (CHAIN | {"anchor": [3.0, 0.1]}, "mooring.a.anchor .* is inside solid.step"),
         (CHAIN | {"length": 1.3}, "mooring.a.length = 1.3 m: the distance .* is 1.471 m"),
@@ -53,6 +53,22 @@ def test_moorings_that_do_not_fit_are_refused(mooring, message):
     step = {"step": {"block": {"low": [2.8, 0.0], "high": [3.2, 0.3]}}}
     with pytest.raises(CaseError, match=message):
         Case.from_dict(moored(mooring, solid=step))
+
+
+@pytest.mark.parametrize(
+    ("angle", "mooring", "message"),
+    [
+        (1.5, {"anchor": [2.0, 0.32], "length": 0.3}, "mooring.a.anchor .* is inside body"),
+        (1.5, {}, "mooring.a.length = 1.52 m: the distance .* is 1.686 m"),
+        (1.5, {"at": [2.0, 0.4], "anchor": [3.4, 0.0], "length": 1.6}, "deep through body"),
+        (1.5, {"at": [3.8, 0.45], "anchor": [2.8, 0.0]}, "mooring.a.at: .* is outside the tank"),
+    ],
+)
+def test_moorings_are_judged_at_the_body_s_initial_angle(angle, mooring, message):
+    """All fit to the upright body."""
+    Case.from_dict(moored(CHAIN | mooring))
+    with pytest.raises(CaseError, match=message):
+        Case.from_dict(moored(CHAIN | mooring, body=BODY | {"angle": angle}))
 
 
 def test_a_name_of_a_mooring_and_a_link_at_once_is_refused():
@@ -119,7 +135,7 @@ def test_a_moordyn_file_gives_its_lines(tmp_path):
     static = js.load_case(written(tmp_path, MOORDYN, 'at = [2.0, 0.5]\nkind = "catenary"\nlines = 2.0\n'))
     assert static.mooring["line2"].kind == "catenary" and static.mooring["line2"].lines == 2.0
     # without a place the origin is at x = 0, at the file's level of still water
-    with pytest.raises(CaseError, match=r"mooring.line1.at = \[-0.2, 0.45\] m: is outside the tank"):
+    with pytest.raises(CaseError, match=r"mooring.line1.at: \(-0.2, 0.45\) m is outside the tank"):
         js.load_case(written(tmp_path, MOORDYN, ""))
 
 

@@ -7,6 +7,7 @@ Lengths of the tank and the platform, and the plate's draught, are rounded to a 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from jaxsph.case.shapes import (
     corners_of,
     in_order,
     inertia_of,
+    initial_area,
     off_lattice,
     shape_of,
     turned,
@@ -78,6 +80,8 @@ class Geometry:
     velocity: Points
     """Positions of the probes, m. Probes on a wall that rounding moved are moved with the wall."""
     notices: list[str]
+    areas: dict[str, Any]
+    """Areas of all solids and bodies, at their initial angles, in the x-z plane, by name."""
     rounded: dict[str, float]
     """Lengths that are rounded to a whole number of spacings, by key, m."""
 
@@ -290,7 +294,9 @@ class Geometry:
                 self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
         bodies = case.every_body
         carried = {key: carriers(bodies, name) for name, key in self.keys.items()}
-        check_apart(self.named_shapes(), self.dx, carried)
+        shapes = self.named_shapes()
+        self.areas = {name: initial_area(shape, carried.get(name, ())) for name, shape in shapes.items()}
+        check_apart(shapes, self.areas, self.dx)
         self._check_regions(case)
 
     def _check_regions(self, case: Sections) -> None:

@@ -8,12 +8,13 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import shapely
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.mooring_sections import MooringSection
 from jaxsph.case.scheme import stable_time_step
 from jaxsph.case.sections import Sections
-from jaxsph.core.points import at_points
+from jaxsph.case.shapes import carriers, initial_position
 from jaxsph.errors import CaseError
 from jaxsph.parts.catenary import AbstractCatenary, GroundedCatenary, HangingCatenary
 from jaxsph.parts.line import Bed, LumpedLine, Morison
@@ -99,20 +100,20 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
         there = ", ".join(case.every_body) or "none"
         raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; there are {there}")
     (length, height), slack = (geometry.length, geometry.height), 0.01 * case.dx
-    for key in ("at", "anchor"):
-        x, z = getattr(section, key)
+    fairlead = _fairlead(case, section)
+    for key, (x, z) in (("at", fairlead), ("anchor", section.anchor)):
         if not (0.0 <= x <= length and 0.0 <= z <= height):
             raise CaseError(
-                f"mooring.{name}.{key} = {[x, z]} m: is outside the tank, which extends from 0 to {length:g} "
-                f"m and from 0 to {height:g} m above the bed"
+                f"mooring.{name}.{key}: ({x:.4g}, {z:.4g}) m is outside the tank, which extends "
+                f"from 0 to {length:g} m and from 0 to {height:g} m above the bed"
             )
-    for other, shape in geometry.named_shapes().items():
-        if _depth_in(shape, [section.anchor]) > slack:
+    for other, area in geometry.areas.items():
+        if _depth_in(area, [section.anchor]) > slack:
             raise CaseError(
                 f"mooring.{name}.anchor = {list(section.anchor)} m: is inside {other}: move it out, or onto "
                 "its surface"
             )
-    span = math.dist(section.at, section.anchor)
+    span = math.dist(fairlead, section.anchor)
     if span > (1.0 + MOST_STRETCH) * section.length:
         raise CaseError(
             f"mooring.{name}.length = {section.length:g} m: the distance from the anchor to the fairlead is "
@@ -123,10 +124,9 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
 
 
 def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringSection) -> None:
-    """**Raises** CaseError for a line that is in a solid, or below the bed, with all bodies at rest."""
-    (x, z), (x_a, z_a) = section.at, section.anchor
+    """**Raises** CaseError for a line that is in a solid, or below the bed, at the bodies' initial angles."""
     line = _at_rest(case, section, np.float32)
-    ends = jnp.asarray([x - x_a, z - z_a], jnp.float32)
+    ends = jnp.asarray(_fairlead(case, section) - section.anchor, jnp.float32)
     points = np.asarray(section.anchor) + np.asarray(_shape(QuasiStatic(line), (), ends))
     lowest = float(points[:, 1].min())
     if lowest < -0.5 * case.dx:
@@ -134,8 +134,8 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
             f"mooring.{name}.anchor = {list(section.anchor)} m: is above the bed, and the line would sag "
             f"{-lowest:.3g} m below it: use an anchor on the bed (z = 0), or a shorter line"
         )
-    for other, shape in geometry.named_shapes().items():
-        depth = _depth_in(shape, points)
+    for other, area in geometry.areas.items():
+        depth = _depth_in(area, points)
         if depth > case.dx:
             raise CaseError(
                 f"mooring.{name}: the line at rest passes {depth:.3g} m deep through {other}: move the "
@@ -143,14 +143,15 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
             )
 
 
-def _depth_in(shape: Any, points: Any) -> float:
-    """Largest depth (m) of points (x, z) inside a shape, in its middle plane in 3-D; 0 if all are outside."""
-    low, high = shape.bounds()
-    places = np.asarray(points, float)
-    if len(low) == 3:
-        middle = np.full(len(places), 0.5 * (low[1] + high[1]))
-        places = np.stack([places[:, 0], middle, places[:, 1]], axis=1)
-    return max(float(-np.min(at_points(shape.distance, places))), 0.0)
+def _fairlead(case: Sections, section: MooringSection) -> np.ndarray:
+    """Initial position (x, z) of a mooring's fairlead, m."""
+    return initial_position(section.at, carriers(case.every_body, section.body))
+
+
+def _depth_in(area: Any, points: Any) -> float:
+    """Largest depth (m) of points (x, z) inside an area of the x-z plane; 0 if all are outside."""
+    places = shapely.points(np.asarray(points, float))
+    return float(np.max(np.where(area.contains(places), area.boundary.distance(places), 0.0)))
 
 
 _shape = eqx.filter_jit(QuasiStatic.shape)

@@ -82,14 +82,11 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
         )
 
 
-def check_apart(
-    shapes: Mapping[str, AbstractShape], dx: float, carried: Mapping[str, Sequence[BodySection]]
-) -> None:
+def check_apart(shapes: Mapping[str, AbstractShape], areas: Mapping[str, Any], dx: float) -> None:
     """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume.
 
-    Bodies are at their initial angles; `carried`: for every body the result of `carriers`.
+    `areas`: areas of the same shapes in the x-z plane, those of bodies at their initial angles.
     """
-    areas = {name: _placed(shape, carried.get(name, ())) for name, shape in shapes.items()}
     for a, b in itertools.combinations(shapes, 2):
         low, high = (np.stack(ends) for ends in zip(shapes[a].bounds(), shapes[b].bounds(), strict=True))
         across = np.maximum(high.min(axis=0) - low.max(axis=0), 0.0)[1:-1]  # along y, in three dimensions
@@ -101,7 +98,7 @@ def check_apart(
             )
 
 
-def _placed(shape: AbstractShape, carried_by: Sequence[BodySection]) -> Any:
+def initial_area(shape: AbstractShape, carried_by: Sequence[BodySection]) -> Any:
     """Area of a shape in the x-z plane at the initial angles of the bodies that carry it."""
     region = shape.region()
     for carrier in carried_by:
@@ -224,6 +221,14 @@ def in_order(case: Sections) -> dict[str, BodySection]:
             )
         found |= ready
     return found
+
+
+def initial_position(point: Sequence[float], carried_by: Sequence[BodySection]) -> np.ndarray:
+    """Position `[2]` (m) of a point (x, z) of a body at the initial angles of the bodies that carry it."""
+    place = np.array([point])
+    for carrier in carried_by:
+        place = turned(place, carrier)
+    return place[0]
 
 
 def carriers(sections: Mapping[str, BodySection], name: str) -> list[BodySection]:
