@@ -1,4 +1,4 @@
-"""Command line of the experiments: run them by name, and print every check beside paper and theory.
+"""Command line of the experiments: runs them by name, and compares every check with paper and theory.
 
     python -m experiments run NAME [OPTIONS]   runs one experiment; rows and pictures go to runs/results
     python -m experiments run NAME --help      shows its options; without a NAME lists the names
@@ -130,14 +130,14 @@ def gallery() -> None:
 
 
 def experiments() -> dict[str, Path]:
-    """Files of the experiments by name: all files in the four folders."""
+    """Paths of all experiment files in the four folders, by the names of the experiments."""
     here = Path(__file__).parent
     files = sorted(path for folder in FOLDERS for path in (here / folder).glob("*.py"))
     return {path.stem: path for path in files if path.stem != "__init__"}
 
 
 def parser(name: str) -> Any:
-    """Command of an experiment, with the options of its `main`.
+    """Command for the command line that runs an experiment, with the options of its function `main`.
 
     **Raises** BadParameter if no experiment has this name.
     """
@@ -170,14 +170,14 @@ def results(names: list[str] | None = None, folder: Path = COMMITTED) -> list[di
 
 
 def _committed(names: list[str] | None, folder: Path = COMMITTED) -> list[tuple[str, dict[str, Any]]]:
-    """Results as in `results`, each with the name of its file."""
+    """Pairs of file name and results, of experiments whose names begin with one of the given names."""
     paths = sorted(folder.glob("*.json"))
     chosen = [p for p in paths if not names or any(p.stem.startswith(name) for name in names)]
     return [(path.name, json.loads(path.read_text(encoding="utf-8"))) for path in chosen]
 
 
 def flag(row: dict[str, Any]) -> str:
-    """Verdict on a row, and whether the paper's value is nearer to theory than the value here."""
+    """Verdict on a row, with a note if the paper's value is nearer to theory than the value here."""
     values = [row[key] for key in ("here", "paper", "theory")]
     worse = ""
     if all(isinstance(value, float) for value in values):

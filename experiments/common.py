@@ -49,12 +49,12 @@ def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
 
 
 def reference(name: str) -> np.ndarray:
-    """Rows of a file in `reference/`."""
+    """Numbers in the CSV file `name` of the folder `reference/`, one row per line, without the header."""
     return np.loadtxt(REFERENCE / name, delimiter=",", skiprows=1)
 
 
 class Report:
-    """Rows and pictures of one experiment, printed as they come and written into `folder`.
+    """Rows and pictures of one experiment, written into `folder`; a row is printed when it is added.
 
     Use it as a context manager: leaving the context without an exception writes `<name>.json`.
     `python -m experiments table` gathers these files into the table of all checks, so that rows are always
@@ -90,28 +90,28 @@ class Report:
         bar: str = "",
         passes: bool | None = None,
     ) -> None:
-        """Adds one check: the values here, in theory and in the paper; the bar, and whether it is met."""
+        """Adds one check: values here, in theory and in the paper, the bar, and whether the bar is met."""
         found = {"check": check, "here": _plain(here), "unit": unit, "theory": _plain(theory)}
         found |= {"paper": _plain(paper), "bar": bar, "passes": None if passes is None else bool(passes)}
         self.rows.append(found)
         print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
 
     def against(self, check: str, here: float, theory: float, unit: str = "", *, bar: float) -> None:
-        """Adds the check that a value is within the share `bar` of theory, and the difference in %."""
+        """Adds the check that `here` is off theory by less than the fraction `bar`, and the error in %."""
         off = here / theory - 1.0
         words, passes = f"within {100 * bar:g} %", abs(off) < bar
         self.row(check, here, unit, theory=theory, bar=words, passes=passes)
         self.row("the same: off theory", 100 * off, "%")
 
     def picture(self, figure: Figure, suffix: str = "") -> None:
-        """Saves a figure beside the rows, as `<name><suffix>.png`."""
+        """Saves a figure as `<name><suffix>.png` in the folder of the rows."""
         self.folder.mkdir(parents=True, exist_ok=True)
         file = f"{self.name}{suffix}.png"
         figure.savefig(self.folder / file, dpi=100)
         self.pictures.append(file)
 
     def table(self, columns: Mapping[str, Sequence[float]]) -> None:
-        """Saves whole columns (name with unit: values), one row per run, as `<name>.csv`."""
+        """Saves columns of values, by names with units, as `<name>.csv`; each row is a run."""
         self.folder.mkdir(parents=True, exist_ok=True)
         rows = zip(*columns.values(), strict=True)
         with (self.folder / f"{self.name}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -131,7 +131,7 @@ class Report:
 
 
 def of_paddle(results: Mapping[str, float], energy: str, budget: str = "") -> float:
-    """Energy of the budget in % of the paddle's work; `budget`: "whole_" for the budget of the whole run."""
+    """An energy of the budget, in % of the paddle's work; `budget` "whole_" selects that of the whole run."""
     return 100 * results[f"{budget}energy_{energy}"] / results[f"{budget}energy_paddle"]
 
 
@@ -149,7 +149,7 @@ VERDICT = {None: "", True: "ok", False: "MISSED"}
 
 
 def shown(value: float | str | None, unit: str = "") -> str:
-    """A value as printed: four digits and its unit."""
+    """Text of a value, with four significant digits and its unit."""
     if value is None:
         return ""
     text = value if isinstance(value, str) else f"{value:.4g}"
@@ -157,14 +157,14 @@ def shown(value: float | str | None, unit: str = "") -> str:
 
 
 def _plain(value: Any) -> float | str | None:
-    """A value that JSON can hold: numbers of any kind become floats of six digits."""
+    """A value that can be written as JSON: numbers of any kind become floats of six significant digits."""
     if value is None or isinstance(value, str):
         return value
     return float(f"{float(value):.6g}")
 
 
 def machine() -> str:
-    """This machine in words: backend, device and the cores that the process may use."""
+    """Backend and device of this machine, or on a CPU the number of usable cores and JAX's version."""
     device = jax.devices()[0]
     if device.platform != "cpu":
         return f"{device.platform}: {device.device_kind}"

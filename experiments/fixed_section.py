@@ -4,11 +4,12 @@ The time factor is exp(-i omega t), z is upwards from the still level, and the w
 Potentials are scaled so that the incident potential is exp(ikx) cosh k(z + h) / cosh kh. The pressure per
 amplitude of the incident waves is then rho g times the potential.
 
-The potential added by the section is solved on the boundary of the water between two vertical lines, so far
-away that only propagating waves are left there. Green's identity is used with the source ln r and its image
-in the bed. The normal derivative of the added potential is K = omega^2/g times the potential on the surface,
-ik times it on the verticals (outgoing waves), and on the section the negative of the incident potential's
-derivative. The potential is constant on each element, and the integrals over the elements are exact.
+The potential added by the section is computed on the boundary of the water between two vertical lines, which
+are so far from the section that only propagating waves reach them. Green's identity is used with the source
+ln r and its image in the bed. The normal derivative of the added potential is K = omega^2/g times the
+potential on the surface, ik times the potential on the verticals (outgoing waves), and on the section the
+negative of the incident potential's derivative. The potential is constant on each element, and the integrals
+over the elements are exact.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ Values = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 """Array of complex numbers."""
 PER_WAVE = 80
-"""Elements per wavelength on the surface and per depth on a vertical; with 40, R^2 + T^2 is 1 % off."""
+"""Number of elements per wavelength on the surface and per depth on a vertical; with 40, R^2 + T^2 differs
+from 1 by 1 %."""
 FAR = 4.0
-"""Distance of the verticals from the section, in depths: local waves have decayed to exp(-1.6 FAR)."""
+"""Distance of the verticals from the section over the depth (-); local waves decay to exp(-1.6 FAR) there."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Diffraction:
     """Response of a fixed section to waves of unit amplitude."""
 
     force: Complex
-    """Complex amplitudes of the force along x and upwards, shape (2,), N/m per m."""
+    """Complex amplitudes of the force along x and upwards, shape (2,), N/m per metre of wave amplitude."""
     reflection: float
     """Height of the reflected waves over the height of the incident waves (-)."""
     transmission: float
@@ -46,10 +48,10 @@ class Diffraction:
 def diffraction(
     section: list[tuple[float, float]], depth: float, T: float, size: float, rho: float = 1000.0
 ) -> Diffraction:
-    """Response of a section to waves of period T (s) in water of this depth (m).
+    """Response of a fixed section to waves of period T (s) in water of the depth `depth` (m).
 
     `section`: corners (m) from right to left: the two at the still level, at x and -x, and those below
-    this level. `size`: length of the largest element on the section, m.
+    this level. `size`: largest mean length of the elements on a side of the section, m.
     """
     omega = 2.0 * np.pi / T
     k = float(wavenumber(omega, depth))

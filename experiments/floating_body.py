@@ -34,14 +34,14 @@ class Spring:
     """A linear spring without pretension between the body and the tank."""
 
     on_body: tuple[float, float]
-    """Its end on the body (x, z), m."""
+    """Position (x, z) of the spring's end on the body, m."""
     anchor: tuple[float, float]
-    """Its end on the tank (x, z), m."""
+    """Position (x, z) of the spring's end on the tank, m."""
     stiffness: float
     """Stiffness, N/m."""
 
     def matrix(self, centre: tuple[float, float]) -> Values:
-        """Stiffness matrix `[3, 3]` of surge, heave and pitch of the body's centre of mass."""
+        """Stiffness matrix `[3, 3]` of the spring for surge, heave and pitch of the body's centre of mass."""
         along = np.subtract(self.on_body, self.anchor)
         along = along / np.hypot(*along)
         x, z = np.subtract(self.on_body, centre)
@@ -54,7 +54,7 @@ class LinearBody:
     """A body that floats in water of uniform depth, held by springs or free."""
 
     outline: Points
-    """Corners of the outline at rest, m."""
+    """Corners (x, z) of the body's outline at rest, m."""
     depth: float
     """Depth of still water, m."""
     mass: float
@@ -83,11 +83,11 @@ class LinearBody:
 
     @property
     def metacentric_height(self) -> float:
-        """Metacentric height, m; that of the water alone, without springs."""
+        """Metacentric height due to buoyancy and weight, without the springs, m."""
         return float(hydrostatic_stiffness(self.outline, self.centre)[2, 2] / (self.mass * G))
 
     def raos(self, T: float, damping: Values | None = None) -> NDArray[np.complexfloating]:
-        """Amplitudes `[3]` of surge, heave and pitch per metre of wave amplitude, at the period T (s).
+        """Complex amplitudes `[3]` of surge, heave and pitch per metre of wave amplitude, at period T (s).
 
         `damping` `[3, 3]`: damping of a take-off, N s/m.
         """
@@ -139,7 +139,7 @@ class LinearBody:
 
     @cached_property
     def _table(self) -> tuple[Values, tuple[Values, Values]]:
-        """Frequencies, and added mass and damping at them."""
+        """Angular frequencies (rad/s), and the added mass and damping at these frequencies."""
         nodes = np.geomspace(LOWEST, HIGHEST, NODES)
         water = [self.water(float(one)) for one in nodes]
         return nodes, (np.stack([w.added_mass for w in water]), np.stack([w.damping for w in water]))

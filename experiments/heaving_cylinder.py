@@ -17,11 +17,11 @@ The potential is Ursell's sum for deep water with every term extended to the dep
   K; these are subtracted and integrated analytically. Adding i pi times the residue at k0 makes the waves
   outgoing.
 - Multipoles, whose kernels are the source's times k^(2m - 2) (k^2 - K^2) / (2m - 1)!. In deep water they are
-  cos(2m theta)/r^2m + K/(2m - 1) cos((2m - 1) theta)/r^(2m - 1) and make no waves. The finite depth adds an
-  integral over D(k) again, and a small wave, because the pole is at k0 instead of K.
+  cos(2m theta)/r^2m + K/(2m - 1) cos((2m - 1) theta)/r^(2m - 1) and make no waves. The finite depth again
+  adds an integral over D(k), and also a small wave, because the pole is at k0 instead of K.
 
 The strengths are fitted by least squares so that the stream function on the cylinder is x. At infinite
-frequency the surface has phi = 0, and only the multipole terms proportional to K remain.
+frequency phi = 0 on the surface, and only the multipole terms proportional to K remain.
 
 Sources: F. Ursell, On the heaving motion of a circular cylinder on the surface of a fluid, Q. J. Mech. Appl.
 Math. 2 (1949) 218-231; W. E. Cummins, The impulse response function and ship motions, Schiffstechnik 9
@@ -46,9 +46,9 @@ Complex = NDArray[np.complexfloating]
 MULTIPOLES, POINTS = 20, 100
 """Number of multipoles, and number of Gauss points on a quarter of the cylinder."""
 DEEP = 12.0
-"""K h above which k0 is taken as K: exp(-2 K h) is 4e-11 there."""
+"""Value of K h (-) above which k0 is set to K: exp(-2 K h) is below 4e-11 there."""
 FALLEN = 40.0
-"""k h at which integrals over the effect of the bed are cut off; it suffices for the highest multipole."""
+"""Value of k h (-) at which integrals over the effect of the bed end; high enough for all multipoles."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Cylinder:
     radius: float
     """Radius a, m."""
     depth: float
-    """Depth of still water h, m; a few radii at least."""
+    """Depth h of the still water, m; it should be at least a few radii."""
     rho: float = 1000.0
     """Density of the water, kg/m3."""
     g: float = 9.81
@@ -80,7 +80,7 @@ class Cylinder:
         return force.real, omega * force.imag
 
     def damping_of_the_waves(self, omega: float) -> float:
-        """Damping from the energy that the waves carry away, N s/m per metre.
+        """Damping computed from the energy flux of the radiated waves, N s/m per metre.
 
         In theory it equals the damping of `coefficients`; here it is computed from the waves' strength only.
         """
@@ -101,7 +101,7 @@ class Cylinder:
         return float(self._force(columns.real @ self._fitted(columns.imag)))
 
     def _radiated(self, omega: float) -> tuple[complex, complex]:
-        """Added mass + i damping/omega (kg/m), and strength of the waves relative to a unit source."""
+        """Added mass + i damping/omega (kg/m), and strength of the waves over that of a unit source."""
         K, zeta = omega**2 / self.g, self._zeta
         even, odd = self._multipoles
         source = np.exp(K * zeta) * (exp1(K * zeta) + 1j * np.pi)
@@ -147,7 +147,7 @@ class Cylinder:
 
     @cached_property
     def _multipoles(self) -> tuple[Complex, Complex]:
-        """Deep-water multipoles on the cylinder: the part without K a, and the factor of K a (-)."""
+        """Deep-water multipoles on the cylinder (-): the part without K a, and the coefficient of K a."""
         order = np.arange(1, 2 * MULTIPOLES, 2)
         zeta = (self._zeta / self.radius)[:, None]
         return zeta ** -(order + 1), -(zeta**-order) / order
@@ -175,14 +175,15 @@ class Cylinder:
 def strip_of_a_long_cylinder(
     cylinder: Cylinder, omega: float, length: float, strips: int = 60, panels: int = 8
 ) -> tuple[float, float]:
-    """Added mass (kg/m) and damping (N s/m per metre) by capytaine, which is three-dimensional.
+    """Added mass (kg/m) and damping (N s/m per metre) of a long cylinder, by the three-dimensional code
+    capytaine.
 
     The heave of a cylinder of `length` (m) decreases as cos^2 to zero at the ends. On an infinite cylinder
     the total force of such a distribution equals the force of the plane problem times the integral of the
     heave, because all other wavenumbers along the axis have zero total force. The ends therefore need no
-    correction; only the small force beyond them is missing. A quarter of each strip has `panels` panels.
-    With a length of 3 m the result is within 0.5 % of `Cylinder.coefficients` at 8.7 rad/s, and within 2 to
-    3 % at 6 and 12 rad/s.
+    correction; only the small force on the infinite cylinder beyond them is missing. A quarter of each strip
+    has `panels` panels. With a length of 3 m the result is within 0.5 % of `Cylinder.coefficients` at 8.7
+    rad/s, and within 2 to 3 % at 6 and 12 rad/s.
 
     **Raises** ModuleNotFoundError if capytaine is not installed.
     """
@@ -223,7 +224,8 @@ class Release:
     """
 
     def __init__(self, cylinder: Cylinder, omega_end: float = 40.0, count: int = 160) -> None:
-        """Computes the damping at `count` frequencies up to omega_end (rad/s), enough for a memory of 12 s.
+        """Computes the damping at `count` frequencies up to omega_end (rad/s), enough to resolve the memory
+        over 12 s.
 
         Increasing omega_end by half moves the turning points of a path by less than 1e-5 of a period.
         """
@@ -235,7 +237,7 @@ class Release:
         self.infinite = cylinder.added_mass_at_infinity()
 
     def memory(self, t: Values) -> Values:
-        """Memory kappa at the times t (s), N/m per metre."""
+        """Memory function kappa at the times t (s), N/m per metre."""
         return 2.0 / np.pi * np.cos(np.outer(t, self.omega)) @ (self.weights * self.damping)
 
     def added_mass_off_the_memory(self, dt: float = 0.002, end: float = 12.0) -> float:
@@ -251,7 +253,8 @@ class Release:
         return float(np.max(np.abs(off))) / self.infinite
 
     def path(self, z0: float, end: float, dt: float = 0.002) -> tuple[Values, Values]:
-        """Times (s) and heights (m) after the release at z0 (m), by the trapezoidal rule of second order."""
+        """Times (s) and heights above equilibrium (m) after the release at z0 (m), by the trapezoidal rule of
+        second order."""
         t = np.arange(round(end / dt) + 1) * dt
         kappa, c = self.memory(t), self.cylinder.stiffness
         mass = self.cylinder.mass + self.infinite
@@ -273,7 +276,7 @@ def _rule(end: float) -> tuple[Values, Values]:
 
 
 def wavenumber(omega: float, depth: float, g: float) -> float:
-    """Wavenumber of linear waves of angular frequency omega (rad/s), to round-off, rad/m."""
+    """Wavenumber (rad/m) of linear waves of angular frequency omega (rad/s), accurate to round-off."""
     K = omega**2 / g
     top = 2.0 * max(K, omega / np.sqrt(g * depth))
     return float(brentq(lambda k: k * np.tanh(k * depth) - K, 0.0, top, xtol=1e-15, rtol=1e-14))

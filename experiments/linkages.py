@@ -1,8 +1,9 @@
 """Joined bodies without water, and Lagrange's equations of the same bodies with only angles as unknowns.
 
-A double pendulum and a slider-crank of rectangular bars, two-dimensional. Two joints of the slider-crank have
-no coordinate: they place a body by the pose of the body that carries it. In the crank's equation its angle is
-positive from x towards z; its pitch is positive from z towards x and has the opposite sign.
+The bodies are a double pendulum and a slider-crank of rectangular bars, in two dimensions. Two joints of the
+slider-crank have no coordinate: they compute the pose of a body from that of its parent body. In the crank's
+equation the crank angle is positive from x towards z; the crank's pitch is positive from z towards x and has
+the opposite sign.
 """
 
 from __future__ import annotations
@@ -24,25 +25,25 @@ WIDTH = 0.1
 UPPER, LOWER = 1.0, 0.8
 """Lengths of the bars of the double pendulum, m."""
 ANGLES = (0.7, 0.3)
-"""Angles of these bars from the vertical at t = 0, rad."""
+"""Angles of the double pendulum's bars from the vertical at t = 0, rad."""
 SWING = float(RHO * WIDTH * G * ((1.0 - np.cos(ANGLES)) @ [UPPER * (UPPER / 2 + LOWER), LOWER**2 / 2]))
-"""Potential energy of these bars at t = 0, relative to hanging straight down, J/m."""
+"""Potential energy of the double pendulum at t = 0, relative to hanging straight down, J/m."""
 CRANK, ROD, PISTON = 0.3, 1.0, 0.2
 """Lengths of crank and connecting rod, and side of the piston, m."""
 
 
 def body(name: str, shape: js.Block, joint: AbstractJoint, pivot: Any, dtype: Any) -> RigidBody:
-    """A body of half the water's density; `pivot`: point of the joint, m."""
+    """A body of half the water's density; `pivot`: position of its joint, m."""
     return RigidBody.of(shape, (0, 0), joint, density=RHO, pivot=pivot, name=name, dtype=dtype)
 
 
 def bar(x: float, length: float) -> js.Block:
-    """A bar along x that begins at x (m)."""
+    """A bar along the x axis, from x (m) to x + `length` (m)."""
     return js.Block((x, -0.5 * WIDTH), (x + length, 0.5 * WIDTH))
 
 
 def hanging(z: float, length: float) -> js.Block:
-    """A bar that hangs down from z (m)."""
+    """A bar of this `length` (m) that hangs down from z (m)."""
     return js.Block((-0.5 * WIDTH, z - length), (0.5 * WIDTH, z))
 
 
@@ -60,7 +61,8 @@ def double_pendulum(dtype: Any) -> tuple[RigidBody, ...]:
 
 
 def pendulum_equations(t: float, y: np.ndarray) -> list[float]:
-    """Rates of the double pendulum's angles a, b from the vertical and of their velocities."""
+    """Rates of change of the double pendulum's angles from the vertical (rad/s) and of their velocities
+    (rad/s2)."""
     a, b, va, vb = y
     m1, m2 = RHO * WIDTH * UPPER, RHO * WIDTH * LOWER
     i1, i2 = (m * (length**2 + WIDTH**2) / 12.0 for m, length in ((m1, UPPER), (m2, LOWER)))
@@ -74,7 +76,7 @@ def pendulum_equations(t: float, y: np.ndarray) -> list[float]:
 
 
 class Rod(AbstractJoint):
-    """Joint of a connecting rod to its crank: its far end stays on the line z = 0."""
+    """Joint of a connecting rod to its crank; the rod's far end stays on the line z = 0."""
 
     parent: str = eqx.field(static=True, default="crank")
     free: tuple[bool, ...] = eqx.field(static=True, default=())
@@ -112,7 +114,7 @@ class Piston(Rod):
 
 
 def slider_crank(dtype: Any) -> tuple[RigidBody, ...]:
-    """Crank, connecting rod and piston in a row along x, hinged at (0, 0)."""
+    """Crank, connecting rod and piston in a row along x; the crank is hinged at (0, 0)."""
     end, half = CRANK + ROD, 0.5 * PISTON
     return (
         body("crank", bar(0.0, CRANK), PlanarJoint.of(["pitch"], dtype=dtype), (0.0, 0.0), dtype),
@@ -122,7 +124,7 @@ def slider_crank(dtype: Any) -> tuple[RigidBody, ...]:
 
 
 def crank_equation(t: float, y: np.ndarray) -> list[float]:
-    """Rates of the crank's angle from the x axis, upwards, and of its velocity."""
+    """Rates of change of the crank's angle from the x axis, upwards (rad/s), and of its velocity (rad/s2)."""
     m_crank, m_rod, m_piston = RHO * WIDTH * CRANK, RHO * WIDTH * ROD, RHO * PISTON**2
     i_crank, i_rod = m_crank * (CRANK**2 / 3 + WIDTH**2 / 12), m_rod * (ROD**2 + WIDTH**2) / 12
 

@@ -1,4 +1,4 @@
-"""Tank, sweeps and dimensionless numbers of the paper, shared by the studies of the OWC."""
+"""Tanks, sweeps and the paper's dimensionless numbers, shared by the studies of the OWC."""
 
 from __future__ import annotations
 
@@ -82,17 +82,17 @@ class _Ledger:
         self.depth, self._t_end = depth, t_end
 
     def time(self, state: object) -> float:
-        """End of the run, s."""
+        """Time at the end of the run, s."""
         del state
         return self._t_end
 
     def entries(self) -> dict[str, Entry]:
-        """Meaning of the turbine's energy."""
+        """Meaning of the turbine's energy, by the name of its entry."""
         return {"pto": Entry("power take-off of the chamber", Exchange.HARVESTED)}
 
 
 def amplitude(series: dict[str, np.ndarray], name: str, period: float, most: int = 10) -> float:
-    """Amplitude of a reading at the frequency of the waves, over whole periods after the transient."""
+    """Amplitude of a reading at the frequency of the waves, in its unit, over the last whole periods."""
     t = series["time"]
     settled = analysis.whole_periods(t, period, max(1, min(most, int((t[-1] - 6.0) / period))))
     wave = np.exp(-2j * np.pi * t[settled] / period)
@@ -110,7 +110,7 @@ def over_periods(
     """Sweeps a length of the device and the period of the waves, and reports how the efficiency changes.
 
     Returns xi of the simulation, its standard error from the scatter between periods, and xi of linear
-    theory, each `[len(values), len(periods)]`. The theory is NaN over a bed that is not flat.
+    theory, each `[len(values), len(periods)]`. The theoretical xi is NaN over a bed that is not flat.
     """
     study = swept(case, {key: list(values), "waves.T": list(periods)}, report.name)
     xi, error = study["xi"], study["xi_scatter"] / np.sqrt(study["periods"])

@@ -49,9 +49,9 @@ class Sentence(NamedTuple):
     text: str
     """Words of the sentence, with a format field in place of each number. Line breaks count as spaces."""
     numbers: Callable[[Results], tuple[float, ...]]
-    """The numbers in their order."""
+    """Function that reads the numbers from the results, in the order of the format fields."""
     pages: tuple[str, ...]
-    """Paths of the pages that contain it, relative to the project's folder."""
+    """Paths of the pages that contain the sentence, relative to the project's folder."""
 
 
 def renewed(page: str, text: str, results: Results, sentences: tuple[Sentence, ...]) -> str:

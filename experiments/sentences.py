@@ -24,13 +24,14 @@ def of_owc(name: str) -> Callable[[Results], float]:
 
 
 def spacings(what: str, kind: str = "incompressible") -> Callable[[Results], tuple[float, ...]]:
-    """Rows `what` of the convergence study for the scheme `kind`, at its three spacings or the first two."""
+    """Values `what` of the convergence study at three spacings, or at two for the weakly compressible
+    scheme."""
     present = SPACINGS if kind == "incompressible" else SPACINGS[:2]
     return lambda r: tuple(r("convergence", f"{kind}, {mm} mm: {what}") for mm in present)
 
 
 def over_theory(r: Results, name: str, beginning: str) -> tuple[float, float]:
-    """Smallest and largest ratio to theory among the rows whose checks have this beginning."""
+    """Smallest and largest ratio to theory (-) among the rows whose checks begin with `beginning`."""
     return ends(row["here"] / row["theory"] for row in r.rows(name, beginning))
 
 
@@ -40,7 +41,7 @@ def too_low(r: Results, *names: str) -> tuple[float, float]:
 
 
 def lost_in_filter(r: Results) -> tuple[float, float]:
-    """Least and largest share of the water's response that the filter of derivatives removes, per cent."""
+    """Smallest and largest share of the water's response that the filter of derivatives removes, per cent."""
     return ends(
         100 * r("filter_study_0.02", f"K_dm = {damping}: share of the water's response lost")
         for damping in ("257", "534.66", "1300")
@@ -173,9 +174,11 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "loses {:.3f} of this amplitude per second, as in a tank without walls; with the paper's mirror "
-        "nodes it loses {:.3f}",
-        lambda r: tuple(r("contact_line_0.04_0.01", f"{wall}: decay") for wall in ("images", "mirror")),
+        "loses {:.3f} of this amplitude per second ({:.3f} in a tank without walls); with the paper's "
+        "mirror nodes it loses {:.3f}",
+        lambda r: tuple(
+            r("contact_line_0.04_0.01", f"{wall}: decay") for wall in ("images", "periodic", "mirror")
+        ),
         (METHOD,),
     ),
     Sentence(
@@ -311,7 +314,8 @@ PROSE = (
             for after, column in (
                 ("standing wave, weakly compressible: period error", "here"),
                 (
-                    "dam break, H/dx = 30, incompressible: front 5 H from the wall behind it, t sqrt(g/H)",
+                    "dam break, H/dx = 26, 28, 30, 32, 34, incompressible, means: front 5 H from the wall "
+                    "behind it, t sqrt(g/H)",
                     "here",
                 ),
                 ("standing wave, weakly compressible: period error", "paper"),
@@ -394,7 +398,7 @@ PROSE = (
 
 
 def pages() -> list[str]:
-    """Paths of the pages with such sentences, relative to the project's folder."""
+    """Paths of the pages that contain sentences of `PROSE`, relative to the project's folder."""
     return sorted({page for sentence in PROSE for page in sentence.pages})
 
 

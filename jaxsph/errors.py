@@ -1,4 +1,4 @@
-"""Errors for users: every message states what is wrong, with its value, and what to do about it."""
+"""Errors for users; every message states the error, the wrong value and the remedy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FileError(JaxsphError):
 
 
 class DerivativeError(JaxsphError):
-    """Error of an unreliable derivative: gives the time up to which it holds, and another method to use."""
+    """Error of an unreliable derivative: gives the time up to which it is reliable, and another method."""
 
 
 class SimulationError(JaxsphError):

@@ -14,7 +14,7 @@ import platformdirs
 MOST = 2**30
 """Size of the compilation cache (bytes) above which the oldest programs are removed."""
 ENOUGH = 0.8
-"""Share of `MOST` to which a larger compilation cache is reduced (-)."""
+"""Fraction of `MOST` to which a larger compilation cache is reduced (-)."""
 
 
 def prepare_jax() -> None:
@@ -47,7 +47,7 @@ def prepare_jax() -> None:
 
 
 def remove_oldest(folder: Path, most: int) -> None:
-    """Removes the oldest files of a folder, if all of them take more than `most` bytes."""
+    """Removes the oldest files of a folder whose files together exceed `most` bytes."""
     with contextlib.suppress(OSError):  # another process may remove the same files
         files = sorted(
             ((entry.stat(), entry.path) for entry in os.scandir(folder)), key=lambda file: file[0].st_mtime
@@ -63,7 +63,7 @@ def remove_oldest(folder: Path, most: int) -> None:
 
 
 def _processor() -> str:
-    """Hash of the processor type; a program compiled for another type may use instructions missing here."""
+    """Hash of the processor type; programs for another type may use instructions that this one lacks."""
     described = f"{platform.machine()} {platform.processor()}"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -40,9 +40,9 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
         ),
         (
             {"bodies": {"fore": box(1.0, 1.4, joined_to="aft"), "aft": AFT}},
-            r"bodies.aft, bodies.fore: joined_to makes a circle: join one of these bodies to the tank",
+            r"bodies.aft, bodies.fore: joined_to forms a loop: join one of these bodies to the tank",
         ),
-        ({"body": box(1.0, 1.4, joined_to="body")}, r"body: joined_to makes a circle"),
+        ({"body": box(1.0, 1.4, joined_to="body")}, r"body: joined_to forms a loop"),
         (
             {"bodies": {"fore": FORE, "aft": AFT | {"block": {"low": [1.3, 0.4], "high": [1.9, 0.6]}}}},
             r"bodies.fore and bodies.aft: have 0.02 m2 in common: move one of them",

@@ -270,7 +270,7 @@ def test_an_interrupted_search_goes_on(theory, tmp_path):
     stored = js.read_sweep(tmp_path / "o.h5")
     assert stored.axes["pto.K_dm"] == pytest.approx([one["pto.K_dm"] for one in found.history])
     assert stored["slope pto.K_dm"] == pytest.approx([one["slope pto.K_dm"] for one in found.history])
-    with pytest.raises(js.FileError, match="holds a search from another case"):
+    with pytest.raises(js.FileError, match="contains a search from another case"):
         js.maximise(OWC, *arguments[1:], method=method, progress=False)
 
 

@@ -23,7 +23,7 @@ from jaxsph.run.simulate import UNSPLIT
 def main(
     dx: float = 0.01, devices: int = 2, case: str = "owc", weakly_compressible: bool = False, turns: int = 5
 ) -> None:
-    """Times blocks of steps and searches on one core, on one device with all cores, and on `devices`."""
+    """Times steps with their searches on one core, on one device with all cores, and on several devices."""
     changes = {"dx": dx} | ({"scheme.kind": "weakly_compressible"} if weakly_compressible else {})
     kind = "weakly compressible" if weakly_compressible else "incompressible"
     suffix = "_weakly" if weakly_compressible else ""

@@ -16,9 +16,10 @@ from jaxsph.run.devices import find_devices, share
 from jaxsph.run.simulate import UNSPLIT
 
 PAPER_SIZE, PAPER_STEP = 4_222_746, 5341.0 / 200
-"""Particles of the paper's largest run, and its step on 16 threads, s (Yeylaghi et al. 2016, table 1)."""
+"""Number of particles of the paper's largest run, and time (s) of its step on 16 threads (Yeylaghi et al.
+2016, table 1)."""
 PAPER = PAPER_SIZE / PAPER_STEP
-"""Particle steps per second of that run."""
+"""Particle steps per second of the paper's largest run, 1/s."""
 
 
 def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, devices: int = 1) -> None:

@@ -1,4 +1,4 @@
-"""Pages for the browser: size, time to the first picture, pictures per second; and time of the coarse run."""
+"""Size of pages for the browser, time to their first picture, pictures per second; time of a coarse run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DRAW = """() => {
 
 
 def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
-    """Measures pages of the built-in OWC and of one with spacing `fine` (m) to `t1` (s).
+    """Measures pages of the built-in OWC, and of an OWC with the spacing `fine` (m) that runs to `t1` (s).
 
     Each page is played for `seconds`.
     """
@@ -63,7 +63,10 @@ def _coarse_run() -> float:
 
 
 def _seen(page: Path, seconds: float) -> dict[str, Any]:
-    """Particles, first picture and pictures per second of a page in a browser that shows the whole tank."""
+    """Number of particles, time to the first picture (s) and pictures per second of a page in a browser.
+
+    The page shows the whole tank.
+    """
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -1,4 +1,4 @@
-"""Cost of a run against particles and devices: time, memory and messages, with a model of the time.
+"""Time, memory and messages of a run against its particles and devices, with a model of the time.
 
 Runs the built-in OWC at three spacings, in both schemes, on one device and on several. Messages between
 devices are counted in the compiled step. Every case runs in a separate process, because the number of devices
@@ -70,7 +70,10 @@ COLUMNS = ("incompressible", "dx (m)", "particles", "ghosts", "devices", "second
 
 
 def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
-    """Fits the time of a step on a device: a part proportional to its particles, and a constant part."""
+    """Fits the time of a step on a device by a part proportional to its particles and a constant part.
+
+    With several devices another constant part is added.
+    """
     figure = Figure(figsize=(6, 4.5), layout="constrained")
     axis = figure.subplots()
     for colour, scheme in zip(("C0", "C1"), SCHEMES, strict=True):

@@ -1,4 +1,4 @@
-"""Cost of a derivative relative to the run's cost: forward mode, exact and filtered, and reverse mode."""
+"""Cost of a derivative relative to the run's, in forward mode (exact and filtered) and reverse mode."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def main(dx: float = 0.02, blocks: int = 8, turns: int = 3, reverse: bool = True
 
 
 class Compiled:
-    """A compiled function and its memory."""
+    """A compiled function and the memory that it needs (bytes)."""
 
     def __init__(self, function, *arguments) -> None:
         self.function = jax.jit(function).lower(*arguments).compile()
@@ -82,7 +82,7 @@ class Compiled:
         self.last = None
 
     def seconds(self, *arguments) -> float:
-        """Wall time of one call."""
+        """Wall time of one call, s."""
         began = time.perf_counter()
         self.last = jax.block_until_ready(self.function(*arguments))
         return time.perf_counter() - began

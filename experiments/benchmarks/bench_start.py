@@ -1,4 +1,4 @@
-"""Start of a run: time to its second reading, first and repeated; predicted and actual wall times."""
+"""Time to a run's second reading, at a first and at a repeated start; predicted and actual wall times."""
 
 from __future__ import annotations
 

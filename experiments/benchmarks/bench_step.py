@@ -1,4 +1,4 @@
-"""Ratio of the time of an OWC step to the time of its pair sums, peak memory, and wall time of 21 s."""
+"""Ratio of an OWC step's time to the time of its pair sums, peak memory, and wall time of a run of 21 s."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ SEEDS = 2
 DURATION = 42.0
 """Repeat period of a sea, s: thirty waves of 1.4 s."""
 SHARES = ((0.10, 0.08, 0.02), (0.15, 0.25, 0.10), (0.05, 0.15, 0.10))
-"""Share of the year for every sea state, Hs by Tp: a table invented for this experiment."""
+"""Fraction of the year (-) with each sea state, in rows of Hs and columns of Tp; invented for this
+experiment."""
 
 
 def study_case(dx: float = 0.02) -> js.Case:

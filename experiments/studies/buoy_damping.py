@@ -1,9 +1,9 @@
 """Best damping of a heaving buoy in small waves, by search, against linear theory.
 
-The buoy of the case `buoy_heave` in waves of 0.03 m. A golden-section search over the damping's logarithm
-finds the largest mean power. Near its maximum the power hardly depends on the damping: at 1.1 times the best
-damping it is 0.3 % lower, which is no more than runs may scatter. The best damping is therefore taken from
-all runs of the search. In linear theory (Falnes 2002) the mean power is
+The buoy is that of the case `buoy_heave`, in waves 0.03 m high. A golden-section search over the damping's
+logarithm finds the largest mean power. Near its maximum the power hardly depends on the damping: at 1.1 times
+the best damping it is 0.3 % lower, which is within the scatter between runs. The best damping is therefore
+taken from all runs of the search. In linear theory (Falnes 2002) the mean power is
 
     P = b |F|^2 / (2 |Z + b|^2),    so that  b / P = (|Z|^2 + 2 R b + b^2) 2 / |F|^2,
 
@@ -39,7 +39,8 @@ BILGE = 0.05
 
 
 def linear(bilge: float = 0.0) -> LinearBody:
-    """The buoy in linear theory, with bilges of the radius `bilge` (m). Its inertia does not matter."""
+    """The buoy in linear theory, with bilges of the radius `bilge` (m). Its moment of inertia does not matter
+    in heave."""
     outline = box_outline(0.3, 0.1, 0.2, bilge)
     return LinearBody(outline, 0.4, displaced(outline), 0.3, (0.0, 0.0))
 
@@ -68,7 +69,8 @@ def golden_section(value: Callable[[float], float], low: float, high: float, cou
 
 
 def best_of(damping: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Best damping (N s/m per metre) and largest power, by a parabola fitted to b / P as a function of b."""
+    """Best damping (N s/m per metre) and largest power (W/m3), by a parabola fitted to b / P as a function of
+    b."""
     # every power has about the same relative error, and so has b / P
     bend, slope, foot = np.polyfit(damping, damping / power, 2, w=power / damping)
     best = float(np.sqrt(foot / bend))
@@ -120,7 +122,7 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
             return results["P_pto"] / (0.5 * results["incident_height"]) ** 2
 
         def power(damping: float) -> float:
-            """Result of `run` for the search, at the damping rounded to four digits, W/m3."""
+            """Result of `run` at the damping rounded to four digits, W/m3; it is stored in `found`."""
             damping = float(f"{damping:.4g}")
             found[damping] = run(damping)
             return found[damping]

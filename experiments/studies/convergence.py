@@ -1,8 +1,8 @@
 """The OWC at three spacings in both schemes, with Richardson extrapolation, compared with linear theory.
 
 The tank is 3 m long and the wall 0.02 m thick at every spacing, so that all runs and the theory have the same
-device. Linear theory includes a head loss at the lip of the front wall of zeta = 0, 1 and 2 velocity heads of
-the column's mean velocity. This range is assumed, not fitted. According to handbooks of hydraulics a
+device. At the lip of the front wall, linear theory includes a head loss of zeta = 0, 1 or 2 velocity heads,
+based on the column's mean velocity. This range is assumed, not fitted. According to handbooks of hydraulics a
 sharp-edged entry loses 0.5 to 1 velocity head in steady pipe flow, and an exit loses 1; an oscillating flow
 also meets its own eddies. The efficiency of linear theory is therefore given as a range.
 """
@@ -30,11 +30,12 @@ ZETA = (0.0, 1.0, 2.0)
 QUANTITIES = {"xi": ("xi", ""), "P_a": ("pressure amplitude", "Pa"), "flow": ("flow amplitude", "m2/s")}
 """Quantities compared between spacings: label and unit of each."""
 BARS = ((0.02, 0.01, 0.05), (0.01, 0.005, 0.025))
-"""Coarse and fine spacing (m), and largest allowed change of xi between them, as a share of the coarse xi."""
+"""Coarse and fine spacing (m), and largest allowed change of xi between them, relative to the coarse xi."""
 SCHEMES_APART = (0.01, 0.03)
-"""Spacing (m) at which the schemes are compared, and bar for the difference in xi, as a share of the mean."""
+"""Spacing (m) at which the schemes are compared, and largest allowed difference in xi, relative to their
+mean."""
 ORDERS = (0.5, 2.0)
-"""Smallest and largest order of an extrapolation: below, nothing is extrapolated; above, 2 is used."""
+"""Smallest order that is extrapolated, and limit to which larger orders are reduced (-)."""
 SAFETY = 1.25
 """Safety factor on the distance to the limit: Roache's for three spacings."""
 
@@ -47,7 +48,7 @@ class Found(NamedTuple):
     errors: dict[str, float]
     """Standard errors of `QUANTITIES`, from the scatter between periods."""
     results: dict[str, float]
-    """Results as in the file of the run."""
+    """Results by name, as in the file of the run."""
     seconds: float
     """Wall time per simulated second (s), at the rate of the last process of the run."""
 
@@ -58,9 +59,9 @@ class Limit(NamedTuple):
     value: float | None
     """Value at zero spacing; None if the sequence has no limit."""
     error: float
-    """Error of the value; without a value the spread of the sequence, largest minus smallest."""
+    """Error of the value; if there is no value, the spread of the sequence (largest minus smallest)."""
     order: float | None
-    """Observed order of the sequence; None if the sequence is not monotone or only scatters."""
+    """Observed order of the sequence; None if it cannot be computed or the sequence only scatters."""
     why: str
     """How the value was computed, or why the sequence has no limit."""
 
@@ -70,7 +71,8 @@ def main(
     schemes: Annotated[list[str] | None, typer.Option(help="repeatable; default: both")] = None,
     t1: float = 14.0,
 ) -> None:
-    """Runs or continues the requested spacings and schemes, and reports them with the runs already there."""
+    """Runs or continues the requested spacings and schemes, and reports them with the runs that are already
+    complete."""
     asked = tuple(SPACINGS if not dx else dx), tuple(schemes or SCHEMES)
     unknown = set(asked[1]) - set(SCHEMES)
     if unknown:
@@ -130,7 +132,7 @@ def _runs(kind: str, asked: tuple[tuple[float, ...], tuple[str, ...]], t1: float
 
 
 def _ended(case: js.Case, path: Path, t1: float) -> bool:
-    """Whether the file exists, holds this case, and its run reached t1 (s)."""
+    """Whether the file exists and contains a run of this case that reached t1 (s)."""
     if not path.exists():
         return False
     file = RunFile.open(path)
@@ -156,7 +158,8 @@ def _read(case: js.Case, file: RunFile) -> Found:
 
 
 def _amplitude(series: dict[str, np.ndarray], name: str, period: float, periods: int) -> tuple[float, float]:
-    """Amplitude of a reading at the wave frequency over the last whole periods, and its standard error."""
+    """Amplitude of a reading at the wave frequency over the last whole periods, and its standard error, in
+    its unit."""
     t = series["time"]
 
     def over(samples: np.ndarray | slice) -> float:
@@ -215,7 +218,7 @@ def _rows(report: Report, where: str, run: Found) -> None:
 
 
 def _shares(results: dict[str, float]) -> dict[str, float]:
-    """Shares of the paddle's work (-) by energy; energies that are zero are left out."""
+    """Energies divided by the paddle's work (-), by name; energies that are zero are left out."""
     names = [name.removeprefix("energy_") for name in results if name.startswith("energy_")]
     names = [name for name in names if name not in ("paddle", "residual_share")]
     place = {"pto": -2, "stored": -1, "residual": 1}

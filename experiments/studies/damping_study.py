@@ -23,7 +23,7 @@ def main(
     damping: Annotated[list[float] | None, typer.Option(help="B*, repeatable; default: seven")] = None,
     height: Annotated[list[float] | None, typer.Option(help="H*, repeatable; default: five")] = None,
 ) -> None:
-    """Runs or continues the study at the spacing dx."""
+    """Runs or continues the study at the spacing dx (m)."""
     case = study_case(dx, 12.0).replace({"device.wall_thickness": 0.01})
     B_star, H_star = sorted(damping or B_STAR), sorted(height or H_STAR)
     K_dm = [round(damping_coefficient(b), 2) for b in B_star]
@@ -85,7 +85,7 @@ def main(
 
 
 def scale() -> float:
-    """B* per unit of K_dm (Eq. 32)."""
+    """Ratio of B* to K_dm (Eq. 32), kg^-0.5 m^2.5."""
     return 1.0 / damping_coefficient(1.0)
 
 

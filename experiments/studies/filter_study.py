@@ -19,7 +19,7 @@ from experiments.owc_tank import T, short_case, study_case, swept
 from jaxsph.case.linear import incident_power
 
 POINTS = (257.0, 534.66, 1300.0)
-"""Dampings below, near and above the best."""
+"""Values of K_dm (kg^0.5 m^-2.5) below, near and above the best."""
 MEMBERS = 13
 RANGE = (180.0, 1900.0)
 
@@ -88,7 +88,8 @@ def fitted(case: js.Case) -> tuple[js.Sweep, Fit]:
 
 
 def slope(case: js.Case, name: str) -> dict:
-    """Filtered slope and value of a case, and slopes of single periods; stored in `runs/<name>.json`."""
+    """Efficiency of a case, its filtered slope over K_dm, and slopes of single periods; stored in
+    `runs/<name>.json`."""
     kept = RUNS / f"{name}.json"
     if kept.exists():
         return json.loads(kept.read_text(encoding="utf-8"))
@@ -117,7 +118,7 @@ class Fit:
     xi: np.ndarray
 
     def __post_init__(self) -> None:
-        """Fits by least squares, with equal errors of all points."""
+        """Fits by least squares, assuming equal errors of all points."""
         A = self._powers(self.K)
         self.found = np.linalg.lstsq(A, self.xi, rcond=None)[0]
         rest = self.xi - A @ self.found
@@ -128,11 +129,11 @@ class Fit:
         return np.log(np.atleast_1d(K) / 500.0)[:, None] ** np.arange(5)
 
     def value(self, K: np.ndarray) -> np.ndarray:
-        """Efficiency xi of the fit at K."""
+        """Efficiency xi (-) of the fit at K (kg^0.5 m^-2.5)."""
         return self._powers(K) @ self.found
 
     def slope(self, K: float) -> tuple[float, float]:
-        """d xi/d K_dm at K and its standard error."""
+        """Slope d xi/d K_dm of the fit at K (kg^0.5 m^-2.5) and its standard error, kg^-0.5 m^2.5."""
         x = np.log(K / 500.0)
         a = np.array([0.0, 1.0, 2 * x, 3 * x**2, 4 * x**3]) / K
         return float(a @ self.found), float(np.sqrt(a @ self.covariance @ a))

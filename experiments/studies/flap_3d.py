@@ -1,8 +1,8 @@
 """Bottom-hinged flap in regular waves, 3-D and incompressible, in a tank of reduced width and length.
 
 `jaxsph/cases/flap_3d.toml` states the assumptions on the depth, the mass of the flap and the tank. The
-experiment of the source (Yeylaghi et al. 2016, section 4.3: about 30 degrees to either side) has another tank
-and another water level, so its results are not compared here.
+experiment of the source (Yeylaghi et al. 2016, section 4.3), where the flap swings about 30 degrees to either
+side, has another tank and another water level, so its results are not compared here.
 """
 
 from __future__ import annotations

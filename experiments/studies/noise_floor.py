@@ -1,4 +1,4 @@
-"""Part of the noise measured beside the OWC that is due to the flow itself, from the finest run.
+"""Part of the noise measured near the OWC that is due to the flow itself, from the finest run.
 
 The noise of a particle is the difference between its velocity and a linear fit to its neighbours within three
 spacings. Around the lip of the front wall the flow turns within a few spacings, and no linear fit can follow
@@ -54,7 +54,8 @@ def main(
 
 
 def noise(x: np.ndarray, u: np.ndarray, dx: float, mask: np.ndarray, lip: np.ndarray) -> float:
-    """RMS difference of velocities from linear fits to neighbours, divided by the RMS speed of these points.
+    """RMS difference of velocities from linear fits to neighbours, divided by the RMS speed of these points
+    (-).
 
     **Arguments**: positions x (m) and velocities u (m/s) `[N, 2]`; spacing `dx` (m); `mask` of the points
     to measure; position of the wall's `lip` (m), above which points on the other side are not neighbours.
@@ -98,14 +99,14 @@ def _particles(dx: float, t1: float, report: Report) -> tuple[np.ndarray, np.nda
 
 
 def _lattice(x: np.ndarray, dx: float, finest: float) -> np.ndarray:
-    """Points (m) of a lattice with spacing dx that are within `finest` of a water particle at x (m)."""
+    """Points (m) of a lattice with spacing dx that are within `finest` (m) of a water particle at x (m)."""
     axes = [dx * (np.arange(int(end / dx) + 1) + 0.5) for end in x.max(axis=0)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
     return points[KDTree(x).query(points)[0] < finest]
 
 
 def _averaged(x: np.ndarray, u: np.ndarray, points: np.ndarray, dx: float, lip: np.ndarray) -> np.ndarray:
-    """Mean velocities (m/s) of the particles at x (m) in discs around the points (m), as large as a cell."""
+    """Mean velocities (m/s) of the particles at x (m) in discs as large as a cell around the points (m)."""
     around = KDTree(x).query_ball_point(points, dx / np.sqrt(np.pi))
     return np.array(
         [u[near][~_parted(p, x[near], lip)].mean(axis=0) for p, near in zip(points, around, strict=True)]

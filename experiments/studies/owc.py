@@ -10,7 +10,7 @@ from jaxsph import analysis
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the OWC with the spacing dx and reports its settled periods."""
+    """Runs the OWC with the spacing dx (m) and reports its settled periods."""
     case = js.load_case("owc").replace({"dx": dx})
     file = solved(case, f"owc_{dx:g}")
     series, results = file.series(), file.results()

@@ -30,7 +30,7 @@ from jaxsph.model.interfaces import ExactTangents
 
 
 def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, rate: float = 0.15) -> None:
-    """Learns over `learn` waves, after `before` waves to start, and compares over `judge` waves."""
+    """Optimises over `learn` waves, after `before` initial waves, and compares over `judge` waves."""
     case = short_case(dx, (before + learn + judge) * T).replace({"pto.phase": [0.0] * 4})
     model, state = js.build(case)
     every = model.search.rebuild_every

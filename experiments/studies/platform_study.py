@@ -1,6 +1,6 @@
 """Efficiency over period and height of a platform under the OWC; the paper's text does not give the height.
 
-Linear theory is for a flat bed.
+Linear theory is valid for a flat bed only.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ PERIODS = (1.0, 1.2, 1.4)
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs or continues the nine members at the spacing dx."""
+    """Runs or continues the nine members at the spacing dx (m)."""
     title = "Efficiency over period and height of a platform: what the geometry's assumption changes"
     case = study_case(dx, 12.0).replace({"device.platform_length": LENGTH, "device.platform_height": 0.0})
     with Report(f"platform_study_{dx:g}", title, dx) as report:

@@ -1,4 +1,5 @@
-"""Slope of the mean power over the damping in an irregular sea: an ensemble against a fit to other runs."""
+"""Slope of the mean power over the damping in an irregular sea: from an ensemble, against a fit to other
+runs."""
 
 from __future__ import annotations
 
@@ -10,9 +11,10 @@ from experiments.common import RUNS, Report
 from experiments.studies.annual_power import study_case
 
 K_DM = 300.0
-"""Damping at which the slope is taken: below the best, where the mean power increases with it."""
+"""K_dm (kg^0.5 m^-2.5) at which the slope is computed: below the best, where the mean power increases with
+K_dm."""
 OTHERS = np.round(np.geomspace(100.0, 900.0, 7), 1)
-"""Dampings of the runs for the fit; no member of the ensemble has one of them."""
+"""Values of K_dm (kg^0.5 m^-2.5) of the runs for the fit; the ensemble uses none of them."""
 DURATION = 28.0
 """Repeat period of the sea, s: twenty waves."""
 

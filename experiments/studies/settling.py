@@ -1,4 +1,4 @@
-"""Efficiency of the OWC from a run and from a run of twice its length.
+"""Efficiency of the OWC from a run and from a run twice as long.
 
 The column reflects half of the wave height. The part that the paddle does not absorb reaches the column again
 after three lengths of the tank, and from then on the waves are slightly higher. The efficiency based on the
@@ -19,7 +19,8 @@ from jaxsph.case.settling import travel_time
 
 
 def main(dx: float = 0.02, k_dm: float = 150.0) -> None:
-    """Runs the OWC with damping k_dm to twice its t1, and averages to t1 and over the settled record."""
+    """Runs the OWC with damping k_dm (kg^0.5 m^-2.5) to twice its t1, and averages over the settled periods
+    up to t1 and up to the end."""
     case, file = damped(dx, k_dm, 2.0)
     t1, T, series = case.t1, case.waves.T, file.series()
     echo = case.waves.ramp_periods * T + 3.0 * travel_time(case, Geometry.of(case).length)

@@ -1,8 +1,8 @@
 """The OWC in waves of small amplitude against linear theory: efficiency and chamber pressure.
 
-H/d = 0.02 over a flat bed, with a wall of one spacing at dx = 0.01 and 0.02 m, four frequencies around
-resonance and two dampings. The best K_dm is larger in lower waves: 960 here corresponds to 440 in waves of
-0.04 m.
+The waves have H/d = 0.02 over a flat bed, with four frequencies around resonance; there are two dampings, and
+the wall is one spacing thick at dx = 0.01 and 0.02 m. The best K_dm is larger in lower waves: 960 here
+corresponds to 440 in waves of 0.04 m.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ HEIGHT, WALL = 0.0084, 0.01
 
 
 def main(dx: float = 0.01) -> None:
-    """Runs or continues the eight members at the spacing dx."""
+    """Runs or continues the eight members at the spacing dx (m)."""
     case = study_case(dx, 10.0).replace(
         {
             "tank.length": 3.0,

@@ -15,7 +15,8 @@ from experiments.owc_tank import short_case
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
-    """Runs the exact derivative to t1 (s) and reports how the differences between neighbours grow."""
+    """Runs the exact derivative to t1 (s) and reports how the differences between the slopes of neighbouring
+    particles grow."""
     case = short_case(dx, t1).replace({"output.snapshot_dt": 0.1})
     found = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(least=0.0))
     t, grain = found.series["time"], found.slopes["grain"]

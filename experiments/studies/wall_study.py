@@ -19,7 +19,7 @@ def main(
     thickness: Annotated[list[float] | None, typer.Option(help="m, repeatable; default: four")] = None,
     period: Annotated[list[float] | None, typer.Option(help="s, repeatable; default: six")] = None,
 ) -> None:
-    """Runs or continues the study at the spacing dx."""
+    """Runs or continues the study at the spacing dx (m)."""
     title = "Efficiency over period and wall thickness (section 5.1), assumed draught of 0.16 m, no platform"
     with Report(f"wall_study_{dx:g}", title, dx) as report:
         case = study_case(dx, 13.0)

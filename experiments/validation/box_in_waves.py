@@ -29,18 +29,19 @@ SHOWN = 3
 """Number of periods in the picture."""
 
 Series = tuple[np.ndarray, np.ndarray]
-"""Times (s), and values (m or rad)."""
+"""Times (s) and values (m or rad) of a motion or elevation."""
 
 
 def whole(series: Series, T: float, periods: int) -> Series:
-    """Last whole periods T (s) of a series."""
+    """Samples of a series in its last `periods` whole periods T (s)."""
     t, y = series
     over = t > t[-1] - periods * T + 1e-9
     return t[over], y[over]
 
 
 def half_range(series: Series, T: float) -> float:
-    """Half the difference of highest and lowest value in a period T (s), mean over all periods, m or rad."""
+    """Half the difference between highest and lowest value in a period T (s), averaged over all periods, m or
+    rad."""
     t, y = series
     periods = round((t[-1] - t[0]) / T)
     back = np.minimum((t[-1] - t) / T, periods - 0.5).astype(int)
@@ -48,7 +49,7 @@ def half_range(series: Series, T: float) -> float:
 
 
 def measured(name: str) -> Series:
-    """A measured series, in the order of time."""
+    """A measured series, sorted by time."""
     t, y = reference(f"box_in_waves_{name}.csv").T
     order = np.argsort(t)
     return t[order], y[order]
@@ -86,12 +87,12 @@ def main(dx: float = 0.01) -> None:
 
 
 def _periods(t: np.ndarray, T: float) -> int:
-    """Number of whole periods T (s) in a record, whose times t (s) are a few milliseconds off."""
+    """Number of whole periods T (s) in a record whose times t (s) are inaccurate by a few milliseconds."""
     return int((t[-1] - t[0]) / T + 0.01)
 
 
 def _compare(report: Report, what: str, found: float, unit: str, theory: float, bar: float) -> None:
-    """Reports a value beside the measured one, and the error."""
+    """Reports a value, the measured value, and the error."""
     off = 100.0 * (found / theory - 1.0)
     report.row(what, found, unit, theory=theory, bar=f"within {bar:g} %", passes=abs(off) < bar)
     report.row("the same: off the measured", off, "%")
@@ -99,7 +100,7 @@ def _compare(report: Report, what: str, found: float, unit: str, theory: float, 
 
 @in_style
 def _motions(here: dict[str, Series], flume: dict[str, Series], T: float) -> Figure:
-    """Figure of the last periods from a maximum of heave on; the line fitted to surge starts at zero."""
+    """Figure of the last periods, starting at a maximum of heave; the line fitted to surge starts at zero."""
     figure = Figure(figsize=(7.0, 6.5), layout="constrained")
     axes = figure.subplots(len(MOTIONS), sharex=True)
     for label, series, style in (

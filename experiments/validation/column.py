@@ -1,6 +1,6 @@
 """Dam break on a tall square column in three dimensions, incompressible: experiment of Yeh and Petroff.
 
-The times of the measured velocity start at the arrival of the bore at the probe, the times of the force
+The times of the measured velocity start at the arrival of the bore at the probe, and those of the force
 approximately at the release. The velocities are therefore aligned at the arrival, and the forces at the
 impact. Sources disagree on the position of the probe, so both positions are compared.
 `experiments/reference/README.md` has the sources.
@@ -17,7 +17,7 @@ from experiments.common import Report, reference, solved
 IMPULSE, LAST = 13.0, 1.5
 """Impulse of the measured force (N s), and time (s) at which the integration of the force ends."""
 COMPARED = (0.1, 1.2)
-"""Interval of comparison after the arrival, s."""
+"""Interval after the arrival of the bore in which velocities are compared, s."""
 ARRIVED, HIT = 0.5, 5.0
 """Thresholds of velocity for the arrival of the bore (m/s) and of force for the impact (N)."""
 

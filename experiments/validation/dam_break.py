@@ -1,4 +1,4 @@
-"""Dam breaks: front by Martin and Moyce and by Koshizuka and Oka, and Buchner's pressure on the far wall.
+"""Dam breaks: fronts of Martin and Moyce and of Koshizuka and Oka, and Buchner's pressure on the far wall.
 
 The sources of the measured series are in `experiments/reference/README.md`.
 """
@@ -36,7 +36,7 @@ BUCHNER = 0.6
 SENSOR, DISC = 0.2 * BUCHNER, 0.09
 """Height and diameter of Buchner's transducer, m."""
 HEIGHTS = SENSOR + DISC * (np.arange(9) - 4) / 9
-"""Levels of the sensors over the disc, m, in strips of equal height; the fifth is at the disc's centre."""
+"""Heights of the sensors, m: the middles of nine strips of equal height on the disc of the transducer."""
 SMOOTHING = 0.1
 """Width of the running mean over pressures, in sqrt(H/g); the plunge after the peak is ten times as long."""
 PLATEAU, PEAK, WINDOW = (3.3, 5.1), (2.4, 3.2), (2.4, 5.4)
@@ -265,7 +265,7 @@ def energy_growth(series: dict[str, np.ndarray], length: float, height: float) -
 
 
 def _front_picture(fronts: dict[int, Front]) -> Figure:
-    """Figure of fronts, without and with shift, and of the residual height, beside the measurements."""
+    """Figure of fronts, without and with shift, and of the residual height, with the measurements."""
     figure = Figure(figsize=(12, 5), layout="constrained")
     raw, shifted, level = figure.subplots(1, 3)
     finest = compared(fronts[max(fronts)])
@@ -366,7 +366,7 @@ class Impact(NamedTuple):
 
 
 def measured_impact() -> np.ndarray:
-    """Buchner's measured series: t sqrt(g/H) and p/(rho g H)."""
+    """Buchner's measured pressure: t sqrt(g/H) and p/(rho g H)."""
     return _read("buchner_pressure")
 
 

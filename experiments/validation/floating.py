@@ -93,7 +93,8 @@ def _case(what: str, **sections: object) -> js.Case:
 
 
 def extremes(t: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
-    """Time (s) from release to the end of the first swing; magnitude of the angle then over the first (-)."""
+    """Time (s) from the release to the end of the first swing, and magnitude of the angle then, divided by
+    the initial angle (-)."""
     far = int(np.argmin(angle))
     return float(t[far]), float(-angle[far] / angle[0])
 

@@ -72,7 +72,7 @@ def main(dx: float = 0.02) -> None:
 
 @in_style
 def _picture(every: dict[str, dict[str, float]]) -> Figure:
-    """Deviations from linear theory of all devices."""
+    """Figure of the deviations of all devices from linear theory."""
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     for ax, (name, off) in zip(figure.subplots(1, len(every), sharex=True), every.items(), strict=True):
         rows = np.arange(len(off))

@@ -21,13 +21,13 @@ CYLINDER = Cylinder(radius=0.1, depth=0.5)
 LENGTH = 3.2
 """Length of the tank, m; the cylinder is in its middle."""
 LIFT = 0.25 * CYLINDER.radius
-"""Height above equilibrium at the release, m."""
+"""Height of the cylinder above equilibrium at the release, m."""
 HELD = 1.0
 """Time for which the cylinder is held while the water settles, s."""
 AFTER = 1.5
-"""Time of the free motion, s."""
+"""Duration of the free motion, s."""
 BACK = (LENGTH - 2.0 * CYLINDER.radius) / float(np.sqrt(CYLINDER.g * CYLINDER.depth))
-"""Time of the longest waves to the ends of the tank and back, s."""
+"""Travel time of the longest waves to the ends of the tank and back, s."""
 SCHEMES = ("incompressible", "weakly_compressible")
 
 
@@ -56,7 +56,8 @@ def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, 
     """Times (s) and heights (m) of the release and of the first `count` turning points after it.
 
     z is the height above equilibrium. A turning point is the vertex of a parabola fitted to the readings
-    around it, over a quarter of the last swing's time, so that scatter of single readings does not move it.
+    around it, over a quarter of the preceding swing's duration, so that scatter of single readings does not
+    move it.
 
     **Raises** ValueError if the record has fewer turning points.
     """
@@ -66,7 +67,9 @@ def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, 
         sign = -1.0 if n % 2 == 0 else 1.0
         crossed = np.flatnonzero(sign * z[start:] > 0)
         if not crossed.size:
-            raise ValueError(f"the record of {t[-1] - t[0]:.3g} s has {n} turns, but {count} are needed")
+            raise ValueError(
+                f"the record of {t[-1] - t[0]:.3g} s has {n} turning points, but {count} are needed"
+            )
         first = start + int(crossed[0])
         back = np.flatnonzero(sign * z[first:] < 0)
         last = first + int(back[0]) if back.size else t.size

@@ -1,8 +1,9 @@
 """Run-up of non-breaking waves on a slope of 1:2, and their reflection, against linear long waves.
 
 On a plane slope whose foot is x0 from the shore, R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the
-height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); all waves are reflected. R is
-the first harmonic: waves so long for their depth also have a second harmonic, which raises their crests.
+height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); the waves are reflected
+completely. R is the amplitude of the first harmonic: waves this long for their depth also have a second
+harmonic, which raises their crests.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from experiments.common import Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, in_style
 
 DEPTH, SLOPE, FOOT, T = 0.3, 0.5, 5.0, 2.5
-"""Depth (m), slope, position of its foot (m) and period (s)."""
+"""Depth of the water (m), slope (-), position of the slope's foot (m) and wave period (s)."""
 
 
 def slope_case(dx: float, H: float) -> js.Case:
@@ -65,7 +66,7 @@ def main(dx: float = 0.02, H: float = 0.04) -> None:
 
 
 def _harmonic(series: dict[str, np.ndarray], periods: float, k: int) -> float:
-    """Amplitude (m) of a harmonic of the level on the slope over the last periods."""
+    """Amplitude (m) of the k-th harmonic of the level on the slope over the last periods."""
     over = series["time"] > series["time"][-1] - periods * T + 1e-9
     level, t = series["run_up_slope"][over], series["time"][over]
     return 2.0 * float(abs(np.mean((level - np.mean(level)) * np.exp(-2j * np.pi * k / T * t))))

@@ -23,9 +23,10 @@ period (s): KRSundsdal1/2D-ship-cross-section-in-regular-waves (CC0)."""
 ENDS = {1.269: 16.0, 0.897: 26.0}
 """End of the run by wave period, s: shorter waves travel more slowly and settle later."""
 BAR = {0.02: 7.0, 0.01: 5.0}
-"""Largest allowed error, %, by spacing (m)."""
+"""Largest allowed error of a force amplitude, %, by spacing (m)."""
 ELEMENT = 0.005
-"""Largest element of linear theory on the section, m; half this size changes no force by 0.1 %."""
+"""Largest element of linear theory on the section, m; half this size changes the forces by less than 0.1
+%."""
 
 
 def main(dx: float = 0.02) -> None:
@@ -69,7 +70,8 @@ def main(dx: float = 0.02) -> None:
 
 
 def _in_the_water(case: js.Case) -> list[tuple[float, float]]:
-    """Corners of the section (m) below and in the still level, from right to left, relative to its middle."""
+    """Corners of the section (m) below and at the still water level, from right to left, relative to its
+    middle."""
     corners = np.array(case.solid["section"].polygon)[::-1] - [0.0, case.tank.depth]
     corners[:, 0] -= 0.5 * (np.min(corners[:, 0]) + np.max(corners[:, 0]))
     return [(float(x), min(float(z), 0.0)) for x, z in corners]

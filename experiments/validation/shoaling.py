@@ -1,7 +1,7 @@
-"""Waves up a bed of 1:10 onto a shelf with a sponge: wave heights against linear shoaling.
+"""Waves that travel up a slope of 1:10 onto a shelf with a sponge: wave heights against linear shoaling.
 
 The energy flux is the same at every depth, so that H/H0 = sqrt(c_g0/c_g). Wave heights are computed from the
-variance of the elevation as for a sine.
+variance of the elevation as for a sine wave.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from jaxsph.output.plot.style import BLUE, RED, in_style
 from jaxsph.waves import theory
 
 DEPTH, SHELF, FOOT, SLOPE = 0.4, 0.2, 3.0, 0.1
-"""Depth in front, height of the shelf and foot of the slope (m), and slope."""
+"""Depths in front of the slope and over the shelf, position of the slope's foot (m), and slope (-)."""
 PLACES = (4.0, 5.2)
 """Positions where heights are compared, m: half-way up the slope, and on the shelf."""
 
 
 def shelf_case(dx: float, H: float, T: float) -> js.Case:
-    """Waves of height H (m) and period T (s) onto the shelf."""
+    """Case of waves of height H (m) and period T (s) that travel onto the shelf."""
     top, end = DEPTH - SHELF, 9.0
     bed = [(FOOT, 0.0), (FOOT + top / SLOPE, top), (end, top), (end, 0.0)]
     return js.Case.from_dict(

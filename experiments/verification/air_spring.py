@@ -14,7 +14,8 @@ from jaxsph import analysis
 VOLUME = 1.0
 """Volume of the air, m2 per metre of width."""
 SQUEEZED, PRESSED = 800.0, 400.0
-"""Pressures that start the oscillation, Pa: initial pressure of the closed air, and a constant pressure."""
+"""Excess pressures that start the oscillation, Pa: initial pressure of the closed air, and a constant
+pressure."""
 T1 = 4.0
 
 
@@ -55,7 +56,7 @@ def main(dx: float = 0.01) -> None:
 
 
 def swing(case: js.Case, squeezed: float = 0.0) -> dict[str, np.ndarray]:
-    """Readings of a run from rest, with initial air pressure `squeezed` (Pa)."""
+    """Readings of a run from rest, with the initial excess air pressure `squeezed` (Pa)."""
     model, state = js.build(case)
     chamber = model.chambers[0]
     if squeezed:

@@ -23,7 +23,7 @@ water on its two sides."""
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs or continues the built-in cases and both forms of an OWC at the spacing dx (m)."""
+    """Runs or continues the built-in cases and three forms of an OWC at the spacing dx (m)."""
     with Report(f"chambers_{dx:g}", "Chambers between any walls", dx) as report:
         for name in CASES:
             file = solved(js.load_case(name).replace({"dx": dx}), f"{name}_{dx:g}")

@@ -2,12 +2,12 @@
 
 Poiseuille, from rest under a body force F = 8 nu U/L^2, with y and t in units of L and L^2/nu:
     u/U = 4 y (1 - y) - sum over odd n of 32/(n pi)^3 sin(n pi y) exp(-(n pi)^2 t)
-Couette, the upper wall suddenly at U:
+Couette, with the upper wall suddenly moving at U:
     u/U = y + sum over n of 2 (-1)^n/(n pi) sin(n pi y) exp(-(n pi)^2 t)
 
 Re = U L/nu = 1 (nu = 0.01 m2/s, L = 0.5 m, U = 0.02 m/s). The flow is fast enough that rows of particles pass
 each other by many spacings while it develops, and slow enough that viscosity limits the time step, so that a
-high speed of sound costs nothing.
+high speed of sound costs no computing time.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ SCALE = L**2 / NU
 TIMES = (0.02, 0.1, 1.0)
 """Times at which profiles are compared, in units of `SCALE`."""
 TERMS = 200
-"""Number of terms of the series: at t = 0.02 the last, exp(-(200 pi)^2 0.02), is negligible."""
+"""Number of terms of the series: at t = 0.02 the factor exp(-(200 pi)^2 0.02) of the last is negligible."""
 
 
 class Flow(NamedTuple):
-    """Driving force and wall of a flow, and its exact profile."""
+    """Body force and wall speed that drive a flow, and its exact velocity profile."""
 
     force: float
-    """Body force, m/s2."""
+    """Body force per mass, m/s2."""
     lid: float
     """Speed of the upper wall, m/s."""
 
@@ -113,7 +113,7 @@ def main(n: int = 40) -> None:
 
 
 def _picture(shown: dict) -> Figure:
-    """Figure of the velocity profiles of particles and series."""
+    """Figure of the velocity profiles of the particles and of the exact series."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     for axis, (name, (flow, profiles)) in zip(figure.subplots(1, 2), shown.items(), strict=True):
         y = np.linspace(0.0, L, 200)

@@ -24,7 +24,8 @@ from jaxsph.model.probe import AbstractProbe
 TIMES = (0.95, 3.05)
 """Times at which the modes are compared, s."""
 SAMPLE, WAVE, SHORT, BAR = 0.05, 2, (4, 6, 8, 10, 12), 0.01
-"""Sampling interval (s), mode of the wave, modes it lacks, and bar for their ratio to the wave (-)."""
+"""Sampling interval (s), mode of the wave, modes that it lacks, and their largest allowed ratio to the wave
+(-)."""
 
 
 class SurfaceModes(AbstractProbe):

@@ -22,7 +22,7 @@ from jaxsph.model.state import Failure
 
 LENGTH, DEPTH, DRAUGHT, CHAMBER, WALL = 0.68, 0.8, 0.6, 0.32, 0.01
 SCALE = 0.5 * 1000.0 * 9.81 * DEPTH**2 * (LENGTH - WALL)
-"""Potential energy of the water above the bed, rho g d^2/2 times the width of the vessels, J/m."""
+"""Potential energy of the water relative to the bed, rho g d^2/2 times the width of the vessels, J/m."""
 BAR = 1.0e-4
 """Largest allowed ratio of the final kinetic energy to `SCALE`: the RMS speed is then 0.01 sqrt(g d)."""
 COLOURS = {"a": "#E69F00", "b": "#0072B2", "c": "#D55E00"}
@@ -145,13 +145,14 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
 
 
 def pressure_error(run: Found) -> float:
-    """RMS of p - rho g (d - z) in the last valid state, divided by rho g d."""
+    """RMS of p - rho g (d - z) in the last valid state, divided by rho g d (-)."""
     error = run.p / (1000.0 * 9.81) - (DEPTH - run.x[:, 1])
     return float(np.sqrt(np.mean(error**2)) / DEPTH)
 
 
 def verdict(run: Found) -> str:
-    """Whether the water stays at rest: its kinetic energy stays below the bar and does not grow once settled.
+    """Verdict on the run: "at rest" if the kinetic energy stays below the bar and does not grow after
+    settling.
 
     The settled energy is the mean over the second fifth of the run, the final energy the mean over its last
     fifth. In a quiet run the two are equal except for noise, which is well below a factor of two.

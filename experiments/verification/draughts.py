@@ -1,10 +1,11 @@
-"""Floating bodies of four densities at ten places relative to the lattice, against hydrostatic draughts.
+"""Floating bodies of four densities at ten positions relative to the lattice, against hydrostatic draughts.
 
-Boxes, discs and triangles are released in still water at the draughts of hydrostatics and are free to heave.
-In a second set, boxes are free in all motions. Ten bodies of one shape and density float in one tank. Their
-sizes differ by less than a spacing, such that their lowest points have ten different places relative to the
-lattice (in tenths of a spacing), and so have their middles. The tank is closed: bodies that sink raise its
-level, which is computed from their motions and included in the draught.
+Boxes, discs and triangles are released in still water at their hydrostatic draughts and are free to heave. In
+a second set, boxes are free in all motions. Ten bodies of one shape and density float in one tank. Their
+sizes are such that their draughts differ by less than a spacing, and their lowest points have ten different
+positions relative to the lattice, a tenth of a spacing apart. The horizontal positions of their middles
+differ likewise. The tank is closed: bodies that sink raise its level, which is computed from their motions
+and included in the draught.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ DEPTH, APART = 0.4, 0.5
 PLACES = 10
 """Number of bodies; each has a different position relative to the lattice."""
 RATIOS = (0.3, 0.5, 0.7, 0.9)
-"""Densities of the bodies over that of the water."""
+"""Ratios of the bodies' densities to the water's (-)."""
 SETTLED, T1 = 5.0, 7.0
-"""Beginning and end of the time over which the draughts are averaged, s: two periods of heave."""
+"""Start and end of the interval over which the draughts are averaged, s: two periods of heave."""
 BAR = 0.3
 """Largest allowed error of the mean draught, in spacings."""
 
@@ -40,15 +41,15 @@ class Shape(abc.ABC):
 
     name: str
     usual: float
-    """Size of the bodies, to within a spacing, m."""
+    """Approximate size of the bodies, m."""
 
     @abc.abstractmethod
     def draught(self, ratio: float) -> float:
-        """Draught over size at which a body of `ratio` times the water's density displaces its weight (-)."""
+        """Draught over size (-) at which a body of `ratio` times the water's density floats."""
 
     @abc.abstractmethod
     def width(self, draught: float) -> float:
-        """Width at the waterline over size, with the draught over size (-)."""
+        """Width at the waterline over size (-), at the draught over size `draught` (-)."""
 
     @abc.abstractmethod
     def section(self, x: float, foot: float, size: float) -> dict[str, Any]:
@@ -66,7 +67,7 @@ class Box(Shape):
     name: str = "box"
     usual: float = 0.2
     over: float = 1.0
-    """Width over height."""
+    """Ratio of width to height (-)."""
 
     def draught(self, ratio):
         """See `Shape`."""
@@ -94,7 +95,7 @@ class Disc(Shape):
     usual: float = 0.2
 
     def draught(self, ratio):
-        """See `Shape`: a segment of the half angle a has the share (a - sin a cos a) / pi of the area."""
+        """See `Shape`: a segment of half angle a has the fraction (a - sin a cos a) / pi of the area."""
 
         def too_much(angle: float) -> float:
             return angle - np.sin(angle) * np.cos(angle) - np.pi * ratio
@@ -119,7 +120,7 @@ class Triangle(Shape):
     """Equilateral triangle; its size is its height."""
 
     name: str
-    """Name, which says where the point is."""
+    """Name of the shape, which states whether the point is up or down."""
     down: bool
     """Whether a corner, not a side, is the lowest part."""
     usual: float = 0.2
@@ -156,7 +157,7 @@ class Tank:
 
     shape: Shape
     ratio: float
-    """Density of the bodies over that of the water."""
+    """Ratio of the bodies' density to the water's (-)."""
     dx: float
     """Spacing of the particles, m."""
     free: tuple[str, ...] = ("heave",)
@@ -176,7 +177,7 @@ class Tank:
         return np.stack([place, 3 * place % self.places], axis=1) / self.places
 
     def draughts(self) -> np.ndarray:
-        """Draughts of hydrostatics, m: whole numbers of spacings plus the offsets, near the usual draught."""
+        """Hydrostatic draughts, m: whole numbers of spacings plus the offsets, near the usual draught."""
         usual, offset = self.shape.draught(self.ratio) * self.shape.usual, self.offsets()[:, 1]
         return self.dx * (np.round(usual / self.dx - offset) + offset)
 
@@ -208,7 +209,7 @@ class Tank:
         )
 
     def errors(self, series: dict[str, np.ndarray], since: float = SETTLED) -> np.ndarray:
-        """Mean draughts after the time `since` (s) less those of hydrostatics, in spacings."""
+        """Mean draughts after the time `since` (s) minus the hydrostatic draughts, in spacings."""
         over = series["time"] >= since
         heave = np.array([np.mean(series[f"heave_body_{k}"][over]) for k in range(self.places)])
         widths = self.shape.width(self.shape.draught(self.ratio)) * self.sizes()
@@ -223,7 +224,7 @@ class Tank:
 
 
 Found = list[tuple[Tank, np.ndarray]]
-"""Tanks, and errors of their draughts in spacings."""
+"""Tanks, and errors of the draughts of their bodies, in spacings."""
 
 
 def main(dx: float = 0.02, places: int = PLACES, t1: float = T1) -> None:
@@ -261,7 +262,7 @@ def main(dx: float = 0.02, places: int = PLACES, t1: float = T1) -> None:
 
 @in_style
 def _picture(found: Found) -> Figure:
-    """Figure of the errors over the place of the lowest point between two lattice lines, by shape."""
+    """Figure of the errors over the position of the lowest point between two lattice lines, by shape."""
     names: Sequence[str] = list(dict.fromkeys(tank.shape.name for tank, _ in found))
     figure = Figure(figsize=(2.6 * len(names), 3.4), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(names), sharey=True))

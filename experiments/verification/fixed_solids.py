@@ -1,7 +1,7 @@
 """Still water over a slope, beside a leaning wall, around a caisson, a cylinder and a thin plate.
 
-Nothing moves the water, so any motion is noise. The force on each solid is the exactly known force of the
-hydrostatic pressure. Runs last ten seconds and are incompressible.
+Nothing moves the water, so any motion is noise. The exact force on each solid is that of the hydrostatic
+pressure. Runs last ten seconds and are incompressible.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from experiments.common import Report, solved
 from jaxsph.output.run_file import RunFile
 
 DEPTH, G, RHO = 0.4, 9.81, 1000.0
-"""Depth (m), gravity (m/s2), density (kg/m3) of the still water."""
+"""Depth (m), acceleration of gravity (m/s2) and density (kg/m3) of the still water."""
 TILT = np.pi / 6
-"""Angle of the plate, rad."""
+"""Angle of the plate from the horizontal, rad."""
 
 
 class Rest(NamedTuple):
@@ -29,7 +29,7 @@ class Rest(NamedTuple):
     shape: dict[str, Any]
     """Section of the solid."""
     force: tuple[float, float] | None
-    """Force along x and z, N/m; None if it is not compared."""
+    """Hydrostatic force along x and z, N/m; None if the force is not compared."""
 
 
 def main(dx: float = 0.02, t1: float = 10.0) -> None:

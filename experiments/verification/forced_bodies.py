@@ -1,23 +1,24 @@
 """Half-immersed bodies in forced surge, heave and roll: added mass and damping against linear theory.
 
 The bodies move harmonically in water at rest, one motion at a time, at three frequencies. Added mass A and
-damping B follow from the first harmonic of the water's force F on the motion x,
+damping B follow from the first harmonics of the motion x and of the water's force F over whole periods after
+the start-up,
 
     F = (omega^2 A - i omega B - C) x    (time factor exp(i omega t)),
 
-with the first harmonic C of the hydrostatic force at the amplitude of the motion, over whole periods after
-the start-up. The theory is the potential flow of `jaxsph.waves.panels` at the tank's depth. Roll is about the
-lowest point of the body: about its axis a cylinder moves no water in theory, and a box of these proportions
-makes almost no waves. The cylinder also rolls about its axis once; its added inertia and damping there are
-given over the values about its lowest point.
+where -C is the first harmonic of the hydrostatic force, divided by the amplitude of the motion. The theory is
+the potential flow of `jaxsph.waves.panels` at the tank's depth. Roll is about the lowest point of the body:
+about its axis a cylinder moves no water in theory, and a box of these proportions makes almost no waves. The
+cylinder also rolls about its axis once; its added inertia and damping are then given as ratios to the
+theoretical values about its lowest point.
 
-The bodies are a cylinder and a box. The bilges of the box are rounded with half its draught, because
-potential flow does not separate. The same box with sharp bilges heaves once for comparison: energy is lost at
-its corners, which potential flow neglects.
+The bodies are a cylinder and a box. The bilges of the box are rounded with a radius of half its draught,
+because potential flow does not separate. The same box with sharp bilges heaves once for comparison: energy is
+lost at its corners, which potential flow neglects.
 
 Waves are absorbed on both sides: by a relaxation zone towards still water, and by a sponge. A wave that
-returns with the share r of its amplitude changes the damping by up to the share r, as exciting force and
-damping are related (Haskind).
+returns with the fraction r of its amplitude changes the damping by a fraction of up to r, because exciting
+force and damping are related (Haskind).
 """
 
 from __future__ import annotations
@@ -42,14 +43,15 @@ from jaxsph.waves.theory import wavenumber
 DEPTH = 0.4
 """Depth of the water, m."""
 PERIODS = {"surge": (0.9, 1.1, 1.4), "heave": (0.6, 0.75, 0.9), "roll": (0.75, 0.9, 1.1)}
-"""Periods of each motion, s, at which neither coefficient is a small part of the force. In heave with a
-longer period the force is mainly hydrostatic: at 1 s an error of the cylinder's hydrostatic stiffness of 1 %
-changes its added mass by 5 %. In surge with a shorter period the force is mainly damping: at 0.6 s the
-damping of a box with sharp bilges is 7 times its added mass times the frequency."""
+"""Periods of each motion, s, at which neither coefficient contributes only a small part of the force. In
+heave with a longer period the force is mainly hydrostatic: at 1 s an error of the cylinder's hydrostatic
+stiffness of 1 % changes its added mass by 5 %. In surge with a shorter period the force is mainly damping: at
+0.6 s the damping of a box with sharp bilges is 7 times its added mass times the frequency."""
 AMPLITUDE = 0.015
 """Amplitude of surge and heave, and of the points of a body that roll moves farthest, m."""
 CLEAR = 0.75
-"""Distance from the body to zone and sponge, m. Over it the slowest-decaying evanescent mode falls to 5 %."""
+"""Distance from the body to zone and sponge, m. Over this distance the slowest-decaying evanescent mode falls
+to 5 %."""
 ZONE, SPONGE = 1.5, 1.75
 """Lengths of zone and sponge, in wavelengths. By linear long-wave theory with their damping rates they
 reflect less than 1 % of a wave's amplitude; a zone of one wavelength would reflect 3 %."""
@@ -69,7 +71,7 @@ class Body:
     name: str
     outline: Points
     lowest: float
-    """Depth of the lowest point, m."""
+    """Depth of the lowest point below the still water level, m."""
     radius: float = 0.0
     """Radius of a cylinder, m; 0 for another outline."""
 
@@ -92,7 +94,7 @@ class Forced:
 
     body: Body
     motion: str
-    """One of `MOTIONS`, or `AXIS`."""
+    """Name of the motion: one of `MOTIONS`, or `AXIS`."""
     T: float
     """Period, s."""
 
@@ -103,7 +105,7 @@ class Forced:
 
     @property
     def pivot(self) -> tuple[float, float]:
-        """Pivot of the motion, m from the middle of the waterline."""
+        """Position of the pivot relative to the middle of the waterline, m."""
         return (0.0, -self.body.lowest if self.motion == "roll" else 0.0)
 
     @property
@@ -152,7 +154,8 @@ class Forced:
         return float(water.added_mass[self.index, self.index]), float(water.damping[self.index, self.index])
 
     def stiffness(self, phases: int = 32) -> float:
-        """First harmonic of the hydrostatic force over the amplitude, N/m per metre (N m per metre).
+        """First harmonic of the hydrostatic restoring force over the amplitude, N/m per metre (roll: N m per
+        metre).
 
         At a vanishing amplitude it is the hydrostatic stiffness.
         """
@@ -163,7 +166,8 @@ class Forced:
         return -2.0 * float(np.mean(sines * forces)) / self.amplitude
 
     def _hydrostatic(self, moved: float) -> float:
-        """Hydrostatic force (N) or moment about the pivot (N m) at the displacement `moved` (m or rad)."""
+        """Hydrostatic force (N/m) or moment about the pivot (N m per metre) at the displacement `moved` (m or
+        rad)."""
         corners = np.asarray(self.body.outline) - self.pivot
         if self.index == 2:
             c, s = np.cos(moved), np.sin(moved)
@@ -185,7 +189,7 @@ class Forced:
 def coefficients(
     t: np.ndarray, x: np.ndarray, mean_force: np.ndarray, T: float, stiffness: float, periods: int = TAKEN
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Added mass and damping `[periods]` from a forced motion x and the force on it, period by period.
+    """Added mass and damping `[periods]` from a forced motion x and the force on the body, period by period.
 
     `mean_force`: force at the times t (s), each a mean over the interval before; `stiffness`: hydrostatic
     stiffness.
@@ -206,7 +210,7 @@ def members() -> Iterator[Forced]:
 
 
 Found = dict[Forced, tuple[np.ndarray, np.ndarray]]
-"""Added masses and dampings in each period."""
+"""Added masses and dampings in each period, by forced motion."""
 
 
 def main(dx: float = 0.01) -> None:

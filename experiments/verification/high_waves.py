@@ -1,4 +1,5 @@
-"""Losses of waves high for their depth, by time step, relaxation and spacing: `flap_3d` without its flap.
+"""Energy losses of waves that are high for their depth, by time step, relaxation and spacing, in the case
+`flap_3d` without its flap.
 
 The waves are 0.15 m high with T = 1.34 s in 0.36 m of water, in two dimensions, incompressible.
 """

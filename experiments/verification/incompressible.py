@@ -29,7 +29,8 @@ INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
 
 
 def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: list[int] = IMPACT_LAYERS) -> None:
-    """Runs the three cases with the incompressible scheme; the wave and Buchner's dam break with both."""
+    """Runs the three cases with the incompressible scheme; the wave and Buchner's dam break with both
+    schemes."""
     with Report("incompressible", "Incompressible SPH against exact solutions", dx) as report:
         still = js.load_case("hydrostatic").replace({"dx": dx} | INCOMPRESSIBLE)
         rest = js.run(still, t1=3.0, progress=False)
@@ -75,13 +76,13 @@ class _Impact(NamedTuple):
     """Results of one run of Buchner's dam break, with times in sqrt(H/g) and pressures over rho g H."""
 
     passed: float
-    """Time when the front is `FRONT` H from the wall behind it."""
+    """Time when the front is `FRONT` H from the wall behind the column."""
     arrival: float
     plateau: float
     rms: float
     """RMS difference from the measured pressure."""
     noise: float
-    """Standard deviation of the plateau from its running mean."""
+    """Standard deviation of the pressure from its running mean, on the plateau."""
     seconds: float
     """Wall time per simulated second, s."""
 

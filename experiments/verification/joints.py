@@ -34,7 +34,8 @@ Angles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def march(bodies: Sequence[RigidBody], t1: float, n: int, every: int, dtype: Any = F64):
-    """Poses by name, energy (J) and work of the drives (J) after every `every` of n steps to t1 (s)."""
+    """Poses by name, energy (J/m) and work of the drives (J/m) after each block of `every` of the n steps to
+    t1 (s)."""
     mechanism, dt = Mechanism(bodies), jnp.asarray(t1 / n, dtype)
     g = jnp.asarray([0.0, -linkages.G], dtype)
 
@@ -56,7 +57,7 @@ def march(bodies: Sequence[RigidBody], t1: float, n: int, every: int, dtype: Any
 
 
 def pendulum() -> Angles:
-    """Angles of the double pendulum's bars from the vertical."""
+    """Angles (rad) of the double pendulum's bars from the vertical over time."""
     return _compared(
         linkages.double_pendulum(F64),
         {"upper": 1, "lower": 1},
@@ -66,7 +67,7 @@ def pendulum() -> Angles:
 
 
 def crank() -> Angles:
-    """Angle of the slider-crank's crank from the x axis, upwards."""
+    """Angle (rad) of the slider-crank's crank from the x axis, upwards, over time."""
     return _compared(linkages.slider_crank(F64), {"crank": -1}, linkages.crank_equation, [0.0, 0.0])
 
 
@@ -81,14 +82,16 @@ def _compared(
 
 
 def change_of_energy() -> np.ndarray:
-    """Change of the double pendulum's energy over `linkages.SWING` (-), every second for 100 periods."""
+    """Change of the double pendulum's energy divided by `linkages.SWING` (-), every second for 100
+    periods."""
     seconds = round(PERIODS * PERIOD)
     _, energy, _ = march(linkages.double_pendulum(F64), seconds, 1000 * seconds, 1000)
     return np.asarray(energy - energy[0]) / linkages.SWING
 
 
 def work_and_gain() -> tuple[np.ndarray, np.ndarray]:
-    """Work of the drive and energy gained, J, of a carriage with a given motion and a bar hanging from it."""
+    """Work of the drive and energy gained, J/m, of a carriage with a given motion and a bar hanging from
+    it."""
     given = ([0.2, 0.05, 0.1], 7.0, [0.0, 0.5, 1.0], 0.5)
     path = HarmonicPath(*(jnp.asarray(value, F64) for value in given))
     joints = PlanarJoint.of(path=(path,), dtype=F64), PlanarJoint.of(["pitch"], parent="cart", dtype=F64)

@@ -1,6 +1,6 @@
 """False stress of a strained and of a randomly distorted lattice, for every kernel.
 
-The kernels are chosen by this measure, see `jaxsph.core.lattice`.
+The kernels are chosen by this measure; see `jaxsph.core.lattice`.
 """
 
 from __future__ import annotations

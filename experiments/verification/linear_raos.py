@@ -1,16 +1,16 @@
 """Free and moored boxes in small waves: RAOs of surge, heave and pitch against linear theory.
 
-Three boxes of half the water's density, 0.3 m long and 0.2 m high, in waves of 0.03 m: the box of Ren et al.
-2015 (the case `box_in_waves`), a box with round bilges and a keel (its centre of mass is lower), and the box
-on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, so that its
-pitch is sensitive to millimetres in the height of the centre of mass. The second has a metacentric height of
-0.09 m, and no sharp corners in the water, at which vortices take energy that linear theory does not include.
-The third has the metacentric height of the first. Below every RAO of pitch the report gives the change of the
-theoretical value for a centre of mass 2 mm lower.
+Three boxes of half the water's density, 0.3 m long and 0.2 m high, float in waves of 0.03 m: the box of Ren
+et al. 2015 (the case `box_in_waves`), a box with round bilges and a keel (its centre of mass is lower), and
+the box on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, so
+that its pitch is sensitive to millimetres in the height of the centre of mass. The second has a metacentric
+height of 0.09 m, and no sharp corners in the water, where vortices would dissipate energy, which linear
+theory neglects. The third has the metacentric height of the first. Below every RAO of pitch the report gives
+the change of the theoretical value for a centre of mass 2 mm lower.
 
-The motions are those of the centre of mass, by their first harmonic over whole periods after the waves have
-settled, together with a second harmonic and a linear drift; they are divided by the amplitude of the incident
-waves, measured at three gauges. The theory is the potential flow of `jaxsph.waves.panels`.
+The motions are those of the centre of mass. Their first harmonic is fitted over whole periods after the waves
+have settled, together with a second harmonic and a linear drift, and is divided by the amplitude of the
+incident waves, measured at three gauges. The theory is the potential flow of `jaxsph.waves.panels`.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ PERIODS = (1.0, 1.15, 1.3)
 """Periods of the waves, s. The pitch of the free box vanishes in waves of 0.87 s, and the moored box
 resonates in pitch at 1.53 s."""
 MIDDLE, LEVEL = 3.15, 0.4
-"""Middle of the boxes, and still water level, m."""
+"""Position x of the boxes' middle, and still water level, m."""
 BAR = 0.07
 """Largest allowed relative error of an RAO (-)."""
 LOWER = 0.002
 """Distance by which the centre of mass is lowered, to report how much the theory changes, m."""
 TAKEN = 4
-"""Periods that are evaluated, after the waves have reached the far end of the tank."""
+"""Number of periods that are evaluated, after the waves have reached the far end of the tank."""
 UNITS = {"surge": "", "heave": "", "pitch": "rad/m"}
 """Motions, and units of their RAOs."""
 
@@ -54,7 +54,7 @@ class Box:
     inertia: float
     """Moment of inertia about the centre of mass, kg m."""
     keel: float = 0.0
-    """Depth of the centre of mass below the still water, m."""
+    """Depth of the centre of mass below the still water level, m."""
     bilge: float = 0.0
     """Radius of the lower corners, m."""
 
@@ -106,7 +106,8 @@ BOXES = (
 
 
 def rao(t: np.ndarray, y: np.ndarray, T: float, a: float) -> float:
-    """Amplitude of a drifting motion's first harmonic in the last periods, over the waves' amplitude a."""
+    """Amplitude of a drifting motion's first harmonic in the last periods, divided by the waves' amplitude a
+    (m)."""
     over = analysis.whole_periods(t, T, TAKEN)
     drift = analysis.drift_rate(t[over], y[over], T)
     return float(abs(analysis.fundamental(t[over], y[over] - drift * t[over], T))) / a

@@ -34,7 +34,7 @@ BAR = 0.02
 SPEED = float(np.sqrt(G * DEPTH))
 """Speed of the longest waves, m/s."""
 SWINGS = 2
-"""Turning points that are needed: half a period and a whole period after the release."""
+"""Number of turning points that are needed: half a period and a whole period after the release."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class Release:
     away: float
     """Displacement from equilibrium at the release, m or rad."""
     free: float
-    """Time of the free motion that is computed, s: beyond the second turning point."""
+    """Duration of the computed free motion, s; it ends after the second turning point."""
 
     @property
     def start(self) -> list[float]:
-        """Displacements of surge, heave and pitch at the release."""
+        """Displacements of surge (m), heave (m) and pitch (rad) at the release."""
         return [self.away if self.motion == name else 0.0 for name in ("surge", "heave", "pitch")]
 
     @property
@@ -121,7 +121,7 @@ def main(dx: float = 0.01) -> None:
 
 
 def _rows(report: Report, one: Release, here, there) -> None:
-    """Reports the period, and the share of the displacement left after it."""
+    """Reports the period, and the ratio of the second swing to the first."""
     (times, heights), (expected, left) = (extremes(path[0], path[1], SWINGS) for path in (here, there))
     report.against(f"{one.motion}: period", times[2], expected[2], "s", bar=BAR)
     swings, theory = (abs((h[2] - h[1]) / (h[1] - h[0])) for h in (heights, left))

@@ -1,8 +1,8 @@
 """Mooring lines without water: the catenary against MoorPy, the line of lumped masses against MoorDyn.
 
-A chain of 2.87 m joins an anchor on the bed to a fairlead 2.8 m away and 0.4 m higher, whose motion is given
-in the comparison with MoorDyn. Both programs are in the extra `test`; without them the comparison is left
-out, and the report says so.
+A chain of 2.87 m joins an anchor on the bed to a fairlead 2.8 m away and 0.4 m higher, whose motion is
+prescribed in the comparison with MoorDyn. Both programs are in the extra `test`; without them the comparison
+is left out, and the report says so.
 """
 
 from __future__ import annotations
@@ -37,12 +37,13 @@ AREA = 0.25 * np.pi * DIAMETER**2
 WEIGHT = (MASS - RHO * AREA) * G
 """Weight per length in water, N/m."""
 DRAG, ADDED = (2.4, 1.15), (1.0, 0.0)
-"""Coefficients of drag and added mass, across and along the chain."""
+"""Coefficients of drag and added mass (-), across and along the chain."""
 BED = (3e5, 3e4)
 """Stiffness (Pa/m) and damping (Pa s/m) of the bed."""
 SPAN, HEIGHT, LENGTH, SEGMENTS = 2.8, 0.4, 2.87, 20
 AMPLITUDE, PERIOD, PERIODS, STEP = 0.05, 1.5, 6, 0.004
-"""Amplitude (m) and period (s) of the fairlead, number of periods, and step of the water (s)."""
+"""Amplitude (m) and period (s) of the fairlead's motion, number of periods, and time step of the water
+(s)."""
 STATIC = {
     "slack on the bed": (GroundedCatenary, 2.4, 0.4, 1e3),
     "partly on the bed": (GroundedCatenary, 2.8, 0.4, 1e3),
@@ -84,7 +85,8 @@ def fairlead(t: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def static_tensions() -> dict[str, tuple[float, float | None]]:
-    """Tension (N) at the fairlead of every static line, here and by MoorPy (None if it is missing)."""
+    """Tension (N) at the fairlead of every static line, computed here and by MoorPy (None if MoorPy is not
+    installed)."""
     try:
         other = importlib.import_module("moorpy.Catenary").catenary
     except ImportError:
@@ -147,7 +149,8 @@ ID LineType AttachA AttachB UnstrLen NumSegs Outputs
 
 
 def by_moordyn(axis: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Times (s) and tensions (N) at the fairlead of the driven chain by MoorDyn; None if it is missing."""
+    """Times (s) and tensions (N) at the fairlead of the driven chain by MoorDyn; None if MoorDyn is not
+    installed."""
     try:
         moordyn: Any = importlib.import_module("moordyn")
     except ImportError:
@@ -170,7 +173,7 @@ def by_moordyn(axis: int) -> tuple[np.ndarray, np.ndarray] | None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Discards what a library prints."""
+    """Discards the standard output of a library."""
     sys.stdout.flush()
     kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 1)
@@ -183,7 +186,8 @@ def _quiet() -> Iterator[None]:
 
 
 def periods() -> tuple[float, float]:
-    """Period (s) of a block of 20 kg between two moorings, measured and from their stiffness."""
+    """Surge period (s) of a block of 20 kg between two moorings, simulated and from the stiffness of the
+    moorings."""
     joint = js.PlanarJoint.of(("surge",), velocity=(0.01, 0.0, 0.0), dtype=F64)
     box = js.Block((-0.1, -0.1), (0.1, 0.1))
     block = js.RigidBody.of(box, (0, 0), joint, density=500.0, name="block", dtype=F64)
@@ -252,7 +256,8 @@ def main() -> None:
 
 
 def _compare(report: Report, check: str, here: tuple, other: tuple | None) -> None:
-    """Rows of a driven line over the last periods: amplitude of the tension, and difference from MoorDyn."""
+    """Reports the amplitude of the tension of a driven line over the last periods, and the difference from
+    MoorDyn."""
     late = here[0] > 3.0 * PERIOD
     amplitude = 0.5 * np.ptp(here[1][late])
     if other is None:

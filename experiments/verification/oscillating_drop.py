@@ -51,7 +51,7 @@ def _flow():
 
 FLOW = _flow()
 PERIOD = float(FLOW.t_events[0][FLOW.t_events[0] > 1.0][0])
-"""Period, s: the time until A - B rises through zero again."""
+"""Period of the oscillation, s: the time until A - B rises through zero again."""
 
 
 def exact(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -125,14 +125,15 @@ def period(solution: js.Solution, skip: int = 0) -> float:
 
 
 def axes_error(solution: js.Solution) -> float:
-    """RMS error of both semi-axes over the run, divided by the lattice's radius, which scales the flow."""
+    """RMS error of both semi-axes over the run, divided by the initial radius of the lattice of particles
+    (-)."""
     radius = np.mean(solution["axes"][0])
     _, A, B, _ = exact(solution.t)
     return float(np.sqrt(np.mean((solution["axes"] / radius - np.stack([A, B], axis=1)) ** 2)))
 
 
 def energy_drift(solution: js.Solution) -> float:
-    """Change of kinetic, potential and compression energy, divided by the initial kinetic energy."""
+    """Change of kinetic, potential and compression energy, divided by the initial kinetic energy (-)."""
     total = solution["kinetic"] + solution["potential"] + solution["compression"]
     return float((total[-1] - total[0]) / solution["kinetic"][0])
 

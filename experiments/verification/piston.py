@@ -1,7 +1,7 @@
 """Height of the waves made by a piston, relative to Biesel's transfer function, for several strokes.
 
-Biesel's theory is linear. Waves of finite height are lower than in this theory by a share proportional to the
-square of their steepness. Therefore the limit at zero steepness is compared with the theory.
+Biesel's theory is linear. Waves of finite height are lower than in this theory by a fraction proportional to
+the square of their steepness. Therefore the limit at zero steepness is compared with the theory.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from jaxsph import analysis
 from jaxsph.waves import theory
 
 DEPTH, STROKE, SHARES = 0.31, 0.0524, (0.25, 0.5, 1.0)
-"""Depth and largest stroke, m; strokes of the runs as shares of the largest stroke."""
+"""Depth and largest stroke, m; strokes of the runs as fractions of the largest stroke."""
 ALONG = np.arange(1.0, 2.5, 0.2)
 """Positions of the gauges, in wavelengths from the paddle."""
 RAMP, PERIODS, BAR = 3.0, 4, 0.01

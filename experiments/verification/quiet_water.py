@@ -1,8 +1,8 @@
 """Decay, noise and hyperviscosity of a standing wave, by kernel and by diffusion of density.
 
 The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The wave of 0.08 m is two
-spacings high, in a tank 1 m long (and 0.4 m wide in 3-D). It loses energy only to the noise that the lattice
-of particles makes.
+spacings high, in a tank 1 m long (and 0.4 m wide in 3-D). It loses energy only because of the noise of the
+particle lattice.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from jaxsph import analysis
 from jaxsph.schemes.kernels import KERNEL, NAMED, SEMICIRCLE, KernelName, usual_length
 
 BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
-"""Bars by number of dimensions: decay (1/s), ratio of noise to speed (-), and energy lost by hyperviscosity
-in `USUAL` (J/m, J)."""
+"""Largest allowed values by number of dimensions: decay rate (1/s), ratio of noise to speed (-), and energy
+lost by hyperviscosity during `USUAL` (J/m, J)."""
 USUAL = 3.0
 """Default duration of the run, s."""
 BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}

@@ -31,7 +31,8 @@ CENTRE = -0.147343
 
 
 def initial_pressure(x: np.ndarray, terms: int = 60) -> np.ndarray:
-    """Pressure p (Pa) at x (m, from the centre); 60 odd terms each way are exact to 1e-5 of the central p."""
+    """Pressure p (Pa) at x (m, from the centre); 60 odd terms in each direction are accurate to 1e-5 of the
+    central p."""
     odd = np.pi * (2 * np.arange(terms) + 1)
     sines = [np.sin(odd * (x[:, k : k + 1] / L + 0.5)) for k in (0, 1)]
     weight = 32.0 / (odd[:, None] * odd * (odd[:, None] ** 2 + odd**2))
@@ -90,7 +91,8 @@ def drift(solution: js.Solution) -> tuple[float, float]:
 
 
 def voids(solution: js.Solution) -> float:
-    """Share of the final particles that have less than half as many neighbours as on the full lattice."""
+    """Fraction of the particles (-) that finally have less than half as many neighbours as in the full
+    lattice."""
     p = solution.state.particles
     x = np.asarray(p.x, float)
     count = np.array(

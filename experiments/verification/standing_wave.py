@@ -48,7 +48,7 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
     """Reports period and damping of a wave of this amplitude (m), with `both` integrators or the default.
 
     At 0.03 m the effect of the amplitude on the period, (ka)^2/8, is 0.11 %. In waves much lower than a
-    spacing the particles do not pass each other, and the lattice is slightly stiff: compare 0.01 m.
+    spacing the particles do not pass each other, and the lattice is slightly stiff: compare a wave of 0.01 m.
     """
     title = f"Standing wave of {amplitude:g} m in a square tank of 1 m"
     with Report(f"standing_wave_{amplitude:g}", title, dx) as report:
@@ -93,7 +93,7 @@ def fitted(solution: js.Solution) -> analysis.DampedOscillation:
 
 
 def period_error(solution: js.Solution) -> float:
-    """Relative error of the period."""
+    """Relative error of the period (-), positive if the period is too long."""
     return float(OMEGA / fitted(solution).omega - 1.0)
 
 

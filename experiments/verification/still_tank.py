@@ -82,7 +82,8 @@ def still(dx: float, length: float, width: float | None = None) -> js.Case:
 
 
 def disturbance(run: js.Solution, case: js.Case) -> tuple[float, float, float]:
-    """Largest shift of the mean level (m), largest potential energy (J/m of width), and final speed (m/s).
+    """Largest shift of the mean level (m), largest potential energy (J/m of width), and largest speed at the
+    end (m/s).
 
     The shift of the level is that of the centre of mass: lifting all water by s needs the energy rho g d L s.
     """

@@ -1,8 +1,8 @@
 """Growth of disturbances of the rows under the surface of still incompressible water.
 
 A row under a free surface lacks neighbours on one side. Pressure pushes the second row away from its
-position, and only the relaxation of crowding holds it. If it is not held, single particles of this row rise
-to the surface of still water after some seconds.
+position, and only the relaxation of crowding keeps it in place. If the row is not kept in place, single
+particles of this row rise to the surface of still water after some seconds.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ CHANGES: dict[str, dict[str, Any]] = {
 
 
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
-    """Reports stiffness of rows by kernel, and growth in a tank with spacing dx (m) from 1 s to t1 (s)."""
+    """Reports the stiffness of rows by kernel, and the growth of disturbances in a tank with spacing dx (m)
+    from 1 s to t1 (s)."""
     with Report(f"surface_rows_{dx:g}", "Rows under the surface of still water", dx) as report:
         for name in ("polynomial", "semicircle"):
             kernel = NAMED[2][name]

@@ -1,4 +1,4 @@
-"""Do the readings of pressure and flow obey the law of the power take-off, for every law?
+"""Readings of pressure and flow against the law of the power take-off, for every law.
 
 The OWC runs in a tank of 1.2 m over three wave periods, with quadratic turbines from soft to nearly closed
 and with the other laws. Each law is fitted to its readings by least squares. Optionally the unmodified
@@ -79,7 +79,8 @@ def in_the_tank(dx: float) -> None:
 
 
 def fit(P_a: NDArray[np.float64], law: NDArray[np.float64], quadratic: bool) -> float:
-    """Least-squares ratio of the measured pressure to the law; for a damping, the ratio's square root."""
+    """Least-squares ratio of the measured pressure to the law (-); for a quadratic law, the square root of
+    this ratio."""
     ratio = float(np.sum(P_a * law) / np.sum(law**2))
     return float(np.sqrt(ratio)) if quadratic else ratio
 

@@ -1,8 +1,8 @@
 """Free long waves in a group of two waves, made by a piston of first and of second order.
 
-A group of two waves carries a bound long wave. A first-order piston also makes a free long wave, which
-travels ahead at the speed of shallow water (Schaeffer 1996); a second-order piston does not. The tank is so
-long that no reflection returns while the gauges are read, so neither sponge nor absorption is needed.
+A group of two waves is accompanied by a bound long wave. A first-order piston also makes a free long wave,
+which travels ahead at the speed of shallow water (Schaeffer 1996); a second-order piston does not. The tank
+is so long that no reflection returns while the gauges are read, so neither sponge nor absorption is needed.
 """
 
 from __future__ import annotations

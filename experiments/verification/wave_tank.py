@@ -16,7 +16,7 @@ the value at 6 wavelengths is from the longer tank of Appendix A)."""
 
 
 def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -> None:
-    """Runs a tank of `wavelengths` with the spacing dx, and reports errors, drift, decay and reflection.
+    """Runs a tank of `wavelengths` with the spacing dx (m), and reports errors, drift, decay and reflection.
 
     The sponge fills the last wavelength. With eight wavelengths this is the tank of Appendix A.
     """
@@ -65,7 +65,8 @@ def against_stokes(
 ) -> Figure:
     """Reports the errors along a tank of `wavelengths` and the decay, and returns a figure of the elevations.
 
-    `bars`: largest allowed MAE_a and MAE_p against second order, %, or None; `label`: beginning of the rows.
+    `bars`: largest allowed MAE_a and MAE_p against second order, %, or None; `label`: beginning of the rows'
+    names.
     """
     H, T, d = case.waves.H, case.waves.T, case.tank.depth
     wavelength = float(theory.wavelength(T, d))

@@ -20,7 +20,8 @@ from jaxsph.analysis.periods import checked, whole_periods
 from jaxsph.analysis.reflection import drift_rate, fundamental, separated
 
 MOTIONS = ("surge", "heave", "pitch")
-"""Motions of a body in the x-z plane: along the tank (m), upwards (m), from z towards x (rad)."""
+"""Names of a body's motions in the x-z plane, positive along the tank (m), upwards (m) and from z towards x
+(rad)."""
 
 
 class Mode(NamedTuple):
@@ -29,18 +30,18 @@ class Mode(NamedTuple):
     body: str
     """Name of the body."""
     motion: str
-    """One of "surge", "heave" and "pitch"."""
+    """Name of the motion: "surge", "heave" or "pitch"."""
 
 
 class BodyAtRest(NamedTuple):
     """Position, inertia and hydrostatic stiffness of a body at rest, per metre of width."""
 
     pivot: tuple[float, float]
-    """Point (x, z) of rotation in pitch, from the reference position in the still water surface, m."""
+    """Pivot (x, z) of the pitch, relative to the reference position in the still water surface, m."""
     centre: tuple[float, float]
-    """Centre of mass (x, z), from the reference position, m."""
+    """Centre of mass (x, z), relative to the reference position, m."""
     buoyancy: tuple[float, float]
-    """Centre of buoyancy (x, z), from the reference position, m."""
+    """Centre of buoyancy (x, z), relative to the reference position, m."""
     area: float
     """Displaced volume per metre of width, m2."""
     inertia: NDArray[np.float64]
@@ -65,8 +66,8 @@ class LinearCoefficients(NamedTuple):
 class Coefficients:
     """Added mass, damping and excitation of bodies over frequencies, per metre of width, with their spreads.
 
-    The modes are `modes`; forces are along i (rows), motions along j (columns). A spread is the standard
-    deviation from period to period of the run. A value is NaN if its run failed.
+    Row i of a matrix is the force along mode i of `modes`, and column j the motion in mode j. A spread is the
+    standard deviation of the values of single periods of a run. A value is NaN if its run failed.
     """
 
     omega: NDArray[np.float64]
@@ -87,8 +88,8 @@ class Coefficients:
     X_spread: NDArray[np.float64]
     """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
-    """Subtracted force of waves that return from the paddle, divided by the radiation force, in the run with
-    each given motion `[W, n]` (-); NaN if it is unknown, and then nothing was subtracted."""
+    """Ratio (-) of the subtracted force of waves that return from the paddle to the radiation force, in the
+    run with each given motion `[W, n]`; NaN if the force is unknown, and then nothing was subtracted."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""
     x: float
@@ -117,7 +118,8 @@ class Coefficients:
         return self._over_modes("inertia")
 
     def _over_modes(self, matrix: str) -> NDArray[np.float64]:
-        """Matrix of the bodies at rest over all modes; motions of different bodies are not coupled."""
+        """Matrix named `matrix` of the bodies at rest, over all modes; motions of different bodies are not
+        coupled."""
         found = np.zeros((len(self.modes),) * 2)
         for i, one in enumerate(self.modes):
             for j, other in enumerate(self.modes):
@@ -161,8 +163,8 @@ def incident_at(
     """Complex amplitudes at x (m) of the wave along +x, in every period, m.
 
     **Arguments**: complex amplitudes of the elevations `[gauges, periods]` (m); positions of the `gauges`
-    (m); wavenumber `k` (rad/m). The wave along -x, which bodies send back, is separated (Mansard and Funke
-    1980).
+    (m); wavenumber `k` (rad/m). The wave along -x, which comes back from the bodies, is separated (Mansard
+    and Funke 1980).
     """
     places = np.asarray(gauges, np.float64)
     along, _, _ = separated(np.full(amplitude.shape[1], k), places, amplitude.T)

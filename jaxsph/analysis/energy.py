@@ -8,7 +8,8 @@ import numpy as np
 
 
 def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
-    """Names of the parts that take energy, from their series `power_<name>`, without power take-offs.
+    """Names of the parts that remove energy, without power take-offs and paddle, from the series
+    `power_<name>`.
 
     `harvested`: names of the power take-offs' series.
     """
@@ -22,15 +23,15 @@ def energy_budget(
     """Energies supplied, stored and removed over a whole record, J (J/m in 2-D), by name.
 
     The keys are `paddle` (work of paddles, driven bodies and body forces), `stored` (change of kinetic,
-    potential and compression energy), `pto` (taken by all power take-offs), `viscous`, `diffusive`, `<name>`
-    for every other series `power_<name>` (energy taken from the water, for example `sponge`, `contact`),
-    `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work, or to the
-    largest kinetic energy if that is larger). The entry `projection` of an incompressible flow is negative if
-    the pressure projection adds energy to the water.
+    potential and compression energy), `pto` (absorbed by all power take-offs), `viscous`, `diffusive`,
+    `<name>` for every other series `power_<name>` (energy removed from the water, for example `sponge`,
+    `contact`), `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work, or
+    to the largest kinetic energy if that is larger). The entry `projection` of an incompressible flow is
+    negative if the pressure projection adds energy to the water.
 
-    `harvested`: names of the power take-offs' series. A series `power_<name>` has means over the interval
-    before each sample. A series `loss_<name>` has values at the samples, and is integrated by the
-    trapezoidal rule.
+    `harvested`: names of the power take-offs' series. A series `power_<name>` contains means over the
+    interval before each sample. A series `loss_<name>` contains values at the samples, and is integrated by
+    the trapezoidal rule.
     """
     t = series["time"]
     dt = np.diff(t)

@@ -25,7 +25,7 @@ arrangement the nearest particle is closer.
 
 
 class LinearFit(NamedTuple):
-    """Fields at points, and their gradients."""
+    """Values and gradients of fields at points."""
 
     value: Real
     """Values `[N, F]`, in the fields' units."""

@@ -89,18 +89,18 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
 
 
 def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) -> float:
-    """Share of a wave's amplitude lost over one wavelength (-), allowing for a reflected wave.
+    """Fraction of a wave's amplitude lost over one wavelength (-), allowing for a reflected wave.
 
-    `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m).
-    A least-squares fit finds a wave that decays along x and a reflected wave. The wavenumber of the decaying
+    `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m). A
+    least-squares fit finds a wave that decays along x and a reflected wave. The wavenumber of the decaying
     wave may differ by a few per cent from 2 pi / `wavelength` (rad/m; `wavelength` in m). A fit without the
     reflected wave would mistake the nodes and antinodes, which a reflection causes, for decay or growth. The
-    share is negative if the wave grows. **Raises** ValueError for fewer than four positions, for positions
+    fraction is negative if the wave grows. **Raises** ValueError for fewer than four positions, for positions
     that span less than half a wavelength, and if all amplitudes are zero.
     """
     x, found = np.asarray(x, np.float64), np.asarray(amplitude, np.complex128)
     if x.ndim != 1 or x.size < 4 or x.shape != found.shape or np.ptp(x) < 0.5 * wavelength:
-        raise ValueError("a decay needs amplitudes at four positions or more, over half a wavelength")
+        raise ValueError("a decay needs amplitudes at four positions or more that span half a wavelength")
     size = float(np.max(np.abs(found)))
     if not size > 0.0:
         raise ValueError("a decay needs waves: all amplitudes are zero")

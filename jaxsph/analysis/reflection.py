@@ -81,10 +81,9 @@ def reflection(
     [times] (s); period `T` (s); depth `d` (m); `periods`: number of periods to use at the
     end of the record, by default all.
 
-    **Raises** ValueError for fewer than two gauges, a record under one period, fewer than 8
-    samples per period, and for gauge distances that cannot separate the two waves: all
-    within about 0.03 wavelengths of a multiple of half a wavelength (condition number
-    over 10).
+    **Raises** ValueError for fewer than two gauges, a record shorter than one period, fewer than 8 samples
+    per period, and for gauge distances that cannot separate the two waves: all within about 0.03 wavelengths
+    of a multiple of half a wavelength (condition number over 10).
     """
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
@@ -115,8 +114,8 @@ def separated(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
     """Complex amplitudes at x[0] of the waves along +x and -x, and condition numbers of the equations.
 
-    Least-squares fit to the complex amplitudes B `[F, G]` of gauges at `x` (m, `[G]`), for every wavenumber k
-    (rad/m, `[F]`), in the unit of B (Mansard and Funke 1980).
+    The waves are fitted by least squares to the complex amplitudes B `[F, G]` of gauges at `x` (m, `[G]`),
+    for every wavenumber k (rad/m, `[F]`), in the unit of B (Mansard and Funke 1980).
     """
     basis = np.exp(1j * k[:, None, None] * (x - x[0])[None, :, None] * np.array([-1.0, 1.0]))
     both = (np.linalg.pinv(basis) @ B[..., None])[..., 0]
@@ -133,7 +132,8 @@ class TwoWaySea(NamedTuple):
     coefficient: float
     """Reflection coefficient of the sea, square root of the ratio of reflected to incident variance (-)."""
     left_out: float
-    """Share of frequencies at which the gauges cannot separate the waves, left out of averages (-)."""
+    """Fraction of the frequencies (-) at which the gauges cannot separate the waves; averages leave these
+    out."""
 
 
 def two_way_sea(
@@ -152,9 +152,8 @@ def two_way_sea(
     spaced gauges few frequencies are left out.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges (m); `t`: times (s),
-    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz); bound waves and
-    noise lie outside this range; `bands`: number of neighbouring frequencies averaged into a value of a
-    spectrum.
+    evenly spaced; depth `d` (m); `f`: lowest and highest frequency of the sea (Hz); bound waves and noise lie
+    outside this range; `bands`: number of neighbouring frequencies averaged for each value of a spectrum.
 
     **Raises** ValueError for fewer than three gauges, for a record that is too short, and if the gauges
     cannot separate the waves at more than half of the frequencies.
@@ -162,7 +161,7 @@ def two_way_sea(
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
-        raise ValueError(f"eta of shape {eta.shape}, x of shape {x.shape}: must be of three gauges or more")
+        raise ValueError(f"eta of shape {eta.shape} and x of shape {x.shape} must have three gauges or more")
     step = even_step(t)
     fade = scipy.signal.windows.tukey(t.size, TAPER)
     rest = (eta - eta.mean(axis=1, keepdims=True)) * fade / np.sqrt(np.mean(fade**2))

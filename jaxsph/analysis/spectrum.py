@@ -1,4 +1,4 @@
-"""Variance spectra of recorded seas: heights and periods from moments, confidence bands, single waves.
+"""Variance spectra of recorded seas: heights and periods from moments, confidence bands, individual waves.
 
 For elevations in m, the density S(f) is in m2/Hz and the frequency f in Hz. For other series, the unit of S
 is the square of the unit of the series, per Hz.
@@ -19,7 +19,7 @@ from jaxsph.waves import theory
 BANDS = 8
 """Number of neighbouring frequencies averaged into a value of a spectrum."""
 TAPER = 0.1
-"""Share of a record that is tapered, both ends together, because the values at the ends differ."""
+"""Fraction of a record that is tapered, at both ends together (-), because the values at the ends differ."""
 
 
 class Spectrum(NamedTuple):
@@ -62,9 +62,9 @@ class Spectrum(NamedTuple):
         return float(np.sqrt(self.moment(0) / self.moment(2)))
 
     def band(self, share: float = 0.9) -> tuple[Series, Series]:
-        """Lower and upper bound of the band that contains the true density with probability `share`, m2/Hz.
+        """Lower and upper bounds of the band that contains the true density with probability `share`, m2/Hz.
 
-        For Gaussian waves, `freedom` times the ratio of a value to the true density has a chi-square
+        For Gaussian waves, `freedom` times the ratio of the estimated to the true density has a chi-square
         distribution with `freedom` degrees of freedom.
         """
         tail = 0.5 * (1.0 - share)
@@ -95,7 +95,7 @@ def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
 def banded(f: ArrayLike, S: ArrayLike, bands: int = BANDS) -> Spectrum:
     """Spectrum averaged over `bands` neighbouring frequencies (Daniell), excluding zero frequency.
 
-    Unknown densities (NaN) are left out of the average; a band without any known density gets 0.
+    Unknown densities (NaN) are left out of the average; the average is 0 if all of them are unknown.
     """
     f, S = np.asarray(f, float)[1:], np.asarray(S, float)[1:]
     count = len(f) // bands
@@ -115,7 +115,7 @@ def even_step(t: Series) -> float:
 
 
 class ZeroCrossingWaves(NamedTuple):
-    """Single waves of a record, from one upward crossing of the mean to the next."""
+    """Individual waves of a record, each from one upward crossing of the mean to the next."""
 
     H: Series
     """Heights from trough to crest, m."""
@@ -128,18 +128,21 @@ class ZeroCrossingWaves(NamedTuple):
         return float(np.mean(np.sort(self.H)[-max(len(self.H) // 3, 1) :]))
 
     def exceedance(self) -> tuple[Series, Series]:
-        """Heights (m) in ascending order, and the share of waves that are higher (-)."""
+        """Heights (m) in ascending order, and the fraction of waves that are higher than each of them (-)."""
         n = len(self.H)
         return np.sort(self.H), 1.0 - (np.arange(n) + 0.5) / n
 
 
 def rayleigh_exceedance(H: ArrayLike, Hm0: float) -> NDArray[np.float64]:
-    """Share of waves higher than H (m) in a narrow-banded sea of significant wave height Hm0 (m) (-)."""
+    """Fraction (-) of waves higher than H (m) in a narrow-banded sea of significant wave height Hm0 (m)."""
     return np.exp(-2.0 * (np.asarray(H, float) / Hm0) ** 2)
 
 
 def zero_crossing_waves(t: ArrayLike, eta: ArrayLike) -> ZeroCrossingWaves:
-    """Single waves of an elevation eta (m) at times t (s). **Raises** ValueError without a whole wave."""
+    """Individual waves of an elevation eta (m) at times t (s).
+
+    **Raises** ValueError if the record contains no whole wave.
+    """
     t, eta = checked(t, eta)
     y = eta - np.mean(eta)
     up = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))

@@ -1,1 +1,1 @@
-"""Cases: validated sections, geometry rounded to the lattice, `build` and `assemble`, and reports."""
+"""Cases: their validated sections, their geometry on the lattice, `build`, `assemble`, and reports."""

@@ -1,4 +1,4 @@
-"""Sections of chambers, ducts and their air: power take-offs and compressible air."""
+"""Sections of a case file for chambers, ducts, power take-offs and compressible air."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SMOOTH_LAWS = ("K_dm", "resistance", "area", "discharge", "P_a", "relief", "suct
 
 
 def air_keys(keys: Iterable[str]) -> list[str]:
-    """Dotted names of the `keys` in every section `pto`, and `duct.NAME.area`; NAME stands for any name."""
+    """Dotted names of the `keys` of all sections `pto`, and `duct.NAME.area`; NAME stands for any name."""
     places = ("", f"chamber.{NAME}.", f"duct.{NAME}.")
     return [f"{place}pto.{key}" for key in keys for place in places] + [f"duct.{NAME}.area"]
 
@@ -67,7 +67,7 @@ class PTOSection(Section):
     ramp: Duration = 0.0
     """Time over which a prescribed pressure grows from zero, s."""
     relief: float | None = Field(None, ge=1e-3, le=1e9)
-    """Gauge pressure at which a relief valve beside the turbine opens and lets air out, Pa."""
+    """Gauge pressure at which a relief valve parallel to the turbine opens and lets air out, Pa."""
     suction: float | None = Field(None, ge=1e-3, le=1e9)
     """Suction at which the relief valve opens and lets air in, Pa, as a positive number."""
 
@@ -152,8 +152,8 @@ class ChamberSection(Section):
     between: tuple[str, str] | None = None
     """The two walls: names of solids, "device" for the device's plate, "far" for the tank's end wall."""
     body: Name | None = None
-    """Body in whose hollow the chamber is, instead of `between`; the air moves with the body. The hollow is
-    open below and closed by a roof."""
+    """Name of the body whose hollow contains the chamber; give it instead of `between`. The air moves with
+    the body. The hollow is open below and closed by a roof."""
     at: Coordinate | None = None
     """Position x inside the hollow at the still water level, m; needed if the body has several hollows."""
     pto: PTOSection | None = None
@@ -164,7 +164,7 @@ class ChamberSection(Section):
         if (self.between is None) == (self.body is None):
             raise ValueError("give exactly one of between (two walls) and body (with a hollow)")
         if self.at is not None and self.body is None:
-            raise ValueError("at: chooses a hollow of a body: give it together with body only")
+            raise ValueError("at: selects a hollow of a body: give it only together with body")
         return self
 
 
@@ -176,11 +176,11 @@ class DuctSection(Section):
     area: Area | None = None
     """Narrowest area of the duct, m2 per metre of width; the air loses its kinetic energy downstream."""
     discharge: Discharge = 0.6
-    """Discharge coefficient of this area (-)."""
+    """Discharge coefficient of the duct's narrowest area (-)."""
     density: Density = 1.2
     """Density of the ambient air, kg/m3."""
     pto: PTOSection | None = None
-    """Turbine in the duct, instead of an area."""
+    """Turbine in the duct; give it instead of `area`."""
 
     @model_validator(mode="after")
     def _one_law(self) -> DuctSection:

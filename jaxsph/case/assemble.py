@@ -38,8 +38,8 @@ from jaxsph.solids.walls import Ghosts
 
 SKIN = 0.2
 """Skin of the neighbour tables, in spacings dx: the distance by which the tables reach beyond the kernel's
-support. A wider skin saves searches but makes every pair sum more expensive. A step of the OWC takes the same
-time with a skin of 0.3 (`python -m experiments run bench_step`)."""
+support. A wider skin saves searches but makes every pair sum more expensive. A step of the OWC takes as
+long with this skin as with a skin of 0.3 (`python -m experiments run bench_step`)."""
 
 
 SEARCH = 1.0
@@ -179,7 +179,7 @@ def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
 
 
 def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
-    """Number of particles and of dimensions. **Raises** ValueError if the arguments do not match."""
+    """Numbers of particles and of dimensions. **Raises** ValueError if the arguments do not match."""
     if x.ndim != 2 or x.shape[1] != len(walls.low) or u.shape != x.shape:
         raise ValueError(f"x and u must be [N, {len(walls.low)}], not {x.shape} and {u.shape}")
     if p is not None and np.shape(p) != x.shape[:1]:
@@ -243,7 +243,7 @@ _candidate_count = jax.jit(lambda chamber, x, margin: chamber.candidates(x, marg
 
 
 def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: float) -> tuple[int, int]:
-    """Largest number of neighbours of any particle and of any node in the initial state.
+    """Largest numbers of neighbours, in the initial state, of a particle and of a node.
 
     **Arguments**: positions x (m) of the water; `radius` of the kernel's support and margin `skin`, m.
     """
@@ -262,7 +262,8 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
 
 
 def _first_images(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mirror images (m) of particles at x (m) with the paddle at rest, and a mask of the entries in use."""
+    """Positions (m) of the mirror images of particles at x (m) with the paddle at rest, and a mask of the
+    entries in use."""
     found, there = _imaged(images, x, radius, skin)
     return np.asarray(found), np.asarray(there)
 

@@ -38,7 +38,8 @@ def make_bodies(
 ) -> tuple[RigidBody, ...]:
     """Rigid bodies of a case, followed by the fixed solids, which are bodies without free motions.
 
-    `dummies`: the rows of `Ghosts.dummies`; `leaf` converts a number to an array of the case's precision.
+    `dummies`: rows of every solid's ghosts, as in `Ghosts.dummies`; `leaf` converts a number to an array of
+    the case's precision.
     """
     sections, rows = case.every_body, iter(dummies)
     moving = tuple(
@@ -120,8 +121,8 @@ def _ends(
         free = case.every_body[section.body].free
         if section.motion not in free:
             raise CaseError(
-                f"link.{name}.motion = {section.motion!r}: the body {section.body} is not free in it; it is "
-                f"free in {', '.join(free) or 'no motion'}"
+                f"link.{name}.motion = {section.motion!r}: the body {section.body} is not free in this "
+                f"motion; it is free in {', '.join(free) or 'no motion'}"
             )
         return AlongJoint.of(bodies[section.body], MOTIONS.index(section.motion))
     assert section.between is not None and section.at is not None

@@ -130,7 +130,7 @@ def _at_start(walls: Ghosts, bodies: Iterable[RigidBody], motions: Mapping[str, 
 
 
 def _walls(case: Sections, geometry: Geometry, scheme: AbstractParticleScheme) -> Ghosts:
-    """Ghosts of the tank's walls, the device's plate and platform, the body and the fixed solids."""
+    """Ghosts of the tank's walls, the device's plate and platform, the bodies and the fixed solids."""
     return Ghosts.build(
         geometry.box(case),
         case.dx,

@@ -1,4 +1,4 @@
-"""`Case`: a validated case, with changes by dotted names, TOML text and notices."""
+"""`Case`: a validated case, which can be changed by dotted names, with its TOML text and its notices."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class Case(Sections):
         return toml_text(self.model_dump(exclude_none=True, mode="json"))
 
     def expanded(self) -> Case:
-        """The same case without short forms: sections `pto` and `air` are moved to the device's chamber."""
+        """The same case with the short forms `pto` and `air` moved to the section of the device's chamber."""
         given = self.given()
         own = {key: given.pop(key) for key in ("pto", "air") if key in given}
         if not own:

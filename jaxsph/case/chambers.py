@@ -23,7 +23,7 @@ class Stretch(NamedTuple):
     """Stretch of the still water surface between a chamber's two walls."""
 
     given: str
-    """Key and value that give the place of the chamber in a case."""
+    """Key and value with which a case gives the walls or the body of the chamber, as text for messages."""
     carrier: str
     """Name of the body in whose hollow the chamber is; empty for a chamber between walls at rest."""
     front: np.ndarray
@@ -36,9 +36,9 @@ class Stretch(NamedTuple):
     top: float
     """Level of the lower of the two walls' tops, m."""
     first: float
-    """x of the front wall's inner face at the still water level, m."""
+    """Position x of the front wall's inner face at the still water level, m."""
     last: float
-    """x of the back wall's inner face at the still water level, m."""
+    """Position x of the back wall's inner face at the still water level, m."""
 
     @property
     def length(self) -> float:
@@ -47,7 +47,7 @@ class Stretch(NamedTuple):
 
 
 class Tank(NamedTuple):
-    """Tank in which a chamber's walls stand."""
+    """Size of the tank, and shapes of the solids that may be the walls of a chamber."""
 
     shapes: Mapping[str, AbstractShape]
     """Shapes of all solids, by their names in the case (`Geometry.named_shapes`)."""
@@ -116,10 +116,10 @@ def stretch_between(key: str, between: tuple[str, str], tank: Tank) -> Stretch:
 
 
 def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank: Tank) -> Stretch:
-    """Stretch of the surface in a hollow of the body of this `shape`, which is open below and has a roof.
+    """Stretch of the surface in a hollow, open below and with a roof, of the body of this `shape`.
 
-    `at`: a position x (m) in the hollow, if there are several. **Raises** CaseError, which names the section
-    `key`, if the hollow cannot hold air over water.
+    `at`: a position x (m) in the hollow, if there are several hollows. **Raises** CaseError, which names the
+    section `key`, if the hollow cannot hold air over water.
     """
     asked = f"{key}.body = {body!r}"
     hollows = [one for one in itertools.pairwise(_crossings(shape, tank.depth)[1:-1])][::2]
@@ -196,7 +196,7 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
 
 def _check(stretch: Stretch, walls: tuple[str, ...], tank: Tank) -> None:
     """**Raises** CaseError if a chamber is too small for the spacing, or if a solid other than the `walls`
-    pierces the surface in it.
+    pierces the surface in the chamber.
     """
     asked, first, last = stretch.given, stretch.first, stretch.last
     if last - first < 3.0 * tank.dx:

@@ -33,7 +33,7 @@ def coarsen(case: Case) -> Case:
         except CaseError as error:
             refusal = refusal or str(error)
     raise CaseError(
-        f"dx = {case.dx:g} m is as coarse as this case can be ({refusal}): run it as it is, or shorten t1"
+        f"dx = {case.dx:g} m is as coarse as this case can be ({refusal}): run it unchanged, or shorten t1"
     )
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from jaxsph.errors import CaseError
 
 MOST_BYTES = 10**6
-"""Largest size of a case or data file, bytes. Ten thousand probes take half of this size, and a series of
-50 000 samples takes all of it."""
+"""Largest size of a case or data file, bytes. Ten thousand probes need half of this size, and a series of
+50 000 samples needs all of it."""
 
 
 def read_series(path: str | Path) -> dict[str, list[float]]:

@@ -28,7 +28,7 @@ class Reader(NamedTuple):
     """Function that returns the section's keys. Its arguments are the path of the file and, by keyword, the
     `options` that the section gives."""
     options: tuple[str, ...] = ()
-    """Keys beside `file` that determine how the file is read; they do not become keys of the case."""
+    """Keys other than `file` that determine how the file is read; they do not become keys of the case."""
 
 
 def built_in_cases() -> dict[str, str]:

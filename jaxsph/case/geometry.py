@@ -58,9 +58,9 @@ class Geometry:
     width: float | None
     """Width of the tank, m; None in two dimensions."""
     column: float
-    """Length of the tank filled with water at the start, m."""
+    """Length of the part of the tank that is filled to the full depth at the start, m."""
     layer: float
-    """Depth of the water on the rest of the bed, m; 0 if the rest is dry."""
+    """Depth of the water in the remaining part of the tank at the start, m; 0 if this part is dry."""
     stroke: float
     """Stroke of the paddle from end to end, m; 0 without waves."""
     withdrawal: float
@@ -131,7 +131,7 @@ class Geometry:
 
     @property
     def front(self) -> float:
-        """Length of the water in front of the device, or of the whole tank, m."""
+        """Length of the water in front of the device, or of the whole tank without a device, m."""
         return self.length if self.plate is None else self.plate.x0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
@@ -179,11 +179,11 @@ class Geometry:
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Sets the length of the released column (without one, the tank's length) and the layer's depth."""
+        """Sets the length of the released column, or of the whole tank without one, and the layer's depth."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
-                raise CaseError("tank.layer wets the bed beside a released column: give tank.column too")
+                raise CaseError("tank.layer wets the bed next to a released column: give tank.column too")
             return
         asked = f"tank.column = {case.tank.column:g} m"
         if case.tank.column > self.length:
@@ -439,7 +439,7 @@ def walls_of(case: Sections) -> str:
 
 
 def thin_wall(device: Device | None) -> AbstractThinWall:
-    """Method that places the ghosts of thin plates, as chosen for the device, or the default without one."""
+    """Method that places the ghosts of thin plates: that of the device, or without a device the default."""
     if device is None:
         return RegionalGhosts()
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()

@@ -39,7 +39,8 @@ SHARE = 0.1
 PLACES = (0.0, 0.13, 0.31, 0.58, 1.0)
 """Positions of the gauges, as fractions of their row's length; uneven, to separate waves of all lengths."""
 LARGEST_CONDITION = 10.0
-"""Largest condition number with which the gauges separate the waves, as in `analysis.reflection`."""
+"""Largest condition number of the equations that separate the waves at the gauges (-), as in
+`analysis.reflection`."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,8 @@ def _moves(case: Case, name: str) -> tuple[str, ...]:
 
 
 def reference(case: Case, modes: Sequence[Mode]) -> float:
-    """Position at which the phase of the waves is zero, m from the paddle: the pivot of the first body."""
+    """Position at which the phase of the waves is zero, m from the paddle: the pivot of the first
+    mode's body."""
     first = modes[0].body
     shape = Geometry.of(case).bodies[first]
     return float(inertia_of(case.every_body[first], shape, case.body_key(first)).pivot[0])
@@ -180,7 +182,8 @@ def _held(
     cycles: int,
     amplitudes: Mapping[str, tuple[float, ...]],
 ) -> Case:
-    """Case with all bodies held, or moved with `amplitudes` by name, in waves of height H (m), period T (s).
+    """Case with all bodies held, or moved with `amplitudes` by name, in waves of height H (m) and period
+    T (s).
 
     `cycles` whole periods follow the time `begin` (s). A held body has a motion of zero amplitude. All runs
     therefore have the same parts, share a compiled program, and can form one batch on an accelerator.
@@ -237,14 +240,14 @@ def gauges(geometry: Geometry, T: float, g: float, zone: float | None) -> list[f
     is room.
 
     The gauges are a depth or more from the solids, and a depth or more from the paddle or beyond the
-    relaxation `zone` (m), because there are evanescent waves closer to these. **Raises** CaseError if
-    there is no room.
+    relaxation `zone` (m), because there are evanescent waves closer to the solids and the
+    paddle. **Raises** CaseError if there is no room.
     """
     first, last = zone or geometry.depth, _front(geometry) - geometry.depth
     if last - first < 8.0 * geometry.dx:
         raise CaseError(
             f"tank: the first solid is {_front(geometry):.3g} m from the paddle, and gauges need a distance "
-            f"of one depth, {geometry.depth:g} m, from both and eight spacings between; move the bodies "
+            f"of one depth, {geometry.depth:g} m, from each, and eight spacings in between; move the bodies "
             f"away from the paddle by {8.0 * geometry.dx - (last - first):.3g} m or more"
         )
     span = min(last - first, 0.45 * 2.0 * math.pi / wavenumber(T, geometry.depth, g))

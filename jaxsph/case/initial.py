@@ -58,7 +58,8 @@ def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.nd
 
 
 def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles in column and layer."""
+    """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles in the column and the
+    layer of water."""
     across = () if geometry.width is None else (geometry.width,)
     low = (0.0,) * (2 + len(across))
     x, volume = lattice(
@@ -75,7 +76,8 @@ def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outside_body(away: np.ndarray) -> np.ndarray:
-    """Mask `[N]` of the particles outside a body; `away` `[N]`: distances from its surface, in spacings.
+    """Mask `[N]` of the particles outside a body. `away` `[N]`: distances from the body's surface, in
+    spacings, negative inside.
 
     The particles inside fill the body's submerged volume, which is computed as the sum, over all cells, of
     the fraction that the body covers. A threshold on the distance alone would lower or raise the surface if
@@ -144,8 +146,8 @@ def around_solids(
     outside. The remaining particles are then packed.
 
     **Arguments**: positions `x` and volumes of water; `away`: distances `[N]` (m) from the surface of every
-    solid; `walls`: ghosts of the tank and of the solids; `level` (m) of water that fills the tank, or None
-    for a released column, which is not packed.
+    solid, negative inside; `walls`: ghosts of the tank and of the solids; `level` (m) of water that fills the
+    tank, or None for a released column, which is not packed.
     """
     if not len(away):
         return x, volume

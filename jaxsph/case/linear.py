@@ -48,7 +48,8 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
     The theory includes compressible air and linear turbines. The incident wave is linear, with the amplitude
     waves.H / 2. The response of the water is cached, so that calling this function for each case of a
     sweep of the damping or the height is fast. Alternatively, call `linear_response` with arrays.
-    **Raises** CaseError for a case without a device, waves or turbine, or with a platform.
+    **Raises** CaseError for a case that the theory does not cover, such as one without a turbine, or with a
+    platform.
     """
     missing = _missing(case)
     if missing is not None:
@@ -71,7 +72,8 @@ def sea_is_linear(case: Sections) -> bool:
 def linear_sea(case: Sections) -> LinearSea:
     """Linear theory of a case's device in the case's sea, by stochastic linearisation of the turbine.
 
-    **Raises** CaseError for a case without a device, sea or turbine, or with a platform.
+    **Raises** CaseError for a case that the theory does not cover, such as one without a turbine, or with a
+    platform.
     """
     if not sea_is_linear(case):
         regular = case.waves is not None and case.waves.kind == "regular"
@@ -108,7 +110,7 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
 
     For a chamber these are efficiency, pressure (Pa) and level (m); for bodies their motions (m, rad), the
     power (W/m) and the efficiency. If the theory does not cover the case, the list contains only the reason.
-    Otherwise it is empty for a chamber in a sea, and for a case without waves, bodies or a turbine.
+    Otherwise the list is empty for a chamber in a sea, and for a case without waves, bodies or a turbine.
     """
     if has_free_bodies(case):
         return _bodies_check(case)

@@ -36,9 +36,9 @@ STEEP = np.deg2rad(60.0)
 BENT = 0.2
 """Largest deviation of a link's elastic force from linearity, relative to its linear change (-)."""
 AIR = ("P_a", "flow", "chamber_level")
-"""Names of the oscillations of a chamber: air pressure (Pa), flow (m2/s), and level (m) in its frame."""
+"""Names of a chamber's oscillations: air pressure (Pa), flow (m2/s), and level (m) in the chamber's frame."""
 CLOSED = 1e12
-"""Resistance that stands for a closed chamber, Pa s/m2."""
+"""Resistance that represents a closed chamber, Pa s/m2."""
 
 Real = NDArray[Any]
 """Array of real numbers."""
@@ -56,17 +56,18 @@ class LinearMotions:
     motions: dict[str, NDArray[Any]]
     """Surge (m), heave (m) and pitch (rad) of every moving body's pivot, by the body's name."""
     rest: dict[str, Real]
-    """Displacements (m, m, rad) from the given position to the equilibrium in still water, by body."""
+    """Displacements (m, m, rad) from the given position to the equilibrium in still water, by the
+    body's name."""
     relative: dict[str, NDArray[Any]]
     """Coordinates of every moving body's joint, by the body's name, m or rad."""
     extensions: dict[str, complex]
     """Extensions of the links that have one extension, by the link's name, m or rad."""
     forces: dict[str, complex]
-    """Forces of the same links, N/m or N."""
+    """Forces of the links that have one extension, by the link's name, N/m or N."""
     powers: dict[str, float]
     """Mean power of every power take-off of links and chambers, by its name, W/m."""
     swings: dict[str, complex]
-    """Oscillations of bodies, links and chambers, by the names of a model's oscillations."""
+    """Complex amplitudes of the oscillations of bodies, links and chambers, by their names in a model."""
 
     @property
     def results(self) -> dict[str, float]:
@@ -80,7 +81,8 @@ class LinearMotions:
 
     @property
     def levels(self) -> dict[str, list[float]]:
-        """Extremes of heave, pitch and a chamber's air and level, and mean powers, by names of series."""
+        """Extremes of heave, pitch, and a chamber's pressure, flow and level, and mean powers, by names of
+        series."""
         air = {name: float(abs(x)) for name, x in self.swings.items() if name.startswith(AIR)}
         found = {name: [-size, size] for name, size in air.items()}
         for body in self.motions:
@@ -98,7 +100,7 @@ class LinearMotions:
 
     @property
     def xi(self) -> float:
-        """Efficiency: absorbed over incident power (-)."""
+        """Efficiency: ratio of absorbed to incident power (-)."""
         return self.P_pto / self.response.P_inc
 
 
@@ -118,7 +120,8 @@ def linear_motions(case: Sections) -> LinearMotions:
 
 
 def why_no_motions(case: Sections) -> str:
-    """Reason why linear theory does not cover the bodies of a case in waves; empty if it does."""
+    """Reason why linear theory does not cover the bodies of a case in waves; empty if the theory covers
+    them."""
     try:
         linear_motions(case)
     except CaseError as error:
@@ -143,7 +146,8 @@ def _found(of: type[Sections], text: str) -> LinearMotions:
 
 
 def _not_covered(case: Sections) -> str:
-    """Reason, by the keys of a case, why linear theory does not cover its bodies; empty if it does."""
+    """Reason, by the keys of a case, why linear theory does not cover its bodies; empty if the theory
+    covers them."""
     if case.waves is None or not has_free_bodies(case):
         return "linear theory of bodies needs waves, and a body with a motion in free"
     if case.waves.kind != "regular":
@@ -171,7 +175,8 @@ def _not_covered(case: Sections) -> str:
 
 
 def _sloping(geometry: Geometry) -> str:
-    """Reason if a fixed solid slopes at the surface so gently that waves break; empty otherwise."""
+    """Reason why a case is refused, if a fixed solid slopes so gently at the surface that waves break;
+    empty otherwise."""
     for name, shape in geometry.solids.items():
         for part in shapely.get_parts(shape.region()):
             corners = np.asarray(part.exterior.coords)
@@ -209,7 +214,7 @@ class _Response:
         return self._named(found, ways @ found.coordinates, list(dampings))
 
     def _hulls(self) -> tuple[list[Hull], list[int]]:
-        """Hulls of all bodies in their poses, and the index of the body that each belongs to."""
+        """Hulls of all bodies in their poses, and the index of every hull's body."""
         hulls, carriers, depth = [], [], self.resting.geometry.depth
         for index, body in enumerate(self.resting.mechanism.bodies):
             pose, solid = self.resting.poses[body.name], self.resting.geometry.solids.get(body.name)
@@ -225,7 +230,8 @@ class _Response:
         return hulls, carriers
 
     def _section(self, hulls: list[Hull]) -> Section:
-        """Section of the water; the air of a chamber in a body moves with the body."""
+        """Vertical section of the water with hulls and chambers; the air of a chamber in a body moves with
+        the body."""
         chambers = []
         for name, stretch in self.resting.geometry.stretches.items():
             shift = float(self.resting.poses[stretch.carrier][0]) if stretch.carrier else 0.0
@@ -235,7 +241,8 @@ class _Response:
         return Section(self.resting.geometry.depth, tuple(hulls), end, tuple(chambers))
 
     def _dampings(self) -> tuple[dict[str, Damping], Real]:
-        """Rate-dependent forces of links with one extension, by name, and damping matrix of the others."""
+        """Rate-dependent forces of links with one extension, by name, and damping matrix of the
+        other links."""
         found, total, t = {}, np.zeros((int(self.resting.free.sum()),) * 2), jnp.zeros(())
         for link in self.resting.mechanism.links:
             way = np.asarray(self.resting.posture.slopes[link.name])[..., self.resting.free]

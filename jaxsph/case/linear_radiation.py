@@ -24,7 +24,7 @@ def linear_coefficients(
     theory does not cover the tank.
 
     Phases are relative to the waves at `x` (m from the paddle). The bed must be flat: no solid may reach an
-    end of the tank. Waves leave the water on both sides or, without a sponge, towards the paddle only.
+    end of the tank. Waves leave the tank at both ends or, without a sponge, at the paddle only.
     """
     geometry = Geometry.of(case)
     for shape in geometry.solids.values():

@@ -23,9 +23,9 @@ MOVING = ("coupled", "vessel", "coupledpinned")
 TABLES = {"LINE TYPES": "types", "POINTS": "points", "LINES": "lines", "OPTIONS": "options"}
 """Tables that are read, by the words in their headings."""
 OLD = {"LINE DICTIONARY": "LINE TYPES", "CONNECTION": "POINTS", "NODE PROPERTIES": "POINTS"}
-"""Words in the headings of version 1."""
+"""Words in the headings of version 1, with the corresponding words of version 2."""
 REFUSED = {"BOD": "bodies", "ROD": "rods", "FAIL": "failures", "CONTROL": "control", "EXTERNAL": "loads"}
-"""Words in the headings of tables that must be empty, and what is in them."""
+"""Words in the headings of tables that must be empty, and the content of these tables."""
 ON_PLANE = 1e-6
 """Largest distance at which a point counts as in the x-z plane or on the bed, m."""
 
@@ -78,7 +78,7 @@ def read_moordyn(
 
 
 DYNAMIC = ("segments", "damping", "drag", "added_mass", "bed_stiffness", "bed_damping")
-"""Keys of lumped lines only."""
+"""Keys that only lines of lumped masses have."""
 
 
 class _File:
@@ -112,7 +112,7 @@ class _File:
         return CaseError(f"{self.path}, line {number}: {what}")
 
     def number(self, number: int, word: str) -> float:
-        """Value of a word in a line. **Raises** CaseError if it is not a finite number."""
+        """Number that a word of a line gives. **Raises** CaseError if the word is not a finite number."""
         try:
             value = float(word)
         except ValueError:
@@ -139,7 +139,7 @@ class _File:
         }
 
     def types(self) -> dict[str, dict[str, Any]]:
-        """Keys of a mooring by the name of a line type, with the damping as in the file."""
+        """Keys of a mooring for each line type, by the type's name, with the damping as given in the file."""
         found = {}
         for number, words in self.rows("types", 10):
             values = [self.number(number, one) for one in words[1:10]]
@@ -181,7 +181,8 @@ class _File:
 
 
 def _ratio(line: dict[str, Any]) -> float:
-    """Damping of a segment, divided by its length times the root of stiffness times mass per length (-)."""
+    """Internal damping of a segment, divided by its length times the square root of axial stiffness times
+    mass per length (-)."""
     if line["damping"] <= 0.0:
         return -line["damping"]
     size = line["length"] / max(line["segments"], 1)
@@ -189,5 +190,5 @@ def _ratio(line: dict[str, Any]) -> float:
 
 
 def _on_bed(z: float) -> float:
-    """Height (m), zero for a point on the bed."""
+    """Height above the bed (m), set to zero for a point on the bed."""
     return 0.0 if abs(z) < ON_PLANE else z

@@ -19,9 +19,9 @@ class MooringSection(Section):
     `lines` is the number of such lines, in two dimensions per metre of width."""
 
     kind: Literal["catenary", "line"] = "catenary"
-    """A line in static equilibrium at every time, or one of lumped masses with inertia and drag."""
+    """Model of the line: static equilibrium at every time, or lumped masses with inertia and drag."""
     body: Name = "body"
-    """Body with the fairlead."""
+    """Name of the body with the fairlead."""
     at: tuple[Coordinate, Coordinate]
     """Position (x, z) of the fairlead with the body at rest, m."""
     anchor: tuple[Coordinate, Coordinate]

@@ -21,10 +21,10 @@ from jaxsph.parts.line import Bed, LumpedLine, Morison
 from jaxsph.parts.moorings import FromAnchor, Mooring, QuasiStatic
 
 MOST_STRETCH = 0.1
-"""Largest strain of a mooring at rest."""
+"""Largest strain of a mooring at rest (-)."""
 MOST_SUBSTEPS = 500
-"""Largest number of steps of a line in a step of the water. A line with so many steps takes more computing
-time than the water."""
+"""Largest number of steps of a line in a step of the water. A line with this number of steps needs more
+computing time than the water."""
 ON_BED = 1e-6
 """Largest height at which an anchor counts as on the bed, m."""
 
@@ -50,7 +50,7 @@ def _at_rest(case: Sections, section: MooringSection, leaf: Any) -> AbstractCate
 
 
 def _line(case: Sections, section: MooringSection, leaf: Any) -> LumpedLine:
-    """The line, or all lines of a metre of width, as lumped masses."""
+    """Mooring line, or in 2-D all lines per metre of width, as lumped masses."""
     assert section.mass is not None and section.diameter is not None and section.drag is not None
     rho0, d, count = case.fluid.rho0, section.diameter, section.lines
     across, along = (0.5 * rho0 * d * count * one for one in section.drag)
@@ -87,7 +87,7 @@ def check_moorings(case: Sections, geometry: Geometry) -> None:
             if steps > MOST_SUBSTEPS:
                 raise CaseError(
                     f"mooring.{name}.axial_stiffness = {section.axial_stiffness:g} N: the line would take "
-                    f"{steps} steps in each time step of the water, at most {MOST_SUBSTEPS} are allowed: use "
+                    f"{steps} steps in each time step of the water; at most {MOST_SUBSTEPS} are allowed: use "
                     "a smaller axial_stiffness, damping or bed_stiffness, fewer segments, or "
                     'kind = "catenary"'
                 )
@@ -124,7 +124,7 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
 
 
 def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringSection) -> None:
-    """**Raises** CaseError for a line that is in a solid, or below the bed, at the bodies' initial angles."""
+    """**Raises** CaseError for a line through a solid, or below the bed, at the bodies' initial angles."""
     line = _at_rest(case, section, np.float32)
     ends = jnp.asarray(_fairlead(case, section) - section.anchor, jnp.float32)
     points = np.asarray(section.anchor) + np.asarray(_shape(QuasiStatic(line), (), ends))

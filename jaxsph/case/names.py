@@ -7,7 +7,7 @@ from jaxsph.errors import CaseError
 from jaxsph.model.consistency import RESERVED
 
 TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone", TANK, "contact", "projection")
-"""Names that the program itself gives to parts, and that a case must not give to others."""
+"""Names that the program itself gives to parts, and that a case must not give to other parts."""
 
 
 def check_names(case: Sections) -> None:

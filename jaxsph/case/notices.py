@@ -19,7 +19,7 @@ SHORTER = 2.0
 """Factor by which frequent samples may shorten the time step without a notice. A sampling interval
 has at least two steps."""
 GAUGE = 3.0
-"""Half-width of the water column that a gauge reads, in spacings."""
+"""Half-width of the water column that a gauge measures, in spacings."""
 NEAR = 0.8
 """Ratio of the highest wave's height to the breaking height above which a case gets a notice."""
 

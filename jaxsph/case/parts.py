@@ -1,4 +1,5 @@
-"""Parts of a model from a case's sections: wavemaker, chamber, background pressure and sponge.
+"""Parts of a model from a case's sections: wavemaker, chambers, ducts, background pressure,
+relaxation zone and sponge.
 
 `leaf` converts a number to an array of the case's precision.
 """
@@ -141,7 +142,7 @@ def make_air(section: AirSection | None, leaf: Any) -> AbstractAirLaw:
 
 
 def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Background, ...]:
-    """Background pressure of the case's thin wall, if it has one."""
+    """Background pressure around the device's thin plate; empty if the case has none."""
     plate = geometry.plate
     if plate is None or not plate.is_thin(case.dx, case.layers):
         return ()

@@ -1,4 +1,4 @@
-"""Report of `jaxsph check`: a description of a run, and the time that the run takes."""
+"""Report of `jaxsph check`: a description of a run, and an estimate of its computing time."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check(given: Any) -> list[tuple[str, str]]:
 
 
 def in_time(seconds: float) -> str:
-    """A time in words: seconds, minutes or hours."""
+    """A time (s) as text, in seconds, minutes or hours."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

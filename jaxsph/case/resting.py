@@ -55,9 +55,9 @@ class Posture(NamedTuple):
     mass: Any
     """Mass matrix of these coordinates `[n, n]`."""
     extensions: Any
-    """Extensions of all links, by name, m or rad."""
+    """Extensions of all links, by the link's name, m or rad."""
     slopes: Any
-    """Derivatives of the extensions with respect to the coordinates, by name."""
+    """Derivatives of the extensions with respect to the coordinates, by the link's name."""
 
 
 class Resting:

@@ -138,7 +138,8 @@ def _overtopping(name: str, record: Record) -> Scalars:
 
 
 def _run_up(name: str, record: Record) -> Scalars:
-    """Highest level on the face of a solid in each period, m, averaged over the window's periods."""
+    """Highest level above still water on the face of a solid in each period, m, averaged over the window's
+    periods."""
     window = record.window
     if not window.periods:
         return {}
@@ -250,7 +251,7 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
 
 def _device_x(case: Sections) -> float:
     """Position at which waves meet a case's device, m from the paddle: the nearest of the plate, the front
-    walls of chambers and the bodies, or the end of the tank without any of these."""
+    walls of chambers and the bodies, or the end of the tank if there is none of these."""
     geometry = Geometry.of(case)
     fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
     if geometry.plate is not None:
@@ -306,10 +307,11 @@ def two_way_sea(
 
 
 def flume_gauges(case: Sections) -> list[int]:
-    """Indices of the gauges in free waves: a depth or more from solids, outside sponge and relaxation zone.
+    """Indices of the gauges in free waves: a depth or more from solids, outside the sponge and the
+    relaxation zone.
 
-    Without a relaxation zone, they are also a depth or more from the paddle. Closer to the paddle or a solid
-    there are evanescent waves, which decay with the distance x as exp(-pi/2 x/d) or faster.
+    Without a relaxation zone, these gauges are also a depth or more from the paddle. Closer to the paddle or
+    a solid there are evanescent waves, which decay with the distance x as exp(-pi/2 x/d) or faster.
     """
     first, last = _free_flume(case)
     return [k for k, x in enumerate(Geometry.of(case).gauges) if first <= x <= last]

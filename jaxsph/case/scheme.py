@@ -20,7 +20,7 @@ from jaxsph.schemes.weakly_compressible import DeltaSPH
 
 
 def make_scheme(case: Sections, background: tuple[Background, ...] = ()) -> AbstractParticleScheme:
-    """Scheme of a case, in its precision.
+    """Scheme of a case, in the case's precision.
 
     `background`: pressures that the weakly compressible scheme subtracts in its pair sums.
     """
@@ -36,7 +36,7 @@ def stable_time_step(case: Sections) -> float:
 
 
 def shortest_limit(case: Sections) -> str:
-    """What limits the stable time step (speed, viscosity or gravity), and which keys to change, in words."""
+    """Limit of the stable time step (speed, viscosity or gravity), and the keys to change, in words."""
     dt = stable_time_step(case)
     if dt == _stable_dt(case, 0.0, 0.0):
         if case.scheme.kind == "incompressible":

@@ -34,7 +34,7 @@ from jaxsph.schemes.projection import RELAXATION
 
 
 class Fluid(Section):
-    """Properties of the water: density, viscosity, numerical speed of sound."""
+    """Properties of the water: density, viscosity, and numerical speed of sound."""
 
     rho0: Density = 1000.0
     """Density at zero gauge pressure, kg/m3."""
@@ -53,7 +53,7 @@ class WeaklyCompressible(Section):
     """Smoothing kernel: the truncated Gaussian, Wendland's C2, the exponential of a semicircle, or the
     polynomial with the least false stress in a strained lattice."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
-    """Smoothing length divided by dx (-), except for Wendland's kernel, for which it is 1.5 times as long."""
+    """Smoothing length divided by dx (-); Wendland's kernel has 1.5 times this smoothing length."""
     cut: float = Field(3.5, ge=2.5, le=4)
     """Ratio of the Gaussian's radius of truncation to its smoothing length (-); 3 in Zhu et al. 2020."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
@@ -100,16 +100,17 @@ class Incompressible(Section):
     dimensions), the exponential of a semicircle (default in three), the truncated Gaussian, or Wendland's
     C2."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
-    """Smoothing length of the kernel divided by dx (-). By default, polynomial and semicircle have a support
-    radius of 3.05 dx in two dimensions, and of 3.025 and 3 dx in three; the Gaussian has h = 1.2 dx (support
-    3.5 h), and Wendland's kernel h = 2 dx in two dimensions and 1.5 dx in three (support 2 h)."""
+    """Smoothing length of the kernel divided by dx (-). By default, the polynomial and the semicircle have a
+    support radius of 3.05 dx in two dimensions, and of 3.025 and 3 dx in three; the Gaussian has h = 1.2 dx
+    (support 3.5 h), and Wendland's kernel h = 2 dx in two dimensions and 1.5 dx in three (support 2 h)."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
     """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-); 0 turns it off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
     """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-); 0
     turns it off."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
-    """Courant number: time step times largest expected speed, over 1.2 dx (1.5 dx in three dimensions)."""
+    """Courant number: time step times largest expected speed, divided by 1.2 dx (in three dimensions by
+    1.5 dx)."""
     speed: Speed | None = None
     """Largest expected speed of the water, m/s; by default estimated from the waves, the depth and the
     body."""
@@ -170,7 +171,7 @@ class Tank(Section):
     """Length of a column of water at x = 0, m, released at t = 0 into the otherwise dry tank (a dam
     break)."""
     layer: Length | None = None
-    """Depth of a layer of water on the rest of the bed, m; only with `column`."""
+    """Depth of a layer of water on the bed beyond the column, m; only with `column`."""
     slip: Literal["free_slip", "no_slip"] = "free_slip"
     """Boundary condition along the walls: free slip or no slip."""
     walls: Literal["images", "mirror", "dummy"] | None = None
@@ -274,7 +275,7 @@ class Sections(Section):
     dx: Length
     """Spacing of the particles, m."""
     t1: Time
-    """End of the run, s."""
+    """End time of the run, s."""
     g: float = Field(9.81, ge=0, le=1e3)
     """Gravitational acceleration, m/s2; 0, or at least 0.001."""
     precision: Literal["float32", "float64"] = "float32"
@@ -291,11 +292,11 @@ class Sections(Section):
     air: AirSection | None = None
     start: StandingWave | None = None
     body: BodySection | None = None
-    """The only rigid body, in short form; its name is body."""
+    """The only rigid body, in short form; its name is `body`."""
     bodies: dict[Name, BodySection] = Field({})
     """Rigid bodies, by name."""
     link: dict[Name, LinkSection] = Field({})
-    """Springs, dampers, take-offs and other forces on bodies, by name."""
+    """Springs, dampers, power take-offs and other forces on bodies, by name."""
     mooring: dict[Name, MooringSection] = Field({})
     """Mooring lines between bodies and anchors, by name."""
     solid: dict[Name, SolidSection] = Field({})

@@ -22,13 +22,13 @@ def given_waves(case: Sections) -> AbstractWavesSection:
 
 
 def settling_time(case: Sections) -> float:
-    """Duration of the waves' ramp, plus the time their energy takes to the far end of the tank, s."""
+    """Duration of the waves' ramp, plus the travel time of their energy to the far end of the tank, s."""
     waves = given_waves(case)
     return waves.ramp_periods * waves.period + travel_time(case, Geometry.of(case).length)
 
 
 def travel_time(case: Sections, x: float) -> float:
-    """Time that the waves' energy takes from the paddle to x (m), s."""
+    """Travel time of the waves' energy from the paddle to x (m), s."""
     omega = 2 * np.pi / given_waves(case).period
     return x / float(theory.group_velocity(omega, Geometry.of(case).depth, case.g))
 
@@ -39,8 +39,7 @@ def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
     The periods begin when the waves' energy has reached the far end of the tank. A period is a wave
     period of regular waves, a group of bichromatic waves, or a peak period of a sea; at most one repetition
     of a sea is averaged. `since`: time (s) of the run's last change, after which the energy has to reach the
-    far end again.
-    `settled_window` finds which of these periods have settled.
+    far end again. `settled_window` finds which of these periods have settled.
     """
     waves = given_waves(case)
     begin = settling_time(case)
@@ -55,8 +54,8 @@ def settled_window(
 ) -> Window:
     """Window of settled whole periods at the end of a record, found by `analysis.settled_from`.
 
-    **Arguments**: times `t` (s); `settling`: series, of means since the previous sample, that must all have
-    settled; `since`: time (s) before which the record is ignored.
+    **Arguments**: times `t` (s); `settling`: series that must all have settled; their values are means
+    since the previous sample; `since`: time (s) before which the record is ignored.
 
     A sea is averaged over one repetition, because its periods differ and cannot be compared. A
     focused group has no mean, and its window is the whole record.

@@ -1,4 +1,5 @@
-"""Expected speeds of a case, m/s, which determine sound speed, time step and interval between searches."""
+"""Expected water speeds of a case, m/s, which determine sound speed, time step and neighbour-search
+interval."""
 
 from __future__ import annotations
 
@@ -13,11 +14,11 @@ from jaxsph.waves import theory
 
 LEAST = 1e-3
 """Lower bound of the expected speed, m/s. The interval between neighbour searches is inversely proportional
-to this speed, which would be zero for water at rest without gravity."""
+to the expected speed, which would be zero for water at rest without gravity."""
 
 
 def wavenumber(T: float, d: float, g: float) -> float:
-    """Wavenumber of linear waves of period `T` (s) on the depth `d` (m), rad/m, in JAX's precision."""
+    """Wavenumber (rad/m) of linear waves of period `T` (s) in water of depth `d` (m), in JAX's precision."""
     return _wavenumber(T, d, g, jnp.result_type(float) == np.float64)
 
 
@@ -32,7 +33,7 @@ def speed_scale(case: Sections) -> float:
 
 
 def _driven_speed(case: Sections) -> float:
-    """Largest expected speed of water beside bodies with a given motion, m/s: twice that of the bodies."""
+    """Largest expected speed of water near bodies with a given motion, m/s: twice the speed of the bodies."""
     speeds = [0.0]
     for section in case.every_body.values():
         if section.motion is not None:
@@ -73,7 +74,7 @@ def search_speed(case: Sections) -> float:
     """Largest expected speed (m/s), from which the number of steps between two neighbour searches follows.
 
     This number is the length of a compiled loop, which should not change with the wave height. In waves the
-    speed is therefore rounded to 0.13 sqrt(g d) times a non-negative whole power of sqrt(2). Above
+    speed is therefore rounded to 0.13 sqrt(g d) times a non-negative integer power of sqrt(2). Above
     0.13 sqrt(g d) this changes the estimate by at most a fifth. If a neighbour table goes stale, the run
     notices this and searches more often.
     """
@@ -96,7 +97,7 @@ def sound_speed(case: Sections) -> float:
 
 
 def projection_speed(case: Sections) -> float:
-    """Largest speed for which the incompressible scheme chooses its time step, m/s."""
+    """Largest speed of the water for which the incompressible scheme chooses its time step, m/s."""
     speed = getattr(case.scheme, "speed", None)
     if speed is not None:
         return speed

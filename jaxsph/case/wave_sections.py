@@ -1,4 +1,4 @@
-"""Sections of a case's waves: regular, bichromatic, irregular and focused waves, and recorded series.
+"""Wave sections of a case: regular, bichromatic, irregular and focused waves, and recorded series.
 
 Each section gives the height and the period of the waves, and their sinusoidal components.
 """
@@ -21,10 +21,10 @@ Waves = tuple[NDArray[np.complexfloating], NDArray[np.floating]]
 """Complex amplitudes (m) of waves at the paddle, and their angular frequencies (rad/s)."""
 
 MOST_PERIODS = 500
-"""Longest time after which a sea repeats, in peak periods. For such a sea the second-order terms of all pairs
-of components take half a minute to compute."""
+"""Largest repeat time of a sea, in peak periods. For such a sea, computing the second-order terms of all
+pairs of components takes half a minute."""
 MOST_WAVES = 600
-"""Largest number of sinusoidal components taken from a recorded series; the highest are taken."""
+"""Largest number of sinusoidal components of a recorded series that are kept: those of largest amplitude."""
 MOST_SAMPLES = 20_000
 """Largest number of samples of a recorded series; every run file stores the series as text."""
 
@@ -33,22 +33,23 @@ class AbstractWavesSection(Section, abc.ABC):
     """Waves made by a piston at x = 0."""
 
     height_key: ClassVar[str]
-    """Key of the wave height."""
+    """Name of the key that sets the wave height."""
     period_key: ClassVar[str]
-    """Key of the wave period."""
+    """Name of the key that sets the wave period."""
     least_length: ClassVar[int] = 40
-    """Smallest ratio of the wavelength to the spacing. A sea needs a larger ratio than regular waves, because
-    the sea contains waves of a seventh of the peak wavelength."""
+    """Smallest allowed ratio of the wavelength to the particle spacing (-). A sea needs a larger ratio than
+    regular waves, because the sea contains waves of a seventh of the peak wavelength."""
 
     ramp_periods: float = Field(2.0, ge=0, le=1e4)
     """Number of periods over which the paddle's amplitude grows from zero."""
     second_order: bool = True
-    """Second-order correction of the paddle's motion, which suppresses free waves of second order."""
+    """Whether the paddle's motion is corrected to second order, which suppresses free waves of second
+    order."""
     absorption: bool = True
-    """Active absorption: the paddle absorbs waves that come back to it."""
+    """Whether the paddle absorbs waves that return to it (active absorption)."""
     zone: Length | None = None
     """Length of a relaxation zone in front of the paddle, m. The zone makes the waves and absorbs those that
-    come back; it replaces the paddle's wavemaking and absorption."""
+    return; it replaces wavemaking and absorption by the paddle."""
 
     @property
     @abc.abstractmethod
@@ -67,7 +68,8 @@ class AbstractWavesSection(Section, abc.ABC):
 
     @abc.abstractmethod
     def sum_of_waves(self, depth: float, g: float) -> Waves:
-        """Amplitudes and frequencies (see `Waves`) of the sinusoidal components of the waves.
+        """Complex amplitudes (m) at the paddle and angular frequencies (rad/s) of the waves' sinusoidal
+        components.
 
         **Arguments**: `depth` of the water (m); acceleration of gravity `g` (m/s2).
         """
@@ -91,7 +93,7 @@ class AbstractWavesSection(Section, abc.ABC):
 
     @property
     def _times(self) -> NDArray[np.float64]:
-        """Times at which the extremes of elevation and stroke are searched, s."""
+        """Times at which elevation and paddle displacement are computed to find their extremes, s."""
         return np.arange(0.0, self.cycle if self.repeats is None else self.repeats, 0.04 * self.period)
 
 
@@ -262,9 +264,9 @@ class FocusedWavesSection(_SpectralSection):
     crest: Height
     """Elevation of the crest by linear theory, m."""
     x: Coordinate
-    """Position of the crest, m from the paddle."""
+    """Position of the focused crest, m from the paddle."""
     t: Time
-    """Time of the crest, s."""
+    """Time at which the crest is at `x`, s."""
 
     @model_validator(mode="after")
     def _soon(self) -> FocusedWavesSection:
@@ -296,8 +298,8 @@ class FocusedWavesSection(_SpectralSection):
 class RecordedWavesSection(AbstractWavesSection):
     """Waves from a series of elevations or of the paddle's displacement: `kind = "recorded"`.
 
-    Instead of t and eta or X, a case file may give `file`, a CSV file with a header and the columns t (s) and
-    either eta (m) or X (m).
+    Instead of `t` and either `eta` or `X`, a case file may give `file`, a CSV file with a header and the
+    columns t (s) and either eta (m) or X (m).
     """
 
     height_key = "eta"
@@ -309,7 +311,7 @@ class RecordedWavesSection(AbstractWavesSection):
     eta: tuple[float, ...] | None = Field(None, max_length=MOST_SAMPLES)
     """Elevations at x, m."""
     X: tuple[float, ...] | None = Field(None, max_length=MOST_SAMPLES)
-    """Displacements of the paddle, m; instead of `eta`."""
+    """Displacements of the paddle, m; an alternative to `eta`."""
     x: Coordinate = 0.0
     """Position at which `eta` was recorded, m from the paddle."""
 
@@ -339,7 +341,8 @@ class RecordedWavesSection(AbstractWavesSection):
 
     @property
     def _spectrum(self) -> Waves:
-        """Complex amplitudes of the series, shifted to start at t = 0, and angular frequencies (rad/s)."""
+        """Complex amplitudes (m) of the series, shifted to start at t = 0, and angular frequencies
+        (rad/s)."""
         values = np.array(self.X if self.eta is None else self.eta)
         a = 2.0 * np.fft.rfft(values - np.mean(values)) / len(values)
         omega = 2.0 * np.pi * np.arange(len(a)) / self.repeats
@@ -354,14 +357,16 @@ class RecordedWavesSection(AbstractWavesSection):
 
     @property
     def left_out(self) -> float:
-        """Fraction of the series' variance in waves that are too long or too short for the paddle."""
+        """Fraction (-) of the series' variance in components that are left out: too long, too short or too
+        small."""
         a, _ = self._spectrum
         values = np.array(self.X if self.eta is None else self.eta, float)
         return 1.0 - float(np.sum(np.abs(a) ** 2) / 2.0 / np.var(values))
 
     @property
     def period(self):
-        """See `AbstractWavesSection.period`; the mean frequency is weighted by the squared spectrum."""
+        """See `AbstractWavesSection.period`: the period of the mean frequency, weighted by the squared
+        spectrum."""
         a, omega = self._spectrum
         weight = np.abs(a) ** 4
         return float(2.0 * np.pi * np.sum(weight) / np.sum(weight * omega))
@@ -394,7 +399,7 @@ WAVES: dict[str, type[Section]] = {
     "focused": FocusedWavesSection,
     "recorded": RecordedWavesSection,
 }
-"""Sections of waves by `waves.kind`; the first is the default."""
+"""Classes of wave sections by `waves.kind`; the first is the default."""
 
 WavesSection = Annotated[
     Annotated[RegularWavesSection, Tag("regular")]

@@ -1,4 +1,5 @@
-"""The `jaxsph` command, assembled from the subcommands of the other modules in the order of its help."""
+"""The `jaxsph` command, assembled from the other modules' subcommands in the order in which the help lists
+them."""
 
 from __future__ import annotations
 

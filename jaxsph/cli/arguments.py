@@ -17,7 +17,7 @@ from jaxsph.run import interrupt
 
 
 def complete_case(begun: str) -> list[str]:
-    """Built-in cases and TOML files whose names begin with `begun`."""
+    """Names of built-in cases and of TOML files in the current folder that begin with `begun`."""
     import jaxsph as js
 
     names = [*js.built_in_cases(), *(str(path) for path in sorted(Path().glob("*.toml")))]
@@ -100,14 +100,14 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 
 
 class Way(enum.StrEnum):
-    """Method for a slope (the derivative of a result), as named on the command line; see `jaxsph.study`."""
+    """Command-line name of a method for a slope (the derivative of a result); see `jaxsph.study`."""
 
     ensemble = enum.auto()
     filtered = enum.auto()
     exact = enum.auto()
 
     def of(self, spread: float, members: int, out: Path | None = None) -> Any:
-        """Method with this name; only an ensemble uses the arguments."""
+        """Method of `jaxsph.study` with this name; only an ensemble uses the arguments."""
         import jaxsph as js
 
         match self:
@@ -164,7 +164,8 @@ def load(name: str, settings: list[str] | None, quick: bool = False) -> Any:
 
 
 def setting_of(text: str) -> tuple[str, Any]:
-    """Parses "a.b=value" to ("a.b", value); the value is TOML, or else plain text, or None if empty."""
+    """Parses "a.b=value" into ("a.b", value): the value as TOML, or as text if not valid TOML; None if
+    empty."""
     key, equals, value = text.partition("=")
     key, value = key.strip(), value.strip()
     if not key or not equals:
@@ -178,7 +179,7 @@ def setting_of(text: str) -> tuple[str, Any]:
 
 
 def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
-    """Parses "a.b=1,2,3" or "a.b=first:last:count" to ("a.b", values), integers if written as integers."""
+    """Parses "a.b=1,2,3" or "a.b=first:last:count" into ("a.b", values); integers if written as integers."""
     from jaxsph.study.sweep import MOST_MEMBERS
 
     key, equals, value = (part.strip() for part in text.partition("="))
@@ -204,7 +205,7 @@ def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
 
 
 def each_once(pairs: Iterable[tuple[str, Any]], option: str) -> dict[str, Any]:
-    """Values by key. **Raises** CaseError if a key is given twice."""
+    """Dictionary of the pairs of key and value. **Raises** CaseError if a key is given twice."""
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
@@ -214,7 +215,7 @@ def each_once(pairs: Iterable[tuple[str, Any]], option: str) -> dict[str, Any]:
 
 
 def bounds_of(text: str) -> tuple[str, tuple[float, float]]:
-    """Parses "a.b=low:high" to ("a.b", (low, high))."""
+    """Parses "a.b=low:high" into ("a.b", (low, high))."""
     key, _, value = (part.strip() for part in text.partition("="))
     try:
         low, high = (float(part) for part in value.split(":"))

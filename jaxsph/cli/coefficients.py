@@ -13,7 +13,7 @@ from jaxsph.cli.studies import INTERRUPTED, announce, cluster, compile_as_member
 from jaxsph.cli.terminal import messages, print_notes, print_table
 
 FAR_OFF = 0.1
-"""Spread of a damping coefficient over its value, above which the command prints a note on it (-)."""
+"""Threshold of a damping coefficient's relative spread (-), above which the command prints a note."""
 
 
 Amplitude = Annotated[
@@ -124,7 +124,7 @@ UNITS = {
     "heave": ("kg/m", "N s/m2", "N/m2"),
     "pitch": ("kg m", "N s", "N/m"),
 }
-"""Units of added mass, damping and excitation per metre of width, by motion."""
+"""Units of added mass, damping and excitation per metre of width, for each motion."""
 
 
 def _rows(found: Any) -> list[tuple[str, str]]:

@@ -119,8 +119,8 @@ def _find(devices: int | None, process: str | None) -> bool:
 
 
 def _report(solution: Any, path: Path, waves: bool, wanted: tuple[bool, bool], quiet: bool) -> None:
-    """Prints the results and the doubts about them, and writes pictures and a page if `wanted` (in this
-    order)."""
+    """Prints the results and the doubts about them, and writes pictures and a page if their flags in `wanted`
+    are set."""
     if not quiet:
         results, flat = solution.results or {}, len(solution.model.g) == 2
         print_table(_rows(results, flat, solution.labels))
@@ -137,7 +137,7 @@ def _report(solution: Any, path: Path, waves: bool, wanted: tuple[bool, bool], q
 
 
 def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Labels and values of results, with an empty row between groups, without energies of the whole run.
+    """Rows with labels and values of results, grouped by empty rows; energies of the whole run are left out.
 
     `flat`: whether the run is two-dimensional, with results for bodies and energies per metre of width.
     """

@@ -34,7 +34,7 @@ from jaxsph.report.labels import label_of
 INTERRUPTED = "interrupted; the same command continues where this one ended"
 """Message after Ctrl-C: studies keep the checkpoints of their members."""
 CLUSTER_TIMEOUT = 10
-"""Time limit for the answer of a cluster's scheduler, s."""
+"""Time limit for connecting to a cluster's scheduler, s."""
 
 
 def sweep(
@@ -130,7 +130,8 @@ def matrix(
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
-    """Compute a power matrix: mean power for every wave height and period, and over a scatter table."""
+    """Compute a power matrix: mean power for every wave height and period, and the mean over a scatter
+    table."""
     import jaxsph as js
 
     compile_as_members()
@@ -270,7 +271,7 @@ def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tupl
 
 
 def compile_as_members() -> None:
-    """Sets the compiler flags of members, before JAX starts, so that members reuse what is compiled here."""
+    """Sets the members' compiler flags before JAX starts, so that members reuse programs compiled here."""
     from jaxsph.study.members import FORWARD_FLAGS
 
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
@@ -288,7 +289,7 @@ def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
 def _note(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
     """Prints the notices of a case, and of the case with each value of the parameters.
 
-    **Raises** CaseError if the case refuses a value, before anything is run.
+    **Raises** CaseError before the first run if a value is not allowed.
     """
     members = [loaded.replace({name: value}) for name, values in over.items() for value in values]
     if hasattr(loaded, "notices"):
@@ -296,7 +297,7 @@ def _note(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
 
 
 def _doubt(loaded: Any, done: Any) -> None:
-    """Prints the doubts about the members of a sweep."""
+    """Prints the reasons to doubt results of a sweep's members."""
     ended = sorted(set(done.members) - set(done.failures))
     results = [{name: done[name][place] for name in done.results} for place in ended]
     known = [{name: value for name, value in one.items() if not math.isnan(value)} for one in results]
@@ -311,8 +312,8 @@ def announce(
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Prints the number of runs and their expected time, from the first steps of one run. Prints nothing
-    if the study continues in the file `out`."""
+    """Prints the number of runs and their expected time, from the first steps of one run. Prints nothing if
+    the file `out` exists, since the study then continues."""
     if out.exists():
         return
     import jaxsph as js
@@ -339,7 +340,7 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
 
 
 def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
-    """One row per sea state, and one for the year if there is a scatter table."""
+    """One row per sea state, and one for the mean over the scatter table if there is one."""
     unit, rows = done.unit, []
     for i, height in enumerate(done.Hs):
         for j, period in enumerate(done.Tp):
@@ -372,7 +373,8 @@ def _place(done: Any, place: tuple[int, ...]) -> str:
 
 @contextlib.contextmanager
 def cluster(address: str | None) -> Iterator[Any]:
-    """Context with the executor of a Dask cluster; None without an address. **Raises** CaseError."""
+    """Context with the executor of a Dask cluster, or None without an address. **Raises** CaseError if Dask
+    is missing or no scheduler answers."""
     if address is None:
         yield None
         return

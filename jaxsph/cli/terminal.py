@@ -26,7 +26,8 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def write_page(path: Path, wanted: bool, quiet: bool) -> None:
-    """Writes the page of a file next to it, if `wanted`. An error only prints a note."""
+    """Writes the HTML page of a file next to that file, if `wanted`. If this fails, only a note is
+    printed."""
     if not wanted:
         return
     from jaxsph.report.page import report
@@ -42,7 +43,8 @@ def write_page(path: Path, wanted: bool, quiet: bool) -> None:
 
 @contextlib.contextmanager
 def messages(interrupted: str = "interrupted") -> Iterator[None]:
-    """Turns errors that a user can act on into a message and an exit code: 2 for input, 1 for a run.
+    """Turns errors that a user can act on into a message and an exit code: 2 for wrong input, 1 for a failed
+    run.
 
     `interrupted`: message after Ctrl-C.
     """

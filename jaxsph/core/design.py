@@ -64,15 +64,15 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
 
 def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
     """Slopes (-) of the normalised powers towards the centre, `[100, terms]`, at 100 points from the edge of
-    the support to its centre, up to a positive factor that all powers share."""
+    the support to its centre, up to a positive factor that is the same for all powers."""
     left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; all slopes share its power lowest - 1
     powers = np.arange(lowest, lowest + terms)
     return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 
 
 def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shares with the least false stress. The shares sum to one, and no component of `cuts @ shares` is
-    negative."""
+    """Shares of the powers (-) with the least mean square of the false stress. The shares sum to one, and no
+    component of `cuts @ shares` is negative."""
     n, scale = len(gram), 1.0 / np.trace(gram)
     found = optimize.minimize(
         lambda shares: scale * shares @ gram @ shares,

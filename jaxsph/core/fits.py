@@ -1,8 +1,8 @@
 """Polynomials of second degree that fit a field around every particle, by weighted least squares.
 
-A polynomial is the tuple of its coefficients: those of the monomials of first degree in the coordinates
-d = (x_j - x_i)/R of the neighbours j in the support of radius R, then those of second degree. It has no
-constant term, because it describes the differences of the field from its value at the particle.
+A polynomial is stored as the tuple of its coefficients: first those of the monomials of first degree in the
+coordinates d = (x_j - x_i)/R of the neighbours j in the support of radius R, then those of second degree. It
+has no constant term, because it describes the differences of the field from its value at the particle.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from jaxsph.core.arrays import Components
 __all__ = ["RIDGE", "moments", "monomials", "polynomials"]
 
 RIDGE = 1e-6
-"""Weight of the squared coefficients in the least squares, relative to a weight of 1 of all neighbours.
+"""Weight of the squared coefficients in the least squares, relative to a total weight of 1 of the neighbours.
 
-It makes the polynomial unique where a particle has too few neighbours for one, as in spray. It is ten times
-the rounding error of float32, and changes other polynomials by about as much.
+This weight makes the polynomial unique where a particle has too few neighbours to determine it, as in spray.
+The weight is ten times the rounding error of float32, and changes other polynomials by a relative amount of
+this order.
 """
 
 
@@ -61,7 +62,8 @@ def polynomials(
 
 
 def _factors(matrix: list[list[jax.Array]]) -> tuple[list[list[jax.Array]], list[jax.Array]]:
-    """Factors L and D of L D L^T = A + RIDGE, by rows of the lower triangle of A; L without its diagonal."""
+    """Factors L (without its diagonal) and D of L D L^T = A + RIDGE I, from the rows of A's lower
+    triangle."""
     L: list[list[jax.Array]] = []
     pivots: list[jax.Array] = []
     for row in matrix:

@@ -1,4 +1,4 @@
-"""Smoothing kernels: W and its slope factor F = (dW/dr)/r, so that grad W = F (x_i - x_j).
+"""Smoothing kernels W and their slope factors F = (dW/dr)/r; the gradient is grad W = F (x_i - x_j).
 
 W and F are functions of r^2, so that a kernel that depends only on r^2 needs no square root. F is finite at
 r = 0.
@@ -35,7 +35,7 @@ class AbstractKernel(eqx.Module):
 
     @abc.abstractmethod
     def slope(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """Slope factor F = (dW/dr)/r <= 0, m^-(dim+2), from r2 = r^2 (m2). The caller truncates F like W."""
+        """Slope factor F = (dW/dr)/r <= 0, m^-(dim+2), from r2 = r^2 (m2). The caller truncates F, too."""
 
 
 class Gaussian(AbstractKernel):
@@ -152,7 +152,7 @@ class Polynomial(AbstractKernel):
     shares: tuple[float, ...] = eqx.field(static=True)
     """Contribution of each power to the kernel's integral (-); the sum is one."""
     lowest: int = eqx.field(static=True)
-    """Power of the first share; each further share belongs to the next higher power."""
+    """Exponent of 1 - (r/R)^2 for the first share; the exponent increases by one from share to share."""
 
     @classmethod
     def of(cls, dim: int, shares: Sequence[float], lowest: int) -> Polynomial:

@@ -20,7 +20,8 @@ Lattice = Literal["cubic", "close"]
 STRAIN = 0.25
 """Largest logarithmic strain of the lattices under pure strain (-)."""
 DISTORTION = 0.12
-"""Standard deviation of the components of the random deformations (logarithmic, without volume change)."""
+"""Standard deviation (-) of the components of the random logarithmic deformations, before their trace is
+removed."""
 SAMPLES = 1000
 """Number of random deformations."""
 
@@ -54,9 +55,9 @@ def lattice_stress(
 ) -> LatticeStress:
     """False stress (-) with which a lattice under pressure resists deformation, and related properties.
 
-    Particles under a uniform pressure p feel the stress p T, T_ab = -sum_j V r_a r_b (dW/dr)/r. T is the
-    unit tensor for a perfect kernel. The false stress is the eigenvalue of T - (tr T / D) 1 with the largest
-    magnitude. Waves do work against the false stress, and this work returns as noise.
+    Particles under a uniform pressure p are subject to the stress p T, T_ab = -sum_j V r_a r_b (dW/dr)/r. T
+    is the unit tensor for a perfect kernel. The false stress is the eigenvalue of T - (tr T / D) 1 with the
+    largest magnitude. Waves do work against the false stress, and this work becomes noise.
     **Arguments**: `h_over_dx`: ratio of the smoothing length to the spacing; `dim`: number of dimensions.
     """
     reach = kernel.reach * h_over_dx
@@ -84,7 +85,7 @@ def lattice_stress(
 def lattice_points(lattice: Lattice, dim: int, radius: float) -> NDArray[np.float64]:
     """Points `[M, D]` of a lattice of unit density around the origin, in spacings, without the origin.
 
-    The points include all that a deformation of up to twice `STRAIN` can bring within `radius`.
+    The points include all those that a deformation of up to twice `STRAIN` can bring within `radius`.
     """
     basis = _basis(lattice, dim)
     far = np.exp(2.0 * STRAIN) * radius
@@ -171,7 +172,7 @@ def shear_stiffness(
 def surface_stiffness(
     kernel: AbstractKernel, h_over_dx: float, dim: int, rows: int = 4, k: float = np.pi
 ) -> NDArray[np.float64]:
-    """Stiffness `[rows]` (-) of the rows below a free surface against vertical displacement waves.
+    """Stiffness `[rows]` (-) of particle rows below a free surface against vertical displacement waves.
 
     The waves run along the surface with the wavenumber `k`, in radians per spacing. The stiffness is
     sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 divided by rho g dx. If all rows move alike, the stiffness

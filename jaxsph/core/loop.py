@@ -66,8 +66,8 @@ def blocks(
     In each block `prepare` makes the tables, `begin` takes the readings and makes the changes that are due
     once per block, and then the steps run. Readings are taken at the start of a block, so that a run
     interrupted at any block continues exactly. `over`: loop over the blocks, `every_block` or a result of
-    `first_blocks`. Reverse mode stores tables and pair sums and recomputes the rest. Each step adds one state
-    and its pair sums to the memory that reverse mode needs.
+    `first_blocks`. Reverse mode stores tables and pair sums and recomputes all other arrays. Each step adds
+    one state and its pair sums to the memory that reverse mode needs.
     """
 
     @rematerialise

@@ -1,10 +1,10 @@
 """Sums over pairs of particles, and the small matrices that correct their gradients.
 
-A neighbour table is slot-major, `[K, N]`: slot k of target i holds the index of a source. An empty slot holds
-the index of the empty source, which is the last source, has no volume and is far away. A loop over the K
-slots evaluates N pairs per slot, and gathers every field component separately. On a CPU this loop is several
-times faster than arrays `[N, K, D]`, because no array of that size is stored. The number of slots that one
-turn of the loop takes depends on the backend (`SlotLoop`).
+A neighbour table is slot-major, `[K, N]`: slot k of target i contains the index of a source. An empty slot
+contains the index of the empty source, which is the last source, has no volume and is far away. A loop over
+the K slots evaluates N pairs per slot, and gathers every field component separately. On a CPU this loop is
+several times faster than operations on arrays `[N, K, D]`, because no array of that size is stored. The
+number of slots per iteration of the loop depends on the backend (`SlotLoop`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SlotLoop(NamedTuple):
     """Form of the loop over a table's slots."""
 
     at_once: int
-    """Number of slots that one turn takes."""
+    """Number of slots per iteration of the loop."""
     skips_empty: bool
     """Whether a slot that is empty for all targets is skipped."""
 
@@ -52,7 +52,7 @@ class SlotLoop(NamedTuple):
 
 
 ONE_BY_ONE = SlotLoop(1, True)
-"""Loop for a CPU. Blocks of slots take three to seven times as long there, since their sums are stored in
+"""Loop for a CPU, on which blocks of slots are three to seven times slower, since their sums are stored in
 memory."""
 IN_BLOCKS = SlotLoop(16, False)
 """Loop for an accelerator, on which every operation is a kernel launch and a branch waits for the host."""
@@ -70,7 +70,7 @@ class Smoothing(eqx.Module):
     h: Scalar
     """Smoothing length, m."""
     period: Period = eqx.field(static=True, default=())
-    """Periodic axes, along which distances are taken to the nearest image."""
+    """Periodic axes, along which distances are measured to the nearest image."""
 
     @property
     def radius(self) -> Scalar:
@@ -128,7 +128,7 @@ def pair_sum(
 def linear_pair_sum(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> Any:
-    """Sum of `law(pair, i, j)` as in `pair_sum`, for fields that are tangents and a law linear in them.
+    """Sum of `law(pair, i, j)` as in `pair_sum`, for tangent fields and a law that is linear in them.
 
     The gathers of this sum can be transposed, which reverse mode needs for tangents.
     """
@@ -140,8 +140,8 @@ def pair_weights(
 ) -> tuple[Any, Any]:
     """Sum over neighbours of the law's first result, and the law's second result for every slot, `[K, N]`.
 
-    The second results are the weights of a sum that is evaluated many times (`weighted_sum`). Arguments as
-    for `pair_sum`; the law returns a pair (term, weight).
+    The second results are the weights of a sum that is evaluated many times (`weighted_sum`). The arguments
+    are those of `pair_sum`; the law returns a pair (term, weight).
     """
     terms = _terms(law, smoothing, targets, sources, gather)
     summed = jax.tree.map(
@@ -213,7 +213,7 @@ def _summed(law, smoothing, targets, sources, table, take):
         return terms
 
     terms, closed = jax.closure_convert(noted, table[0])
-    # Reverse mode recomputes the terms, since storing the intermediate values takes 14 times the memory.
+    # Reverse mode recomputes the terms, since storing the intermediate values needs 14 times the memory.
     terms = jax.checkpoint(terms)
 
     def zero():

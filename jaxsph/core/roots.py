@@ -14,20 +14,21 @@ from jaxsph.core.arrays import Scalar
 __all__ = ["increasing_root"]
 
 STEPS = 48
-"""Number of steps. Every second step halves the interval, so that a root is found to 6e-8 of the interval
-where Newton's steps do not help."""
+"""Number of steps. Every second step halves the interval, so that a root is found to 6e-8 of the interval's
+length where Newton's steps do not help."""
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def increasing_root(
     function: Callable[[Scalar, Any], Scalar], low: Scalar, high: Scalar, parameters: Any
 ) -> Scalar:
-    """Zero between `low` and `high` of a function that increases; the nearer end if there is no zero.
+    """Zero between `low` and `high` of an increasing function; without a zero, the end where the function is
+    nearer to zero.
 
     Newton's steps that leave the interval of the root are replaced by bisection. The number of steps is
-    fixed, so that the function can be vectorised. `function` is called with the unknown and the `parameters`.
-    The derivative of the root with respect to the parameters follows from the implicit function theorem. It
-    is zero where there is no root.
+    fixed, so that `increasing_root` can be vectorised. `function` is called with the unknown and the
+    `parameters`. The derivative of the root with respect to the parameters follows from the implicit function
+    theorem. The derivative is zero where there is no root.
     """
     value_and_slope = jax.value_and_grad(function)
 

@@ -1,11 +1,12 @@
 """Slabs of particles along the tank, one per device, and pair sums across the edges of the slabs.
 
 Every search sorts the particles along the first axis and cuts them into blocks of equal count, the slabs. The
-slabs are therefore always balanced, and a particle that leaves its slab belongs to another one after the next
-search. Arrays of the water cover the whole tank and are split over the devices along the particles' axis.
-Operations on single particles, and sums over all particles, are written as for one device. Only a pair sum
-depends on the slabs. Every device computes the sum for the targets of its slab, and includes the particles at
-the near ends of the adjacent slabs (the halo). Ghosts are few, and every device holds all of them.
+slabs are therefore always balanced, and a particle that leaves its slab belongs to another slab after the
+next search. Arrays of the water cover the whole tank and are split over the devices along the particles'
+axis. Operations on single particles, and sums over all particles, are written as for one device. Only a pair
+sum depends on the slabs. Every device computes the sum for the targets of its slab, and includes the
+particles at the near ends of the adjacent slabs (the halo). Every device stores all ghosts, because they are
+few.
 
 On one device there is one slab, and no halo.
 """
@@ -40,7 +41,7 @@ AXIS = "slabs"
 
 
 WHOLE = PartitionSpec()
-"""Partition of an array that every device holds in full."""
+"""Partition of an array that every device stores in full."""
 
 
 def split(ndim: int) -> PartitionSpec:
@@ -52,9 +53,10 @@ class Sources(NamedTuple):
     """Sources of a pair sum: the fields of the water, followed by the fields of the ghosts."""
 
     water: Fields
-    """Fields of the particles by name, `[N]`."""
+    """Fields of the water's particles by name, `[N]`."""
     ghosts: Fields
-    """The same fields of the ghosts, `[G]`; empty if only the water is summed over."""
+    """Fields of the ghosts by name, `[G]`, the same as those of the water; empty for a sum over the water
+    only."""
     halo: Fields = {}  # noqa: RUF012 (a field of a named tuple, which nothing writes to)
     """Fields of the water in the slabs' halos, if they have already been fetched (`Slabs.fetch`)."""
 
@@ -76,7 +78,7 @@ class Sources(NamedTuple):
 
 
 SPLIT_SOURCES = Sources(split(1), WHOLE, split(1))
-"""Partitions of sources: water and halos are split over the devices, and every device holds all ghosts."""
+"""Partitions of sources: water and halos are split over the devices, and every device stores all ghosts."""
 
 
 class Slabs(eqx.Module):
@@ -107,8 +109,8 @@ class Slabs(eqx.Module):
     def over_slabs(self, function: Callable, arguments: tuple, partitions: Any, results: Any) -> Any:
         """Results of a function that every device runs on its slab of the arguments.
 
-        **Arguments**: `partitions`, `results`: partitions of the arguments and of the results; one partition
-        may stand for a whole pytree.
+        **Arguments**: `partitions`, `results`: partitions of the arguments and of the results; a single
+        partition applies to all arrays of a pytree.
         """
         if self.count == 1:
             return function(*arguments)
@@ -224,7 +226,8 @@ class Slabs(eqx.Module):
         return [(k, k + step) for k in range(self.count) if 0 <= k + step < self.count]
 
     def sources(self, sources: Sources) -> Fields:
-        """Fields of all sources for a slab's targets, the empty source last; for use within `over_slabs`."""
+        """Fields of all sources for a slab's targets, with the empty source at the end; for use within
+        `over_slabs`."""
         every = self.with_halo(sources.water, sources.halo)
         if sources.ghosts:
             every = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), every, sources.ghosts)
@@ -264,8 +267,7 @@ class Neighbours(eqx.Module):
         return self.slabs.over_slabs(local, arguments, partitions, WHOLE)
 
     def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law that is linear in the fields, for fields of tangents; see
-        `pairs.linear_pair_sum`."""
+        """Sum of a pair law that is linear in the fields, for tangent fields; see `pairs.linear_pair_sum`."""
         return self._over(functools.partial(linear_pair_sum, law, smoothing), targets, sources, split(1))
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
@@ -298,9 +300,10 @@ class Chosen(eqx.Module):
     fixed length, and an entry may be empty."""
 
     rows: Int[Array, " I"]
-    """Index of the particle in every entry; an empty entry holds the index of the water's last particle."""
+    """Index of the particle in every entry; an empty entry contains the index of the water's last
+    particle."""
     there: Bool[Array, " I"]
-    """Whether each entry holds a particle."""
+    """Whether each entry contains a particle."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
 
     @classmethod
@@ -318,14 +321,14 @@ class Chosen(eqx.Module):
 
 
 class PointNeighbours(eqx.Module):
-    """Neighbours of points that every device holds, for example ghosts; one slab computes the sum at each
+    """Neighbours of points that every device stores, for example ghosts; one slab computes the sum at each
     point."""
 
     indices: Int[Array, "K S"]
     """Index of the source in each slot, for every entry of `rows`, or for every point if `rows` is empty."""
     rows: Int[Array, " R"]
-    """Indices of the points whose sums each slab computes, slab by slab; an unused entry holds the number of
-    points."""
+    """Indices of the points whose sums each slab computes, slab by slab; an unused entry contains the number
+    of points."""
     places: Int[Array, " P"]
     """Index of every point's entry in `rows`; the length of `rows` for a point that is not near the water."""
     slabs: Slabs = eqx.field(static=True, default=ONE)

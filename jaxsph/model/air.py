@@ -37,7 +37,8 @@ class Air(eqx.Module):
     q: Scalar
     """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
     driven: Tally
-    """Volume displaced by the rise of the water, or volume passed through a duct, m3 (m2 in 2-D)."""
+    """Volume of air displaced by the rise of the water, or passed through a duct, since the start of the run,
+    m3 (m2 in 2-D)."""
     confined: Any = ()
     """State of compressible air (`parts.air.Confined`); empty for incompressible air."""
 
@@ -64,8 +65,8 @@ class AbstractFrame(eqx.Module):
     def reaction(
         self, parts: Mapping[str, Any], x: Components, force: Components
     ) -> dict[str, Float[Array, "3"]]:
-        """Generalised forces (N, N, N m) opposite to the `force` (N) on points at x (m), on the body that
-        carries the frame, by the body's name; per metre in 2-D."""
+        """Generalised forces (N, N, N m; per metre in 2-D), by name, on the body that carries the frame: the
+        reaction to the `force` (N) on points at x (m)."""
 
 
 class AirCoupling(NamedTuple):
@@ -76,7 +77,7 @@ class AirCoupling(NamedTuple):
     """
 
     index: Array
-    """Indices of the particles that feel the air; N marks an unused entry."""
+    """Indices of the particles on which the air acts; N marks an unused entry."""
     force: Components
     """Force on each of these particles per unit of P_a, m2 (m in 2-D)."""
     m: Float[Array, " C"]
@@ -121,15 +122,16 @@ class AbstractPTO(eqx.Module):
         """
 
     def at(self, air: Air, t: Scalar) -> AbstractPTO:
-        """Power take-off for one step, given the chamber's `air` and the time t (s) at its start."""
+        """Power take-off for one step, given the chamber's `air` and the time t (s) at the start of the
+        step."""
         del air, t
         return self
 
     def flows(self, P_a: Scalar, q: Scalar) -> Mapping[str, Scalar]:
-        """Parts of the flow q (m3/s; m2/s in 2-D) at P_a (Pa), by the names of `entries`; they sum to q.
+        """Parts of the flow q (m3/s; m2/s in 2-D) at P_a (Pa), by the names of `entries`; the parts sum to q.
 
-        The energy of an entry is the energy of the air in the entry's part of the flow. A single entry has
-        the whole flow.
+        The energy of an entry is the energy of the air in the entry's part of the flow. If there is a single
+        entry, its part is q.
         """
         del P_a
         (name,) = self.entries("")  # a power take-off with several entries overrides this method
@@ -152,7 +154,8 @@ class AbstractPTO(eqx.Module):
 
 
 class Pressed(NamedTuple):
-    """Air of a chamber over a step, as solved from the laws of the air and of the power take-off."""
+    """Pressure and flows of a chamber's air over a step, from the laws of the air and of the power
+    take-off."""
 
     P_a: Scalar
     """Gauge pressure of the air, Pa."""
@@ -168,9 +171,9 @@ class Given(NamedTuple):
     """Energy and flow that a chamber's air has given to its ducts in a step."""
 
     head: Scalar
-    """Energy of the chamber's air per volume that leaves it, Pa."""
+    """Energy of the chamber's air per volume of air that leaves the chamber, Pa."""
     flow: Scalar
-    """Flow into the ducts, mean over the step, m3/s (m2/s in 2-D)."""
+    """Mean flow into the ducts over the step, m3/s (m2/s in 2-D)."""
 
 
 class AbstractDuct(AbstractPart):
@@ -185,7 +188,8 @@ class AbstractDuct(AbstractPart):
 
     @abc.abstractmethod
     def press(self, air: Air, q_free: Scalar, compliance: Scalar, t: Scalar) -> Pressed:
-        """Pressure drop along the duct over a step that starts at the time t (s), and the flow through it.
+        """Pressure drop along the duct over a step that starts at the time t (s), and the flow through the
+        duct.
 
         **Arguments**: `air`: the duct's air at the start of the step; the other arguments are as in
         `AbstractPTO.pressure`.

@@ -1,4 +1,4 @@
-"""Background pressure beside a thin wall: hydrostatic pressure, taken out of the pair sums."""
+"""Background pressure near a thin wall: hydrostatic pressure that is subtracted in the pair sums."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from jaxsph.core.arrays import Array, Float, Scalar
 
 
 class Background(eqx.Module):
-    """Hydrostatic pressure R beside a wall, taken out of the pair sums and replaced by a body force.
+    """Hydrostatic pressure R near a wall, which is subtracted in the pair sums and replaced by a body force.
 
     The water on each side of a wall thinner than the kernel interacts with the water below the tip, but not
     with the water on the other side. After a small displacement of the particles, the sum of (p_i + p_j) grad
     W then gives accelerations in proportion to p that increase the displacement. In still water, particles at
     the tip of a wall one spacing thick therefore accelerate without limit
-    (`python -m experiments run thin_wall`). They stay at rest if the wall is as thick as the support. With
-    (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is the same to second order, and the
-    sum contains little pressure at the tip.
+    (`python -m experiments run thin_wall`). The particles stay at rest if the wall is as thick as the
+    support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is the same to second
+    order, and the sum contains little pressure at the tip.
 
     The pair forces stay antisymmetric, and the exchange with the compression energy stays exact. The energy
-    balance gains the term sum V R, which changes as particles pack and is counted as compression energy.
+    balance gains the term sum V R, which changes with the packing of the particles and is counted as
+    compression energy.
     """
 
     x: Scalar
@@ -39,14 +40,14 @@ class Background(eqx.Module):
     weight: Scalar
     """Specific weight of the water, rho0 g, Pa/m."""
     still: Scalar
-    """Still water level minus the head that is left in the pair sums, m."""
+    """Still water level minus the head that remains in the pair sums, m."""
 
     def _beside(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Share of R at the horizontal position x (m), 0 to 1."""
+        """Factor (0 to 1) that multiplies R at the horizontal position x (m)."""
         return _smooth_step((self.outer - jnp.abs(x - self.x)) / (self.outer - self.inner))
 
     def _below(self, z: Float[Array, " N"]) -> Float[Array, " N"]:
-        """R at the level z (m) beside the wall, Pa."""
+        """R at the level z (m) near the wall, Pa."""
         return _smooth_step((self.top - z) / (self.top - self.tip)) * self.weight * (self.still - z)
 
     def pressure(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:

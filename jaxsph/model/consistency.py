@@ -26,8 +26,8 @@ def check_parts(model: Model) -> None:
     """Checks that the parts of a model are consistent.
 
     **Raises** ValueError if parts share a name or an energy, a part has a name of `RESERVED`, a duct ends at
-    no chamber, a model with body forces has a movable body, or the ghosts of moving solids do not match those
-    of the walls.
+    an unknown chamber, a model with body forces has a movable body, or the ghosts of moving solids do not
+    match those of the walls.
     """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]

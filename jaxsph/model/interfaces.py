@@ -66,7 +66,7 @@ class AbstractScheme(eqx.Module):
     rho0: eqx.AbstractVar[Scalar]
     """Density of water at zero gauge pressure, kg/m3."""
     too_fast: eqx.AbstractClassVar[str]
-    """Words of the error message for a particle that is faster than `fastest`."""
+    """Text of the error message for a particle that is faster than `fastest`."""
 
     @abc.abstractmethod
     def pressure(self, p: Particles) -> Float[Array, " N"]:
@@ -74,7 +74,8 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def with_pressure(self, p: Particles, pressure: Float[Array, " N"]) -> Particles:
-        """Particles with the gauge pressure `pressure` (Pa), and with masses that keep their volumes."""
+        """Particles with the gauge pressure `pressure` (Pa), and with masses that leave their volumes
+        unchanged."""
 
     @abc.abstractmethod
     def stable_dt(self, g: float, dim: int) -> float:
@@ -196,7 +197,7 @@ class AbstractGrip(eqx.Module):
 
     @abc.abstractmethod
     def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Share (0 to 1) of P_a that the water's pressure contains, but the scheme's pressure does not.
+        """Fraction (0 to 1) of P_a that the water's pressure contains, but the scheme's pressure does not.
 
         `weight`: weights chi of the chamber at the particles.
         """
@@ -228,7 +229,8 @@ class AbstractChamber(AbstractPart):
 
     @abc.abstractmethod
     def candidates(self, x: Components, margin: float, capacity: int) -> tuple[Array, Array]:
-        """Indices `[capacity]` of particles that may feel the air before the next search, and their number.
+        """Indices `[capacity]` of particles on which the air may act before the next search, and their
+        number.
 
         `margin`: distance by which the air's region is widened to allow for motion until that search, m.
         """
@@ -338,7 +340,7 @@ class Model(eqx.Module):
         return (*self.solids, *self.moving, *self.bodies)
 
     def movers(self) -> Sequence[AbstractMovingSolid]:
-        """Solids that move: all but those at rest and fixed bodies."""
+        """Solids that can move: the moving walls, and the bodies that are not fixed."""
         return (*self.moving, *(body for body in self.bodies if not body.fixed))
 
     def walls_at(

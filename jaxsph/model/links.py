@@ -25,7 +25,7 @@ __all__ = ["AbstractEnds", "AbstractLaw", "Extension", "Link", "LinkMotion", "Pl
 
 
 class Places(NamedTuple):
-    """Places of all bodies at one time, by the body's name."""
+    """Positions and joint coordinates of all bodies at one time, by the body's name."""
 
     poses: Mapping[str, Float[Array, "3"]]
     """Displacements of the pivots along x and z (m), and pitch (rad)."""
@@ -48,7 +48,8 @@ Extension: TypeAlias = Float[Array, "*components"]
 
 
 class AbstractEnds(eqx.Module):
-    """Ends of a link: the bodies that it connects, and its extension as a function of the bodies' places."""
+    """Ends of a link: the bodies that it connects, and its extension as a function of the bodies'
+    positions."""
 
     @property
     @abc.abstractmethod
@@ -73,14 +74,14 @@ class AbstractEnds(eqx.Module):
 class AbstractLaw(eqx.Module):
     """Law of a link's force.
 
-    The force is minus the slope of the energy `stored`, plus the `force` of everything else: dampers,
-    friction, control. The step treats both implicitly, linearised with their derivatives, so that stiff laws
-    are stable.
+    The force is minus the slope of the energy `stored`, plus `force`: all other contributions, such as
+    dampers, friction and control. The step treats both terms implicitly, linearised with their derivatives,
+    so that stiff laws are stable.
     """
 
     @property
     def dissipates(self) -> bool:
-        """Whether the law has a `force` besides that of its stored energy."""
+        """Whether the law has a `force` in addition to that of its stored energy."""
         return True
 
     def start(self, s: Extension) -> Any:
@@ -122,7 +123,7 @@ class LinkMotion(eqx.Module):
 class Pull(NamedTuple):
     """Force of a link in a step, as a linear function of the accelerations of the n coordinates.
 
-    An extension that is a number has one component here.
+    A scalar extension has k = 1 component.
     """
 
     way: Float[Array, "k n"]
@@ -147,8 +148,8 @@ class Pull(NamedTuple):
         """Decrease of the generalised force per unit acceleration of the coordinates in a step of dt (s), in
         kg, kg m or kg m2.
 
-        The stored energy acts at the mean of the extensions before and after the step, the midpoint rule, and
-        the damping at the rate after the step.
+        The elastic force is that at the mean of the extensions before and after the step (midpoint rule), and
+        the damping force is that at the rate after the step.
         """
         return self.way.T @ (dt * self.damping + 0.25 * dt**2 * self.stiffness) @ self.way
 
@@ -161,7 +162,7 @@ class Link(AbstractPart):
     law: AbstractLaw
     """Law of the force."""
     harvests: bool = eqx.field(static=True, default=False, kw_only=True)
-    """Whether the energy that the link takes counts as harvested by a power take-off."""
+    """Whether the energy that the link absorbs counts as harvested by a power take-off."""
     name: str = eqx.field(static=True, default="pto", kw_only=True)
     usual_name: ClassVar[str] = "pto"
 
@@ -235,7 +236,7 @@ class Link(AbstractPart):
         t: Scalar,
         dt: Scalar,
     ) -> tuple[LinkMotion, dict[str, Scalar]]:
-        """State of the link after a step of dt (s), and the energy that it took, by ledger name, J.
+        """State of the link after a step of dt (s), and the energy that the link absorbed, by ledger name, J.
 
         **Arguments**: the extension s (m) and the force `pull` at the time t (s) of the step's forces;
         `acceleration` (m/s2 or rad/s2) of the bodies' coordinates due to all forces.
@@ -257,7 +258,7 @@ class Link(AbstractPart):
 
 @jax.custom_jvp
 def positive_part(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """Symmetric part of a matrix with zero in place of its negative eigenvalues."""
+    """Symmetric part of a matrix, with negative eigenvalues set to zero."""
     values, vectors = _eigen(matrix)
     return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
 

@@ -82,9 +82,9 @@ class FreeStep(NamedTuple):
     parts: dict[str, Any]
     """States of bodies and links, by name."""
     taken: dict[str, Scalar]
-    """Energy that each link took, by ledger name, J (J/m in 2-D)."""
+    """Energy that each link absorbed, by ledger name, J (J/m in 2-D)."""
     given: dict[str, Scalar]
-    """Energy that the drive of each body's joint gave, by the body's name, J (J/m in 2-D)."""
+    """Energy that the drive of each body's joint delivered, by the body's name, J (J/m in 2-D)."""
 
 
 class Mechanism(NamedTuple):
@@ -96,7 +96,8 @@ class Mechanism(NamedTuple):
     """Forces between bodies, or between a body and the tank."""
 
     def check(self) -> None:
-        """**Raises** ValueError if a body precedes the one it is joined to, or a link's body is unknown."""
+        """Checks bodies and links. **Raises** ValueError if a body precedes the body that it is joined to, or
+        a link's body is unknown."""
         known = {""}
         for body in self.bodies:
             if body.joint.parent not in known:
@@ -203,7 +204,8 @@ class Mechanism(NamedTuple):
     ) -> tuple[Float[Array, " n"], dict[str, tuple[Extension, Pull]]]:
         """Generalised forces on the coordinates without the water's pressure, and the pulls of links.
 
-        The forces (N or N m) are those of weight, links, and the water's contact in the last step.
+        The forces (N or N m) are those of weight and links, and the contact forces of the water in the last
+        step.
         **Arguments**: `parts`: states of the parts by name at the time t (s); `g`: gravity, m/s2.
         """
         weight = kinematics.mass[:, :2] * g[jnp.array([0, -1])]
@@ -260,12 +262,13 @@ class Mechanism(NamedTuple):
         return {name: jnp.sum(own) + at_time for name, (own, at_time) in self.split(power).items()}
 
     def along(self, by_body: Mapping[str, Float[Array, " k"]]) -> Float[Array, " n"]:
-        """Values of all coordinates from those of each body's joint, by the body's name; 0 for the times."""
+        """Values of all coordinates from those of each body's joint, by the body's name; 0 for the time
+        coordinates."""
         values = [by_body[body.name] for body in self.bodies]
         return jnp.concatenate([*values, jnp.zeros(len(self.bodies), values[0].dtype)])
 
     def split(self, values: Float[Array, " n"]) -> dict[str, tuple[Float[Array, " k"], Scalar]]:
-        """Values of the coordinates of each body's joint, and of its time, by the body's name."""
+        """Values of the coordinates of each body's joint, and of its time coordinate, by the body's name."""
         found, first = {}, 0
         for index, body in enumerate(self.bodies):
             last = first + body.joint.size
@@ -283,7 +286,7 @@ class Mechanism(NamedTuple):
         return z, jnp.concatenate([*(motion.rates for motion in motions), jnp.ones_like(times)])
 
     def _spread(self, parts: Mapping[str, Any], z: Array, rates: Array) -> dict[str, Any]:
-        """Motions of the bodies by name, with these coordinates and rates."""
+        """Motions of the bodies by name, for the coordinates z and their `rates`."""
         poses, velocities = jax.jvp(lambda z: self._poses(z)[0], (z,), (rates,))
         q, q_rates = self.split(z), self.split(rates)
         return {
@@ -296,11 +299,11 @@ class Mechanism(NamedTuple):
         }
 
     def _movable(self, t: Scalar) -> Float[Array, " n"]:
-        """Mask of all coordinates at t (s)."""
+        """Mask of all coordinates at the time t (s): 1 if a coordinate is free, 0 if its rate is constant."""
         return self.along({body.name: body.joint.movable(t) for body in self.bodies})
 
     def _places(self, z: Float[Array, " n"]) -> Places:
-        """Places of the bodies for the coordinates z."""
+        """Positions and joint coordinates of the bodies (`Places`) for the coordinates z."""
         poses: dict[str, Array] = {}
         pivots = {body.name: body.pivot for body in self.bodies}
         q = self.split(z)

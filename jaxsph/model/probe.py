@@ -16,7 +16,7 @@ from jaxsph.model.state import State, Tables
 __all__ = ["AbstractProbe", "places"]
 
 Coordinates = Mapping[str, tuple[str, np.ndarray, str, str]]
-"""Positions of gauges and sensors: name -> (dimension, values `[k]`, unit, long name)."""
+"""Positions of gauges and sensors, by name: (dimension, values `[k]`, unit, long name)."""
 
 
 class AbstractProbe(eqx.Module):

@@ -34,13 +34,12 @@ __all__ = [
 HYPERVISCOSITY = 1.0
 """Default strength of the hyperviscosity, in units of sqrt(g/h) (-): see `Regularisation`.
 
-In the OWC case at dx = 0.02 m, half this strength leaves a sixth more noise in the water, and takes 11
+In the OWC case at dx = 0.02 m, half this strength leaves a sixth more noise in the water, and dissipates 11
 instead of 12 % of the paddle's work.
 """
 
 SEPARATION = 3.0
-"""Default strength of the separation (-): ratio of the rate at which clumped particles separate to
-sqrt(g/h)."""
+"""Default strength of the separation, in units of sqrt(g/h) (-): see `Regularisation`."""
 
 PAIR = 0.6
 """Distance in spacings below which two particles are clumped. In waves particles stay much farther apart."""
@@ -56,7 +55,8 @@ THIN = {2: 0.3, 3: 0.15}
 The sum is 1 in a lattice. In two dimensions it is 0.6 at a surface, 0.35 or more where a surface meets a
 wall, and 0.20 to 0.26 in a row of particles. In three dimensions it is 0.24 or more where a surface meets two
 walls, and 0.05 to 0.09 in a row. A polynomial of second degree fits the few neighbours in spray and thin
-sheets whatever their velocities, so that nothing would be damped there: dam breaks then failed at the impact.
+sheets whatever their velocities, so that hyperviscosity would damp nothing there; without this limit dam
+breaks failed at the impact.
 """
 FADE = 0.1
 """Width of the transition below `THIN`, as a sum of weights (-)."""
@@ -77,7 +77,7 @@ class Terms(NamedTuple):
     """Pair sums of a regularisation."""
 
     jump: Components
-    """Weighted sum of the differences between the residuals of both particles' polynomials, m/s."""
+    """Weighted sum of the differences between the residuals of the two particles' polynomials, m/s."""
     apart: Components
     """Weighted sum of the unit vectors away from neighbours that are too near (-)."""
     carried: Components
@@ -87,10 +87,10 @@ class Terms(NamedTuple):
 class Regularisation(eqx.Module):
     """Hyperviscosity, which damps the velocity noise of particles, and separation of clumped particles.
 
-    **Hyperviscosity** damps what a local polynomial of second degree does not fit. Around every particle i,
-    the polynomial P_i is fitted to the velocity differences u_j - u_i of the neighbours by least squares,
-    with weights w_ij proportional to V_j (1 - r_ij^2/R^2)^2, whose sum over a lattice is 1; R is the radius
-    of the support. The velocities follow the gradient of the squared residuals,
+    **Hyperviscosity** damps the part of the velocity that a local polynomial of second degree does not fit.
+    Around every particle i, the polynomial P_i is fitted to the velocity differences u_j - u_i of the
+    neighbours by least squares, with weights w_ij proportional to V_j (1 - r_ij^2/R^2)^2, whose sum over a
+    lattice is 1; R is the radius of the support. The velocities follow the gradient of the squared residuals,
     du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (e_ij - e_ji), where e_ij = u_j - u_i - P_i(x_j - x_i) is
     the residual at the neighbour. The kinetic energy therefore never grows, and velocities up to second
     degree in space are not damped, not even beside walls and surfaces. Disorder of the particles adds noise
@@ -107,16 +107,16 @@ class Regularisation(eqx.Module):
     lift a surface.
 
     Hyperviscosity and separation conserve the momentum of every pair, and the ledger contains the energies
-    that they take. Without gravity the rate sqrt(g/h) is zero, and both have no effect.
+    that they dissipate. Without gravity the rate sqrt(g/h) is zero, and neither has an effect.
     """
 
     hyperviscosity: Scalar = eqx.field(converter=real)
-    """Ratio of the decay rate of velocity noise to sqrt(g/h) (-)."""
+    """Strength of the hyperviscosity, in units of sqrt(g/h) (-)."""
     separation: Scalar = eqx.field(converter=real)
-    """Ratio of the rate at which clumped particles separate to sqrt(g/h) (-)."""
+    """Strength of the separation, in units of sqrt(g/h) (-)."""
 
     def entries(self) -> dict[str, Entry]:
-        """Energies that the regularisation takes, by their names in the ledger."""
+        """Energies that the regularisation dissipates, by their names in the ledger."""
         return {
             "hyperviscosity": Entry("energy lost by hyperviscosity"),
             "separation": Entry("energy lost by separation of clumped particles"),
@@ -149,8 +149,8 @@ class Regularisation(eqx.Module):
     ) -> Regularised:
         """Velocities (m/s) and displacements (m) after the time t (s), by two pair sums.
 
-        t is the time between two regularisations. However large t is, no more than the whole of the noise and
-        of the clumping is removed.
+        t is the time between two regularisations. However large t is, noise and clumping are at most removed
+        completely, and not reversed.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         radius, unit = smoothing.radius, lattice_sum(smoothing, model.dx, dim)
@@ -199,7 +199,7 @@ def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D
 
 
 def weight(r2: jax.Array, radius: Scalar) -> jax.Array:
-    """Weight of a neighbour at the squared distance r2 (m2) in the support of the given radius (m)."""
+    """Weight (-) of a neighbour at the squared distance r2 (m2) in the support of the given radius (m)."""
     return jnp.maximum(1.0 - r2 / radius**2, 0.0) ** 2
 
 

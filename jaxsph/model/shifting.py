@@ -31,8 +31,8 @@ class Shifting(eqx.Module):
     strength: Scalar = eqx.field(converter=real)
     """Strength of the shifting (-), for example 1.
 
-    A strength of 12 keeps the particles ordered in the tests with exact solutions; a strength of 3 still
-    loses some energy. Shifting is a diffusion, which is stable while strength U is below c0.
+    A strength of 12 keeps the particles ordered in the tests with exact solutions; with a strength of 3 some
+    energy is still lost. Shifting is a diffusion, which is stable while strength U is below c0.
     """
 
     def displacement(

@@ -108,7 +108,8 @@ class AbstractWall(AbstractMovingSolid):
 
     @abc.abstractmethod
     def cover(self, motion: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
-        """Share of each ghost of all solids, at x (m), that is on the water's side of the wall, 0 to 1."""
+        """Fraction (0 to 1) of each ghost of all solids, at x (m), that is on the water's side of the
+        wall."""
 
 
 class AbstractJoint(eqx.Module):
@@ -118,7 +119,7 @@ class AbstractJoint(eqx.Module):
     """
 
     parent: eqx.AbstractVar[str]
-    """Name of the body that carries the joint; empty for the tank."""
+    """Name of the joint's parent body; empty for the tank."""
     free: eqx.AbstractVar[tuple[bool, ...]]
     """Whether each of the k coordinates is free, at least from some time on."""
 
@@ -167,8 +168,8 @@ class AbstractJoint(eqx.Module):
         """Displacement of the body's pivot along x and z (m), and pitch (rad), from the position at rest.
 
         Override this method in a closed chain, where the pose relative to the parent depends on the parent's
-        pose. **Arguments**: `above`: the same for the parent's pivot; `arm`: from the parent's pivot to the
-        body's pivot at rest (x, z), m; `q` and `t` as for `pose`.
+        pose. **Arguments**: `above`: displacement and pitch of the parent's pivot; `arm`: vector (x, z) from
+        the parent's pivot to the body's pivot at rest, m; `q` and `t` as for `pose`.
         """
         pose = self.pose(q, t)
         shift = above[:2] + turned(arm + pose[:2], above[2]) - arm
@@ -180,7 +181,7 @@ class AbstractJoint(eqx.Module):
 
 
 class AbstractBody(AbstractMovingSolid):
-    """A rigid body that moves in the x-z plane: its pivot along x and z, and its pitch about the pivot.
+    """A rigid body whose pivot moves along x and z, and which pitches about the pivot in the x-z plane.
 
     Its state in `State.parts` has the fields `q` and `rates` (coordinates of the joint and their rates),
     `pose` and `velocity` (displacements of the pivot along x and z, and pitch; m, m, rad and per second),
@@ -190,7 +191,8 @@ class AbstractBody(AbstractMovingSolid):
     joint: eqx.AbstractVar[AbstractJoint]
     """Joint to the tank or to another body."""
     pivot: eqx.AbstractVar[Float[Array, "2"]]
-    """Point (x, z) at rest at which the joint holds the body, and about which moments are taken, m."""
+    """Pivot (x, z) at rest, m: the point at which the joint is attached, and the reference point of
+    moments."""
     centre: eqx.AbstractVar[Float[Array, "2"]]
     """Centre of mass (x, z) at rest, m."""
 
@@ -235,6 +237,6 @@ class AbstractBody(AbstractMovingSolid):
 
 
 def turned(r: Float[Array, "2"], angle: Scalar) -> Float[Array, "2"]:
-    """Vector r (x, z), turned by `angle` (rad), positive from z towards x."""
+    """Vector r (x, z), rotated by `angle` (rad), positive from z towards x."""
     c, s = jnp.cos(angle), jnp.sin(angle)
     return jnp.stack([c * r[0] + s * r[1], c * r[1] - s * r[0]])

@@ -2,10 +2,10 @@
 
 A lattice of ghosts resists water that slides past it by a fraction of a spacing, and the ghosts near the
 surface switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image
-instead stands at the mirrored position of its particle and has the particle's volume, so that the water
-beside a plane wall moves as in a tank twice as long without the wall. In a corner, particles are also
-mirrored in all walls of the corner together. At the end of a wall, an image counts with the share of its cell
-of side dx that is within the wall's extent.
+instead lies at the mirrored position of its particle and has the particle's volume, so that the water next to
+a plane wall moves as in a tank twice as long without the wall. In a corner, particles are also mirrored in
+all walls of the corner together. At the end of a wall, an image is weighted with the fraction of its cell of
+side dx that lies within the wall's extent.
 
 Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water turns
 round an edge; in the OWC such images made the noise two to four times as large.
@@ -26,14 +26,14 @@ from jaxsph.solids.divisions import PLAIN
 from jaxsph.solids.placement import GhostSet, join
 
 SPARE = 1.4
-"""Ratio of the number of images that arrays can hold to the number of particles of a lattice (-).
+"""Ratio of the number of rows for images to the number of particles on a lattice (-).
 
-The lattice fills the tank beside the walls up to their tops.
+The lattice fills the tank next to the walls up to their tops.
 A run stops if the water near a wall is denser than this ratio allows.
 """
 
 WIDEST_SKIN = 0.8
-"""Largest margin of the neighbour search, in spacings, for which arrays can hold all images."""
+"""Largest margin of the neighbour search, in spacings, for which the rows for images suffice."""
 
 Placed = Callable[[Float[Array, "M D"]], Float[Array, "M D"]]
 """Function from rest positions of points fixed to the paddle (m) to their present positions (m)."""
@@ -50,7 +50,7 @@ class Plane(NamedTuple):
     moves: bool
     """Whether the wall is the paddle."""
     ends: tuple[tuple[int, float, float], ...]
-    """Axes along which the wall has ends, each with its low and high end (m)."""
+    """Axes along which the wall has ends, each with the coordinates (m) of the low and the high end."""
 
     def meets(self, other: Plane) -> bool:
         """Whether two walls meet in a corner."""
@@ -66,7 +66,7 @@ class ImageSet(NamedTuple):
 
     planes: tuple[Plane, ...]
     rows: tuple[int, int]
-    """Index of the set's first image among all images, and of the image after its last."""
+    """Index of the set's first image among all images, and of the image after the set's last one."""
 
     @property
     def moves(self) -> bool:
@@ -75,7 +75,7 @@ class ImageSet(NamedTuple):
 
     @property
     def windows(self) -> tuple[tuple[int, float, float], ...]:
-        """Axes along which the walls have ends, each with the ends (m) between which images count."""
+        """Axes along which the extent of the images is limited, each with its low and high limit (m)."""
         axes = [plane.axis for plane in self.planes]
         return tuple(end for plane in self.planes for end in plane.ends if end[0] not in axes)
 
@@ -91,7 +91,7 @@ class ImageSet(NamedTuple):
         return paddle(paddle(x)) if self.moves else x
 
     def share(self, images: Float[Array, "M D"], dx: float) -> Float[Array, " M"]:
-        """Shares of the images' cells of side dx (m) that lie inside the windows, 0 to 1."""
+        """Fractions of the images' cells of side dx (m) that lie inside the windows, 0 to 1 (-)."""
         found = jnp.ones(len(images), images.dtype)
         for axis, low, high in self.windows:
             upper = jnp.minimum(images[:, axis] + 0.5 * dx, high)
@@ -137,14 +137,14 @@ class Images(eqx.Module):
         return jnp.concatenate([x[:0], *(one.image(x[slice(*one.rows)], paddle) for one in self.sets)])
 
     def share(self, images: Float[Array, "I D"]) -> Float[Array, " I"]:
-        """Shares with which images at these positions (m) count, 0 to 1."""
+        """Weights of images at these positions (m), 0 to 1 (-): see `ImageSet.share`."""
         shares = (one.share(images[slice(*one.rows)], self.dx) for one in self.sets)
         return jnp.concatenate([images[:0, 0], *shares])
 
     def choose(
         self, x: Float[Array, "N D"], paddle: Placed, radius: float | Array, skin: float | Array
     ) -> tuple[Int[Array, " I"], Array]:
-        """Index of the particle whose image each row holds (N if empty), and whether a set has too few rows.
+        """Index of each row's particle (N for an empty row), and whether a set has too few rows.
 
         **Arguments**: `x`: positions of the water, m; `paddle`: see `Placed`; `radius`: radius of the
         kernel's support, m; `skin`: margin of the search, m; until the next search a particle may
@@ -176,7 +176,10 @@ class Images(eqx.Module):
 
 
 def _walls(box: Box, platforms: Sequence[Platform]) -> Iterator[Plane]:
-    """Yields the walls of a tank. The bed ends at a platform's front, and the end wall begins at its top."""
+    """Yields the walls of a tank.
+
+    The bed ends at a platform's front, and the end wall begins at the platform's top.
+    """
     top = len(box.low) - 1
     for axis, (floor, lid) in enumerate(box.walls):
         for there, at, side in ((floor, box.low[axis], 1.0), (lid, box.high[axis], -1.0)):
@@ -208,7 +211,7 @@ def _extent(one: ImageSet, box: Box, axis: int) -> tuple[float, float]:
 
 
 def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
-    """Number of rows to provide for a set."""
+    """Number of rows (one per image) to reserve for a set."""
     cells, planes = SPARE, [plane.axis for plane in one.planes]
     for axis in range(len(box.low)):
         low, high = (0.0, radius + 0.5 * WIDEST_SKIN * dx) if axis in planes else _extent(one, box, axis)

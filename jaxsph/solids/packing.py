@@ -29,8 +29,8 @@ SETTLED = 2.0e-3
 """Bound on the largest displacement in an iteration, in spacings; below it the packing has settled."""
 
 USUAL = 60
-"""Least number of iterations; a disc and a tilted box settle in 20 to 60. With the same number of iterations
-for every position of a solid, the packed water is a smooth function of that position."""
+"""Smallest number of iterations; a disc and a tilted box settle in 20 to 60. With the same number of
+iterations for every position of a solid, the packed water is a smooth function of that position."""
 
 ITERATIONS = 300
 """Largest number of iterations."""
@@ -43,7 +43,7 @@ SLACK = 0.5
 
 
 class Sight(NamedTuple):
-    """Particles and ghosts that particles beside thin plates see, as bits (`solids.divisions`)."""
+    """Visibility of particles and ghosts across thin plates, as bits (`solids.divisions`)."""
 
     sees: np.ndarray
     """Bits of the particles and ghosts that every free particle sees."""
@@ -128,7 +128,7 @@ def _settled(
 
 
 def _gaussian(r2: np.ndarray) -> np.ndarray:
-    """Gaussian of squared distances (in spacings squared), without a jump at its radius."""
+    """Gaussian (-) at squared distances (in spacings squared), shifted to fall to 0 at `REACH`."""
     return np.maximum(np.exp(-r2) - EDGE, 0.0)
 
 
@@ -139,7 +139,7 @@ def _whole(dim: int) -> np.ndarray:
 
 
 def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """All positions below the surface, then their mirror images above it."""
+    """All positions below the surface, then their mirror images above the surface, in spacings."""
     below = np.concatenate([free, rest])
     above = np.array(below)
     above[:, -1] *= -1.0
@@ -147,7 +147,7 @@ def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
 
 
 def _pairs(free: np.ndarray, every: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of indices: free particles, and the particles and ghosts that each of them sees nearby."""
+    """Indices of each pair: a free particle, and a particle or ghost nearby that it sees."""
     found = KDTree(free).sparse_distance_matrix(KDTree(every), REACH + SLACK, output_type="ndarray")
     found = found[(sight.sees[found["i"]] & sight.kind[found["j"]]) != 0]
     return found["i"], found["j"]

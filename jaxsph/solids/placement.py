@@ -69,7 +69,8 @@ class GhostSet(NamedTuple):
     node: np.ndarray
     """Interpolation nodes `[G, D]`, m."""
     mirror: np.ndarray
-    """Factors `[G, D]` of the velocity's components: -1 normal to the wall, 1 along it."""
+    """Factors `[G, D]` of the velocity's components: -1 normal to the wall, 1 along it (0 at a thin wall's
+    tip); 0 for dummy particles."""
     kind: np.ndarray
     """Kind bits `[G]`, which determine the regions that see a ghost."""
     node_sees: np.ndarray
@@ -191,7 +192,7 @@ def cut_by_platform(
 
 
 def platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> GhostSet:
-    """Ghosts of a platform: a full depth behind each face, seen only by the water in front of that face."""
+    """Ghosts of a platform, `layers` deep behind each face and seen only by the water in front of it."""
     depth = layers * dx
     faces = {
         "top": ((platform.start, box.high[0]), (platform.height - depth, platform.height)),
@@ -222,7 +223,7 @@ def plate_ghosts(
     dx: float,
     layers: int,
 ) -> GhostSet:
-    """Ghosts of a plate: a set behind each face, with the extents that `AbstractThinWall.body` gives.
+    """Ghosts of a plate, one set behind each face, with the extents from `AbstractThinWall.body`.
 
     **Raises** ValueError if the plate is too thin for the method `wall`.
     """
@@ -268,7 +269,7 @@ def solid_ghosts(
 ) -> GhostSet:
     """Dummy particles of a solid as ghosts, `layers` deep at the spacing dx (m).
 
-    The ghosts carry the solid's velocity (mirror factors of 0) and exert no viscous force. Behind each face
+    The ghosts have the solid's velocity (mirror factors of 0) and exert no viscous force. Behind each face
     of a plate that divides the water, the ghosts fill the full depth, except inside `others` or outside the
     box.
     """
@@ -293,14 +294,14 @@ def _behind_plate(
 
 
 def _dummies(x: np.ndarray, volume: np.ndarray, kind: int, node_sees: int) -> GhostSet:
-    """Ghosts that carry the velocity of their solid, from positions `x` (m), volumes (m^D) and bits."""
+    """Ghosts with the velocity of their solid, from positions `x` (m), volumes (m^D) and bits."""
     n = len(x)
     kinds, sees = np.full(n, kind, np.int32), np.full(n, node_sees)
     return GhostSet(x, x, np.zeros_like(x), kinds, sees, np.zeros(n, bool), volume)
 
 
 def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]) -> bool:
-    """Whether a plate's end (m) is in a wall of the tank or in another solid, so that no water passes."""
+    """Whether a plate's end (m) touches or lies in a tank wall or another solid, so that no water passes."""
     at = np.asarray(end)
     walls = np.stack([at - box.low, np.asarray(box.high) - at], axis=1)
     if (box.walls & (walls < HELD)).any():

@@ -20,9 +20,9 @@ class Plate(AbstractShape):
     """
 
     foot: Float[Array, "2"] = eqx.field(converter=plain_numbers)
-    """Middle (x, z) of one end, m."""
+    """Midpoint (x, z) of one end of the plate, m."""
     head: Float[Array, "2"] = eqx.field(converter=plain_numbers)
-    """Middle (x, z) of the other end, m."""
+    """Midpoint (x, z) of the other end of the plate, m."""
     thickness: Float[Array, ""] = eqx.field(converter=plain_numbers)
     """Thickness, m."""
 

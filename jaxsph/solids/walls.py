@@ -1,9 +1,10 @@
-"""Ghost particles of all walls, and the pressure and velocity that they take from the water.
+"""Ghost particles of all walls, and their pressure and velocity, which are computed from the water's.
 
-A ghost stands inside a wall. Either it is the mirror image of a particle near a plane wall, or it
-interpolates from the water at its node: the ghost's mirror image in the water, or the ghost's own position.
-In each step the water's pressure and velocity are gathered from the particles, or interpolated at the nodes,
-and carried to the ghosts (Zhu et al. 2020, Eq. 18-20). The ghosts are then ordinary sources of the pair sums.
+A ghost lies inside a wall. Either it is the mirror image of a particle near a plane wall, or its values are
+interpolated from the water at its node. The node is the ghost's mirror image in the water, or the ghost's own
+position. In each step the water's pressure and velocity are gathered from the particles, or interpolated at
+the nodes, and assigned to the ghosts (Zhu et al. 2020, Eq. 18-20). The ghosts are then ordinary sources of
+the pair sums.
 """
 
 from __future__ import annotations
@@ -55,15 +56,15 @@ from jaxsph.solids.placement import (
 from jaxsph.solids.shapes import AbstractShape
 
 AT_WALL = 1e-5
-"""Distance (m) between a solid and a wall below which they count as touching; a few float32 roundings."""
+"""Distance (m) between a solid and a wall below which they count as in contact; a few float32 roundings."""
 
 
 class Ghosts(eqx.Module):
-    """Ghost particles of all walls, their interpolation nodes, and the method of filling them.
+    """Ghost particles of all walls, their interpolation nodes, and the method that sets their fields.
 
     The leaves (positions at rest, masks, mirror factors) stay constant in a run. `Model.walls_at` finds the
     present positions of the ghosts of moving solids. The images of particles come first; in these arrays
-    the images stand on a lattice behind the walls and have no volume.
+    the images lie on a lattice behind the walls and have no volume.
     """
 
     x: Float[Array, "G D"]
@@ -71,9 +72,10 @@ class Ghosts(eqx.Module):
     node: Float[Array, "G D"]
     """Interpolation nodes at rest, m."""
     mirror: Float[Array, "G D"]
-    """Factors of the velocity's components: -1 normal to the wall, 1 along it (0 at a thin wall's tip)."""
+    """Factors of the velocity's components: -1 normal to the wall, 1 along it (0 at a thin wall's tip); 0 for
+    dummy particles."""
     shear: Float[Array, "G D"]
-    """Factors of the velocity in the viscous force: `mirror`, with the slip factor along the wall."""
+    """Factors of the velocity's components in the viscous force: `mirror`, with slip factors along walls."""
     brim: Brim
     """Kernel sums and mean water heights at the nodes in a full tank."""
     volume: Float[Array, " G"]
@@ -85,7 +87,7 @@ class Ghosts(eqx.Module):
     regions: Regions
     """Regions of the water, with the particles and ghosts that each region sees."""
     paddle: tuple[int, ...] = eqx.field(static=True)
-    """Index of the paddle's first ghost, and of the ghost after its last; () without a paddle."""
+    """Index of the paddle's first ghost, and of the ghost after the paddle's last; () without a paddle."""
     low: tuple[float, ...] = eqx.field(static=True)
     """Low ends of the water's domain, m."""
     high: tuple[float, ...] = eqx.field(static=True)
@@ -95,7 +97,7 @@ class Ghosts(eqx.Module):
     sliding: Float[Array, "G D"]
     """Velocity of walls that slide in their own plane, m/s; zero for other walls."""
     filling: AbstractFilling
-    """Method by which the ghosts take their pressure and velocity from the water."""
+    """Method that computes the pressure and velocity of the ghosts from those of the water."""
     dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """Index of the first ghost, and of the ghost after the last, for every solid of dummy particles."""
     images: Images = eqx.field(default_factory=Images)
@@ -197,7 +199,7 @@ class Ghosts(eqx.Module):
         table: PointNeighbours,
         weight: Float[Array, " D"],
     ) -> NodeFit:
-        """Interpolation coefficients at the nodes (m), for the water's fields and the nodes' neighbours.
+        """Coefficients that interpolate the water's fields to the nodes (m) from the nodes' neighbours.
 
         An image needs no coefficients, and is wet if `images` has a particle for it. `weight`: rho0 g, N/m3.
         """
@@ -242,7 +244,7 @@ class Ghosts(eqx.Module):
         images: Chosen,
         table: PointNeighbours,
     ) -> Callable[[Sources], Float[Array, " G"]]:
-        """Linear function that carries one field "f" of the water to all ghosts, as `carried` does.
+        """Linear function that interpolates one field "f" of the water to all ghosts, as `carried` does.
 
         A dry ghost gets 0.
         """
@@ -309,7 +311,7 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
 def _tank(
     filling: AbstractFilling, box: Box, regions: Regions, dx: float, layers: int, radius: float
 ) -> tuple[Images, GhostSet]:
-    """Images and ghosts of a tank's walls. The ghosts are empty rows for images, or else stand on a lattice.
+    """Images and ghosts of a tank's walls. The ghosts are empty rows for images, or lie on a lattice.
 
     **Raises** ValueError if a tank with a platform is not two-dimensional or lacks an end wall or a floor.
     """
@@ -341,7 +343,7 @@ def _checked(
     if every and not isinstance(filling, DummyParticles):
         raise ValueError("filling: solids need DummyParticles, since their dummies have no mirror images")
     if any(shape.dividers() for shape in moving):
-        raise ValueError("shapes: a thin plate cannot move; give it among the fixed_shapes")
+        raise ValueError("shapes: a thin plate cannot move; pass it in fixed_shapes")
     return filling
 
 
@@ -357,7 +359,7 @@ def _of_solids(
 def _with_walls_behind(
     parts: list[GhostSet], box: Box, fixed_shapes: Sequence[AbstractShape]
 ) -> list[GhostSet]:
-    """Moves the tank's ghosts behind a fixed solid that stands at a wall to the ghosts of that solid.
+    """Assigns the tank's ghosts behind a fixed solid that touches a wall to that solid.
 
     `parts`: ghosts of the tank, of the solids that may move, and of the `fixed_shapes`, in this order.
     """

@@ -1,1 +1,1 @@
-"""Studies with many runs: sweeps, slopes with respect to a parameter, searches for the best values."""
+"""Studies with many runs: sweeps, slopes with respect to a parameter, and searches for the best values."""

@@ -78,7 +78,7 @@ def _told(one: Any, before: str) -> dict[str, Any]:
 
 
 def parameter_value(source: Source, parameter: str) -> float:
-    """Value of a parameter by name. **Raises** CaseError if it is not given or is not a real number."""
+    """Value of the parameter with this name. **Raises** CaseError if it is missing or not a real number."""
     value = source.value(parameter)
     if value is None:
         raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")

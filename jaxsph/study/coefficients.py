@@ -37,7 +37,7 @@ from jaxsph.study.ownership import only_study
 from jaxsph.study.sweep import Runner, checked_batch, run_missing
 
 IN_WAVES = "waves"
-"""Name of the runs in waves, beside those of the modes."""
+"""Name of the runs in waves; all other runs have the names of the modes."""
 
 
 def coefficients(
@@ -58,10 +58,11 @@ def coefficients(
     bodies. Joints and links are removed, so that a mode is the motion of a single body in the tank.
 
     **Arguments**: `out`: a file of coefficients, such as `js.CapytaineFile("buoy.nc")`, or a path that ends
-    in .nc (Capytaine's dataset) or .h5 (WEC-Sim's BEMIO). The runs are kept beside it, in `<name>_runs.h5`,
-    from which a repeated call continues. `motions`: some of "surge", "heave" and "pitch", for all bodies or
-    by body; by default all in which a body is free or carried. `forcing`: amplitudes and number of periods.
-    `workers`, `executor`: see `sweep`. A failed run leaves NaN: see `Coefficients.failures`.
+    in .nc (Capytaine's dataset) or .h5 (WEC-Sim's BEMIO). The runs are stored next to it, in
+    `<name>_runs.h5`, from which a repeated call continues. `motions`: some of "surge", "heave" and "pitch",
+    for all bodies or by body; by default all in which a body is free or is carried by another. `forcing`:
+    amplitudes and number of periods. `workers`, `executor`: see `sweep`. A failed run leaves NaN: see
+    `Coefficients.failures`.
     **Raises** CaseError before any run if the case has no such motion or does not resolve a period;
     FileError if a file belongs to another study or cannot be written.
     """
@@ -106,7 +107,7 @@ def check_study(
     """Cases of all runs of a study (see `coefficients`).
 
     **Raises** CaseError if the periods are not distinct positive numbers, if the tank is unsuitable for
-    one of them, or if a run or the file is impossible.
+    one of them, if a run is not possible, or if the file format does not allow these modes.
     """
     try:
         found = np.asarray(periods, float)
@@ -156,7 +157,7 @@ class _Study(NamedTuple):
         return {name: at_rest(self.case, geometry, name, self.x) for name in names}
 
     def members(self) -> list[Case]:
-        """Cases of all runs, the last axis fastest. **Raises** CaseError if one cannot be run."""
+        """Cases of all runs; the last axis varies fastest. **Raises** CaseError if one cannot be run."""
         found: list[Case] = []
         for T in map(float, self.periods):
             found += [forced(self.case, mode, T, self.forcing) for mode in self.modes]
@@ -194,7 +195,7 @@ class _Study(NamedTuple):
         )
 
     def _at_period(self, T: float, runs: Sequence[_Run | None], found: Mapping[str, NDArray]) -> None:
-        """Sets the coefficients `found` of one period T (s) from its runs, None for those that failed.
+        """Sets the coefficients `found` of one period T (s) from its `runs`; a failed run is None.
 
         In a run with a given motion, waves that return from the paddle act on the bodies as incident waves.
         Their force is computed from the excitation and subtracted.

@@ -22,7 +22,7 @@ def derivative(
     number in the case, or an argument of the function; for `Exact` and `Filtered` the model must depend on it
     smoothly; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1); for an ensemble also any
     result that the problem itself defines; `method`: `Exact()`, for runs of a fraction of a second;
-    `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()`, the default, many runs, with a
+    `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()` (the default), many runs, with a
     standard error.
     **Raises** CaseError if the case or the method does not have the parameter or the result, DerivativeError
     if the slope would not describe the flow, SimulationError as `run`.

@@ -1,4 +1,4 @@
-"""Members of a sweep: runs in batches, or in separate processes, here or on the workers of an executor.
+"""Members of a sweep, run in batches or in separate processes, on this machine or by an executor.
 
 All files of a member are in the sweep's folder, so that another worker can continue the member from the
 member's last checkpoint. Two rules prevent a member from running in two processes at once after a worker, or
@@ -43,7 +43,7 @@ LOOK = 0.5
 
 
 GRACE = 4 * LOOK
-"""Time in which a worker that has lost its claim ends its process, s; the new worker waits this long."""
+"""Time within which a worker that has lost its claim ends its process, s; the new worker waits this long."""
 
 
 Ended = tuple[dict[str, Any], Meanings]

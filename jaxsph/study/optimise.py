@@ -142,7 +142,10 @@ def _evaluate(
 
 
 def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
-    """Marks the folder of the evaluations for this search. **Raises** FileError if it belongs to another."""
+    """Marks the folder of the evaluations for this search.
+
+    **Raises** FileError if the folder belongs to another search.
+    """
     mark = folder / "search.json"
     if folder.exists() and any(folder.iterdir()):
         try:

@@ -16,12 +16,12 @@ from jaxsph.study.matrix import ScatterTable
 class OverSeas(AbstractMethod):
     """Mean of the slopes in the seas of a scatter table, weighted by the seas' shares of the year.
 
-    The case's irregular waves take the height and period of each sea and keep their seed. Only the mean power
-    `P_owc` can be averaged over a year; an efficiency belongs to a single sea.
+    The case is run with the significant height and peak period of each sea, and always with the same seed.
+    Only the mean power `P_owc` can be averaged over a year; an efficiency belongs to a single sea.
     """
 
     table: ScatterTable
-    """Sea states and their shares."""
+    """Sea states and their shares of the year."""
     method: AbstractMethod = Ensemble(members=5)
     """Method for the slope in one sea."""
     out: Path | None = None

@@ -32,7 +32,7 @@ def refuse_other(
 ) -> None:
     """**Raises** FileError, naming what differs, if the study stored at a path is not the one given.
 
-    `what`: the stored study in words; `remove`: path that the message suggests to remove, by default `path`.
+    `what`: the stored study in words; `remove`: path that the message suggests removing, by default `path`.
     """
     differing = [
         f"{name} ({_shown(stored, name)} there, {_shown(given, name)} here)"
@@ -43,7 +43,7 @@ def refuse_other(
         few = ", ".join(differing[:_FEW])
         more = f" and {len(differing) - _FEW} more" if len(differing) > _FEW else ""
         raise FileError(
-            f"{path}: holds {what}, and nothing was changed. It differs in {few}{more}. Give another name "
+            f"{path}: contains {what}, and nothing was changed. It differs in {few}{more}. Give another name "
             f"for the output, or remove {remove or path}"
         )
 
@@ -58,8 +58,9 @@ def only_study(out: Path) -> Iterator[None]:
     """Context in which only this process runs a study with the output `out`.
 
     The lock is a system lock on a file next to the output, and is released when the process ends, for
-    whatever reason. Only the coordinating process takes it, not the workers. On a disk without locks, only
-    studies of the same process exclude each other. **Raises** FileError if another study has the output.
+    whatever reason. Only the coordinating process acquires the lock, not the workers. On a disk without
+    locks, only studies of the same process exclude each other. **Raises** FileError if another study uses the
+    output.
     """
     out = out.resolve()
     lock = out.with_name(f".{out.name}.lock")

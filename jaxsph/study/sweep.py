@@ -81,12 +81,12 @@ def sweep(
     member for each position in lists of equal length; `out`: the file. A repeated call continues an
     interrupted sweep from the checkpoints of its unfinished members in `<out>.members`. `workers`: number of
     members at a time (by default one per core). `batch`: instead of `workers`, number of members in one
-    vmapped call in this process; only members with equal array shapes share a call. On a CPU a member of a
-    batch takes 1.3 times as long as alone (`python -m experiments run bench_batch`), so batches are the
-    default on an accelerator only. `executor`: instead of both, any executor with the interface of
-    `concurrent.futures`, such as Dask's `client.get_executor(pure=False)`. Its workers must see the folder of
-    `out` and the file of a function. If a worker is lost, another one continues its member from the last
-    checkpoint. The executor is left open.
+    vmapped call in this process; only members with equal array shapes share a call. On a CPU a member
+    needs 1.3 times as much time in a batch as alone (`python -m experiments run bench_batch`), so batches are
+    the default on an accelerator only. `executor`: instead of `workers` and `batch`, any executor with the
+    interface of `concurrent.futures`, such as Dask's `client.get_executor(pure=False)`. Its workers must see
+    the folder of `out` and the file that defines a function. If a worker is lost, another one continues its
+    member from the last checkpoint. The executor is not shut down.
     **Returns** all results. A failed member does not stop the others: see `Sweep.failures`.
     **Raises** CaseError if a member cannot be built or values are not numbers, before any member runs;
     FileError if `out`, or a member in `<out>.members`, belongs to another sweep, or if another process runs a
@@ -137,11 +137,11 @@ def run_missing(
     progress: bool,
     about: Mapping[str, Any] | None = None,
 ) -> tuple[dict[int, Any], Meanings]:
-    """Runs the members that are not in the file yet; returns all members and their meanings.
+    """Runs the members that are not in the file yet; returns all members and the meanings of their series.
 
     **Arguments**: `source`: case or program that all members share; `sources`: sources of the members, in the
     order of the `axes`; `about`: further settings that identify the study. **Raises** FileError if the file,
-    or a member beside it, belongs to another study.
+    or a member in `<file>.members`, belongs to another study.
     """
     members, meanings, about = {}, Meanings(), dict(about or {})
     if file.path.exists():
@@ -168,7 +168,10 @@ def run_missing(
 
 
 def checked_batch(workers: int | None, batch: int | None, executor: Executor | None) -> int | None:
-    """Size of batches; None for separate processes. **Raises** CaseError if choices exclude each other."""
+    """Number of members in a batch; None for separate processes.
+
+    **Raises** CaseError if more than one choice is given, or a number is below 1.
+    """
     given = {"batch": batch, "workers": workers, "executor": executor}
     both = [f"{name} = {value}" for name, value in given.items() if value is not None]
     if len(both) > 1:
@@ -187,7 +190,7 @@ def _ended_before(
     shape: tuple[int, ...],
     about: Mapping[str, Any],
 ) -> tuple[dict[int, Any], Meanings]:
-    """Members that succeeded in an earlier call, and their meanings; failed members are run again."""
+    """Members that succeeded in an earlier call, and the meanings of their series; others are run again."""
     stored = file.read()
     before = stored_identity(file.path, stored.case_toml, stored.version)
     before = before | _told(stored.axes, stored.shape) | stored.about

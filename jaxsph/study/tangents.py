@@ -36,7 +36,7 @@ class _ThroughLoop(AbstractMethod):
 
     @abc.abstractmethod
     def _check(self, parameter: str, value: float, t: float, reach: float) -> None:
-        """Raises DerivativeError if the slopes at time t are too poor to continue."""
+        """Raises DerivativeError if the slopes at t (s) are too inaccurate to continue."""
 
     @abc.abstractmethod
     def _error(self, parameter: str, source: Source, value: float, slope: float) -> float | None:
@@ -100,7 +100,7 @@ class _ThroughLoop(AbstractMethod):
 
 
 class Exact(_ThroughLoop):
-    """Exact derivative of the discrete program, carried through every step.
+    """Exact derivative of the discrete program, propagated through every step.
 
     As long as the slopes of neighbouring particles agree, it is the derivative of the flow. Within a fraction
     of a second it becomes the derivative of chaotic particle paths, which is valid only for smaller and
@@ -128,11 +128,11 @@ class Exact(_ThroughLoop):
 
 
 LOST = {"weakly_compressible": 0.7, "incompressible": 0.25}
-"""Share of the water's response that the filter may remove, by scheme.
+"""Fraction of the water's response that the filter may remove, by scheme.
 
-Measured in the OWC at dx = 0.02 m with three dampings: 0.33 to 0.67 in the weakly compressible scheme, with
-artificial viscosity and over nine periods; 0.10 to 0.15 in the incompressible scheme
-(`python -m experiments run filter_study`).
+The fraction was measured in the OWC at dx = 0.02 m with three dampings. It is 0.33 to 0.67 in the weakly
+compressible scheme, with artificial viscosity and over nine periods, and 0.10 to 0.15 in the incompressible
+scheme (`python -m experiments run filter_study`).
 """
 
 
@@ -142,12 +142,13 @@ class Filtered(_ThroughLoop):
     One run gives slopes over thirty wave periods or more, but a part of the water's response is lost.
     A result depends on K_dm directly, with the relative slope 2/K_dm, and through the water's response; near
     the best damping the two parts nearly cancel. The filter does not affect the direct part, and removes a
-    share `lost` of the response. This share is given as the error of a slope with respect to K_dm.
+    fraction `lost` of the response. The error of a slope with respect to K_dm is this fraction times the
+    response part of the slope.
     """
 
     filter: TangentFilter = eqx.field(default_factory=TangentFilter)
     lost: float | None = eqx.field(static=True, default=None)
-    """Share of the water's response that is assumed lost; by default the value of the scheme in `LOST`."""
+    """Fraction of the water's response that is assumed lost; by default the scheme's value in `LOST`."""
 
     def _model_to_differentiate(self, model):
         return dataclasses.replace(model, tangents=self.filter)
@@ -228,7 +229,7 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
 
 CURVED = 0.1
 """Difference of the two one-sided slopes of a number in the model, relative to their sum, above which the
-number counts as discontinuous. If it is smooth, this ratio is about the relative step of the parameter."""
+number counts as discontinuous. For a smooth number this ratio is about the parameter's relative step."""
 
 
 def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None:

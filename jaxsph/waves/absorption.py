@@ -28,12 +28,13 @@ class ActiveAbsorption(eqx.Module):
 
     The defaults give Eq. 23 as printed. A gauge a few smoothing lengths h away lags the
     paddle by k * distance and measures the piston's evanescent modes. Eq. 23 as printed
-    mistakes both for a reflection; `at_gauge` allows for both. The near field is computed
+    treats the lag and these modes as a reflection; `at_gauge` allows for them. The near field is computed
     from the TARGET displacement X_1. With the actual displacement X, a slow drift would amplify
-    itself at the rate near_field * omega / Phi, although a slow paddle has no near field.
+    itself at the rate gain * near_field * omega / Phi, although a slow paddle has no near field.
 
     A constant error of the gauge moves the paddle until the displaced water compensates for the
-    error (closed tank), or until drift_rate stops it at an offset of (omega / Phi) error / drift_rate.
+    error (closed tank), or until drift_rate stops it at an offset of
+    gain (omega / Phi) error / drift_rate.
     """
 
     gain: Scalar = eqx.field(converter=real, default=1.0)

@@ -90,7 +90,7 @@ class AbstractWaves(eqx.Module):
 
 
 def ramp_factor(t: Float[Array, "..."], ramp: Scalar) -> Float[Array, "..."]:
-    """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / ramp (s).
+    """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / `ramp`, `ramp` in s.
 
     Its first two derivatives vanish at both ends, so that the acceleration has no jump.
     """

@@ -1,8 +1,8 @@
 """Panels on the boundary of the water in a section, and exact integrals of potentials over them.
 
-On a panel a function is a polynomial through its values at the panel's Gauss points (nodes). In coordinates
-in which the panel is the interval [-1, 1] of the real axis, a point is the complex number z. The integrals of
-the Legendre polynomials P_n over the panel are
+On a panel a function is a polynomial through its values at the panel's Gauss points (nodes). A point is
+the complex number z, in coordinates in which the panel is the interval [-1, 1] of the real axis. The
+integrals of the Legendre polynomials P_n over the panel are
 
     int P_n(t) / (z - t) dt = 2 Q_n(z),
     int P_n(t) ln(z - t) dt = 2 (Q_{n+1}(z) - Q_{n-1}(z)) / (2n + 1) for n >= 1,
@@ -28,8 +28,8 @@ from jaxsph.waves.section import RADIATING, Edge, Section, edges
 __all__ = ["Boundary", "Resolution"]
 
 FAR = 1e8
-"""Growth of rounding errors in the recursion for Q_n above which Gauss's rule is used instead; the error of
-both is then about 1e-8."""
+"""Growth factor of rounding errors in the recursion for Q_n (-) above which Gauss's rule is used instead; at
+this value the error of either method is about 1e-8."""
 
 
 class Resolution(NamedTuple):
@@ -88,8 +88,9 @@ class Panel(NamedTuple):
 CORNER_LEVELS = 3
 """Number of reductions in panel length towards a corner at which the velocity is finite."""
 APART = 2.0
-"""Largest ratio of a panel's length to its distance from corners of hulls at which its edge does not end (-).
-For the free surface the distance from a hull is used, because waves over a submerged hull are shorter."""
+"""Largest ratio of a panel's length to its distance from the corners of hulls, except corners at which the
+panel's edge ends (-). On the free surface the distance from the sides of hulls is used instead, because waves
+over a submerged hull are shorter."""
 UPRIGHT = 6
 """Number of panels of equal length at a radiating end; they resolve the evanescent modes."""
 
@@ -125,7 +126,7 @@ def _extent(hull: list[Edge]) -> float:
 
 
 def _order(length: float, largest: float, nodes: int) -> int:
-    """Number of nodes for the panels of an edge of a hull: few where short edges follow a curve."""
+    """Number of nodes on each panel of a hull's edge; fewer where short edges approximate a curve."""
     return 1 if length < largest / 16.0 else min(nodes, 3) if length < largest / 4.0 else nodes
 
 
@@ -180,12 +181,12 @@ def _apart(edge: Edge, at: NDArray, hulls: NDArray, solid: bool, resolution: Res
 
 
 def _meet(edge: Edge, point: NDArray) -> NDArray[np.bool_]:
-    """Whether an edge ends at points `[K, 2]`."""
+    """Whether an edge begins or ends at each of the points `[K, 2]` (m)."""
     return np.min([np.hypot(*(point - end).T) for end in (edge.a, edge.b)], axis=0) < 1e-6 * edge.length
 
 
 def _distance(point: NDArray, a: NDArray, b: NDArray) -> float:
-    """Distance of a point from the nearest of the straight lines from a to b `[K, 2]`, m."""
+    """Distance of a point from the nearest of the line segments from a to b `[K, 2]`, m."""
     side, there = b - a, point - a
     square = np.maximum(np.sum(side**2, axis=1), 1e-300)
     along = np.clip(np.sum(there * side, axis=1) / square, 0.0, 1.0)
@@ -194,7 +195,7 @@ def _distance(point: NDArray, a: NDArray, b: NDArray) -> float:
 
 @functools.cache
 def _gauss(nodes: int) -> tuple[NDArray, NDArray, NDArray]:
-    """Gauss's points and weights on [-1, 1], and the matrix `[n, node]` from values to Legendre's series."""
+    """Gauss points and weights on [-1, 1], and the matrix `[n, node]` from values to Legendre series."""
     t, w = np.polynomial.legendre.leggauss(nodes)
     n = np.arange(nodes)[:, None]
     return t, w, (n + 0.5) * w * eval_legendre(n, t)

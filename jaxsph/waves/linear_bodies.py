@@ -9,10 +9,10 @@ amplitude a,
     q = S a - i omega T J xi - Z p,    q_t = q + i omega c p,    p = r q_t,
 
 where c is the compliance of a chamber's air, q_t its turbine's flow and r its turbine's resistance. Forces
-of links and turbines that are nonlinear in the rate are replaced by the linear force that takes the same mean
-power from a sinusoidal motion of the amplitude that is found (equivalent linearisation). Host numpy in double
-precision; a complex amplitude stands for Re(a exp(-i omega t)), with the incident crest at x = 0 at
-t = 0; all values are per metre of width.
+of links and turbines that are nonlinear in the rate are replaced by the linear force that absorbs the same
+mean power in a sinusoidal motion of the computed amplitude (equivalent linearisation). A complex amplitude a
+stands for Re(a exp(-i omega t)), with the incident crest at x = 0 at t = 0. All values are per metre of
+width. The module uses numpy on the host in double precision.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Complex = NDArray[Any]
 
 @dataclass(frozen=True)
 class Damping:
-    """Force of a link that depends on its rate."""
+    """Force of a link that depends on the rate of the link's extension."""
 
     way: Real
     """Change of the extension per unit change of each of the n coordinates `[n]`."""
@@ -53,7 +53,7 @@ class Damping:
     rad/s)."""
 
     def linearised(self, speed: float) -> float:
-        """Damping (N s/m or N m s) that takes the same mean power from a sinusoidal rate of the amplitude
+        """Damping (N s/m or N m s) that absorbs the same mean power at a sinusoidal rate of the amplitude
         `speed` (m/s or rad/s)."""
         turn = np.cos(2.0 * np.pi * (np.arange(PHASES) + 0.5) / PHASES)
         speed = max(speed, 1e-9)
@@ -72,13 +72,13 @@ class Compliance:
     """Compliance of the air, m2/Pa; 0 for incompressible air."""
 
     def linearised(self, flow: float) -> float:
-        """Resistance (Pa s/m2) that takes the same mean power from a sinusoidal flow (m2/s)."""
+        """Resistance (Pa s/m2) that absorbs the same mean power in a sinusoidal flow (amplitude in m2/s)."""
         return self.resistance + 8.0 / (3.0 * np.pi) * self.K_dm**2 * flow
 
 
 @dataclass(frozen=True)
 class SmallMotion:
-    """Equations of small motions of jointed bodies about equilibrium in still water, n free coordinates."""
+    """Equations of small motions of jointed bodies about equilibrium in still water, in n coordinates."""
 
     mass: Real
     """Mass matrix `[n, n]`, kg, kg m or kg m2 per metre of width."""
@@ -96,14 +96,14 @@ class SmallMotion:
 
 @dataclass(frozen=True, eq=False)
 class LinearBodies:
-    """Linear response of bodies to a regular wave; complex amplitudes."""
+    """Linear response of bodies to a regular wave, in complex amplitudes."""
 
     water: Hydrodynamics
     """Radiation and diffraction at the wave's frequency."""
     H: float
     """Incident wave height, m."""
     coordinates: Complex
-    """The n free coordinates, m or rad."""
+    """Changes of the n free coordinates from equilibrium, m or rad."""
     motions: Complex
     """Surge (m), heave (m) and pitch (rad) of every hull `[m]`."""
     extensions: Complex
@@ -111,7 +111,7 @@ class LinearBodies:
     dampings: Real
     """Equivalent linear damping of these links, N s/m or N m s."""
     link_power: Real
-    """Mean power that these links take, W/m."""
+    """Mean power absorbed by each of these links, W/m."""
     q: Complex
     """Flow of air out of every chamber, relative to the hull that carries it, m2/s."""
     q_pto: Complex
@@ -119,7 +119,7 @@ class LinearBodies:
     P_a: Complex
     """Gauge pressure of every chamber, Pa."""
     chamber_power: Real
-    """Mean power that every turbine takes, W/m."""
+    """Mean power absorbed by every turbine, W/m."""
     R: complex
     """Reflected wave per unit incident wave, at x = 0 (-)."""
     transmitted: complex
@@ -191,7 +191,7 @@ def _response(
     damping: Real,
     resistance: Real,
 ) -> LinearBodies:
-    """The response, from the solution of the linear equations."""
+    """Response of the bodies, from the solution of the linear equations."""
     P_a = resistance * q_pto
     give = np.array([one.give for one in bodies.chambers])
     motions = bodies.jacobian @ xi

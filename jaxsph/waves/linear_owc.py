@@ -2,7 +2,8 @@
 
 `waves.radiation` solves the water's motion and defines symbols and signs: q = q_S - Z p, with the flow q of
 air out of the chamber per unit width and the gauge pressure p of the chamber. This module couples the water
-to a turbine and to the air in front of the turbine. Host numpy in double precision; nothing here is traced.
+to a turbine and to the air in front of the turbine. The module uses numpy on the host in double
+precision; no function is traced.
 
 Potential flow passes the lip of the front wall without loss; a real flow separates there. The loss can be
 included as a head loss Delta p = zeta rho |v| v / 2 with the column's mean velocity v = q / b. Referred to
@@ -56,7 +57,8 @@ class LinearOWC:
     K_dm: NDArray
     """Damping coefficient K_dm of the quadratic law, kg^0.5 m^-2.5."""
     Lambda: NDArray
-    """Admittance of the linear turbine q = Lambda p with the same mean power, m2/(s Pa); inf if open."""
+    """Admittance of the linear turbine q = Lambda p with the same mean power, m2/(s Pa); infinite for an
+    open chamber."""
     q: NDArray
     """Flow of air out of the chamber per unit width, complex, m2/s."""
     P_a: NDArray
@@ -141,7 +143,7 @@ def linear_response(
 
     `lip_loss` is the coefficient zeta of a head loss Delta p = zeta rho0 |v| v / 2 at the lip of the front
     wall, with the column's mean velocity v = q / b (see the module docstring). Both laws are quadratic in q:
-    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2; turbine and lip share the pressure drop in this ratio.
+    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2, and these two terms divide the pressure drop in their ratio.
 
     With a linear turbine's resistance r and the air's compliance c in `air`, the turbine's flow is
     q_t = q + i omega c p, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t. Z - i omega c then replaces Z.

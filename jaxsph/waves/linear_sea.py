@@ -1,8 +1,8 @@
 """Linear theory of an oscillating water column in an irregular sea, with a quadratic turbine.
 
-The equations of the water are linear and are solved wave by wave (`waves.radiation`). Compressible air and a
-linear turbine are linear too; a quadratic turbine, P_a = K_dm^2 |q| q, is not. A quadratic turbine is treated
-in one of two ways:
+The equations of the water are linear and are solved wave by wave (`waves.radiation`). The laws of
+compressible air and of a linear turbine are linear too. The law of a quadratic turbine, P_a = K_dm^2 |q| q,
+is not. A quadratic turbine is treated in one of two ways:
 
 - Stochastic linearisation replaces the turbine by a linear resistance that absorbs the same mean power. In a
   Gaussian flow this resistance is K_dm^2 sqrt(8 / pi) sigma_q. The standard deviation sigma_q of the flow in
@@ -10,7 +10,8 @@ in one of two ways:
 - Integration, for a sea that repeats, finds the flow that satisfies the equations of the water and the law of
   the turbine at every time.
 
-Host numpy in double precision; the time factor is exp(-i omega t), as in `waves.radiation`.
+The module uses numpy on the host in double precision. The time factor is exp(-i omega t), as in
+`waves.radiation`.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Real = NDArray[np.floating]
 _GAUSSIAN = np.sqrt(8.0 / np.pi)
 """Ratio of E|q|^3 to sigma_q^3 for a Gaussian flow (-)."""
 _NODES = 80
-"""Number of frequencies at which the water's equations are solved. The interpolation between them has an
+"""Largest number of frequencies at which the water's equations are solved. Interpolation between them has an
 error of 1e-5 for frequencies from 0.5 to 2.8 times the peak frequency."""
 _HARMONICS = 4
 """Ratio of the highest frequency kept in the turbine's pressure to the sea's highest frequency (-)."""

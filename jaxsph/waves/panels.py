@@ -1,10 +1,10 @@
 """Radiation and diffraction of regular waves by hulls and chambers in two dimensions, by a panel method.
 
-Linear potential flow over a flat bed, around any number of floating, submerged or fixed hulls of any shape,
-with chambers of air on the free surface. The conventions are those of `waves.radiation`: time factor
-exp(-i omega t), z = 0 at the still water level, flow q of AIR OUT of a chamber, per metre of width. The
-incident wave travels towards +x and has its crest at x = 0 at t = 0. Host numpy in double precision; nothing
-here is traced.
+The flow is a linear potential flow over a flat bed, around any number of floating, submerged or fixed hulls
+of any shape, with chambers of air on the free surface. The conventions are those of `waves.radiation`: the
+time factor is exp(-i omega t), z = 0 is the still water level, and q is the flow of AIR OUT of a chamber, per
+metre of width. The incident wave travels towards +x and has its crest at x = 0 at t = 0. The module uses
+numpy on the host in double precision; no function is traced.
 
 The generalised velocities v are surge, heave and pitch of every hull about its pivot, and p are the gauge
 pressures of the chambers. For the incident amplitude a, the forces F of the water and of the chambers' air on
@@ -42,15 +42,15 @@ from jaxsph.waves.section import RADIATING, Chamber, Hull, Section
 __all__ = ["MOTIONS", "Chamber", "Hull", "Hydrodynamics", "Section", "hydrodynamics"]
 
 MOTIONS = ("surge", "heave", "pitch")
-"""Motions of every hull, in order. Pitch is positive from z towards x: it moves a point (x, z) beside the
+"""Motions of every hull, in order. Pitch is positive from z towards x: it moves a point at (x, z) from the
 pivot by (z, -x) per radian."""
 
 Complex = NDArray[Any]
 """Array of complex numbers."""
 
 MODES = 12
-"""Number of evanescent modes that are matched at a radiating end. The next mode decays to exp(-20)
-between the nearest hull and the end."""
+"""Number of evanescent modes that are matched at a radiating end. The next mode decays by a factor of
+exp(-20) between the nearest hull and the end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class Hydrodynamics:
     """Flow of air S `[c]` out of open chambers per metre of incident amplitude, with fixed hulls, m/s."""
     motion_flow: Complex
     """Flow of air T `[c, m]` out of open chambers per unit velocity, m (m2 for pitch); relative to the
-    hull that contains the chamber."""
+    hull that carries the chamber."""
     admittance: Complex
     """Radiation admittance Z `[c, c]`: flow of air into a chamber per unit pressure, m2/(s Pa)."""
     reflection: complex
@@ -120,7 +120,7 @@ def hydrodynamics(
 
 @lru_cache(maxsize=512)
 def _solved(section: Section, omega: float, rho: float, g: float, resolution: Resolution) -> Hydrodynamics:
-    """`hydrodynamics` with a resolution of the boundary."""
+    """Radiation and diffraction as in `hydrodynamics`, with a given resolution of the boundary."""
     K = omega**2 / g
     k = propagating(K * section.depth) / section.depth
     boundary = Boundary.of(section, k, resolution)

@@ -2,7 +2,7 @@
 
 A chamber of length b in water of depth h is closed by a vertical back wall at x = 0 and by a front wall of
 draught a at x = b; waves come from x = +inf. Incompressible air of uniform gauge pressure p acts on the
-chamber's surface. Host numpy in double precision; nothing here is traced.
+chamber's surface. The module uses numpy on the host in double precision; no function is traced.
 
 The time factor is exp(-i omega t), z = 0 is the still water level and K = omega^2 / g. The potential is
 phi_S + (i omega p / (rho g)) phi_R. Here phi_S is the incident wave and its scattering by the open chamber,
@@ -202,7 +202,7 @@ def _solve(geometry: ChamberGeometry, omega: float, g: float, functions: int) ->
 
 
 def _thin(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functions: int) -> Matrix:
-    """S of `_solve` for a wall without thickness, where both edges coincide."""
+    """Matrix S of `_solve` for a wall without thickness, where both edges coincide."""
     ratio = geometry.gap / geometry.depth
     inner, outer = _modes(ratio, Kh, geometry.length / geometry.depth, 0.0, functions)
     e = _mean(0.0, functions)
@@ -212,10 +212,11 @@ def _thin(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, function
 
 
 def _thick(geometry: ChamberGeometry, Kh: float, kh: float, norm: float, functions: int) -> Matrix:
-    """S of `_solve` for a wall with thickness: modes cos(j pi (z+h) / (h-a)) under it, matched at its edges.
+    """Matrix S of `_solve` for a wall with thickness.
 
-    The last unknown is the depth-averaged potential under the wall at its inner edge; its equation is the
-    balance of the flows into and out of the gap.
+    Modes cos(j pi (z+h) / (h-a)) under the wall are matched at its edges. The last unknown is the
+    depth-averaged potential under the wall at its inner edge; its equation is the balance of the flows into
+    and out of the gap.
     """
     ratio, order = geometry.gap / geometry.depth, 1.0 / 6.0
     inner, outer = _modes(ratio, Kh, geometry.length / geometry.depth, order, functions)
@@ -313,8 +314,8 @@ def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]
 
     n starts at 1, and kappa = n pi ratio. From kappa = `_FAR` on the product is
     (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)). The first part sums to Hurwitz's zeta
-    function. Under the wall, where 2 kappa is a multiple of 2 pi, the second part does so too; elsewhere it
-    is summed by parts.
+    function. Under the wall, where 2 kappa is a multiple of 2 pi, the second part sums to the same function;
+    elsewhere the second part is summed by parts.
     """
     step = np.pi * ratio
     count = int(_FAR / step) + 1

@@ -45,11 +45,11 @@ class AbstractGeneration(eqx.Module):
 
     @abc.abstractmethod
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Correction of the paddle's displacement at t (s), m, without ramp."""
+        """Correction of the paddle's displacement at t (s), m, without the ramp."""
 
     @abc.abstractmethod
     def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Correction of the elevation at x = 0 at t (s), m, without ramp."""
+        """Correction of the elevation at x = 0 at t (s), m, without the ramp."""
 
 
 class FirstOrderPiston(AbstractGeneration):
@@ -71,12 +71,12 @@ class SecondOrderPiston(AbstractGeneration):
     harmonic."""
 
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Second harmonic of the paddle's displacement at t (s), m, without ramp."""
+        """Second harmonic of the paddle's displacement at t (s), m, without the ramp."""
         e2 = second_order_piston(waves.H, waves.k, waves.d)
         return e2 * jnp.sin(2.0 * waves.omega * real(t))
 
     def elevation(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
-        """Bound second harmonic of the elevation at x = 0 at t (s), m, without ramp."""
+        """Bound second harmonic of the elevation at x = 0 at t (s), m, without the ramp."""
         eta2 = _stokes2_amplitude(waves.H, waves.k, waves.d)
         return eta2 * jnp.cos(2.0 * waves.omega * real(t))
 
@@ -156,7 +156,7 @@ class RegularWaves(AbstractWaves):
     def mean_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
         """See `AbstractWaves.mean_displacement`.
 
-        The flow rate is elevation times phase speed, also for bound waves.
+        The flow rate is the elevation times the phase speed, also for bound waves.
         """
         t, ramp = real(t), self.ramp_factor(t)
         first = 0.5 * self.H * jnp.sin(self.omega * t)

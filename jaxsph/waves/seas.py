@@ -67,7 +67,7 @@ class Sea(AbstractWaves):
     waves: WaveSum
     """First-order waves, elevations in m."""
     displacement: WaveSum
-    """First-order displacement of the paddle, m, wave by wave."""
+    """First-order displacement of the paddle, m, as one term per wave."""
     correction: WaveSum
     """Second-order displacement of the paddle, m; empty for a first-order wavemaker."""
     bound: WaveSum
@@ -85,10 +85,11 @@ class Sea(AbstractWaves):
         g: float = GRAVITY,
         dtype: Any = jnp.float32,
     ) -> Sea:
-        """Builds a sea from its waves' complex amplitudes (m) at the paddle and frequencies (rad/s).
+        """Builds a sea from its waves' complex amplitudes (m) at the paddle and angular frequencies (rad/s).
 
-        The sea is represented by the wave nearest to the mean frequency weighted by the squared energy. This
-        frequency is close to the peak and does not jump between frequency bins.
+        The sea is represented by the wave whose frequency is nearest to the mean frequency weighted by the
+        squared energy of the waves. This frequency is close to the peak and does not jump between frequency
+        bins.
         """
         amplitude, omega = np.asarray(amplitude, complex), np.asarray(omega, float)
         energy = np.abs(amplitude) ** 4
@@ -135,7 +136,7 @@ class Sea(AbstractWaves):
         return values[self.peak]
 
     def paddle_displacement(self, t):
-        """See `AbstractWaves.paddle_displacement`: the second order has the squared ramp as a factor."""
+        """See `AbstractWaves.paddle_displacement`: the second-order part has the squared ramp factor."""
         ramp = self.ramp_factor(t)
         return ramp * self.displacement.at(0.0, t) + ramp**2 * self.correction.at(0.0, t)
 
@@ -154,7 +155,7 @@ class Sea(AbstractWaves):
     def mean_displacement(self, t):
         """See `AbstractWaves.mean_displacement`.
 
-        The flow rate is elevation times phase speed, also for bound waves.
+        The flow rate is the elevation times the phase speed, also for bound waves.
         """
         t, ramp = real(t), self.ramp_factor(t)
         first, second = (one.turned().at(0.0, t, 1.0 / (one.k * self.d)) for one in (self.waves, self.bound))

@@ -7,9 +7,9 @@ and wavenumber K. The bound wave and the first-order error of the condition at t
 would generate a free wave of that frequency. The second-order displacement generates the same free wave with
 opposite sign and so cancels it.
 
-Waves are exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an imaginary
-wavenumber k = -i kappa. For a difference frequency the second mode is replaced by its conjugate: frequency,
-wavenumber and amplitude become -omega, -conj(k), conj(B). The free wave's k0 satisfies
+Waves have the factor exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an
+imaginary wavenumber k = -i kappa. For a difference frequency the second mode is replaced by its conjugate:
+frequency, wavenumber and amplitude become -omega, -conj(k), conj(B). The free wave's k0 satisfies
 Omega^2 = g k0 tanh(k0 h), so that the projection of a bound wave cancels the denominator of the
 wave's amplitude, and no term is near-resonant.
 """
@@ -41,7 +41,7 @@ the sum is four times as fast."""
 
 
 class Harmonics(NamedTuple):
-    """Sum of waves at one place: Re sum_n amplitude_n exp(i omega_n t)."""
+    """Sum of waves at one position: Re sum_n amplitude_n exp(i omega_n t)."""
 
     amplitude: Complex
     """Complex amplitudes, in the unit of the sum."""
@@ -57,7 +57,8 @@ class Harmonics(NamedTuple):
 
 
 class _Modes(NamedTuple):
-    """First-order modes of waves, `[N, J]`: wavenumber, frequency and amplitude of the potential at z = 0."""
+    """First-order modes of waves, `[N, J]`: wavenumber (rad/m), angular frequency (rad/s) and amplitude of
+    the potential at z = 0 (m2/s)."""
 
     k: Complex
     omega: Complex
@@ -107,8 +108,8 @@ def second_order_displacement(
     """Second-order displacement of a piston that generates no free second-order waves, m.
 
     **Arguments**: complex amplitudes a (m) of the progressive waves at the piston, their angular frequencies
-    (rad/s), depth d (m). The frequencies of the result are the sums and differences of the waves'
-    frequencies, without zero.
+    (rad/s), depth d (m). The frequencies of the result are the non-zero sums and differences of the waves'
+    frequencies.
     """
     if len(omega) > MANY:
         modes = min(modes, MODES // 2)
@@ -221,8 +222,8 @@ def _size(k: Complex, W: Complex, d: float) -> Complex:
 def _collected(pair, count: int) -> Harmonics:
     """Sum of `pair(n, m, sign)` over all pairs of waves; amplitudes of equal frequencies are added.
 
-    `pair` returns twice the amplitude, summed over both orders of the two waves, the wavenumbers and the
-    frequencies.
+    `pair` returns twice the amplitude (summed over both orders of the two waves), the wavenumber and the
+    frequency of every pair.
     """
     amplitudes, K, Omega = [], [], []
     for n in range(count):

@@ -23,8 +23,9 @@ RADIATING = "radiating end"
 CLOSE = 1e-7
 """Distance, relative to the depth, below which two points of a section are the same point."""
 REACH = 0.5
-"""Distance from the outermost hull to a radiating end, relative to the depth. Over this distance the slowest
-evanescent mode decays to 0.21 in shallow, 0.46 in deep water; the end is matched to `panels.MODES` modes."""
+"""Distance from the outermost hull or chamber to a radiating end, relative to the depth. Over this distance
+the slowest evanescent mode decays by a factor of 0.21 in shallow water and 0.46 in deep water; the end is
+matched to `panels.MODES` modes."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,10 @@ class Hull:
     """Corners (x, z) of the closed outline in order, m. Parts above the still water, below the bed or behind
     the end wall are cut off."""
     pivot: tuple[float, float] = (0.0, 0.0)
-    """Point (x, z) whose motion is surge and heave, and about which pitch and moments are taken, m."""
+    """Point (x, z) whose motion is the surge and heave, and about which pitch and moments are defined, m."""
 
     def __post_init__(self) -> None:
-        """Makes plain tuples of the corners. **Raises** ValueError for an outline that crosses itself."""
+        """Makes the corners tuples of floats. **Raises** ValueError for an outline that crosses itself."""
         corners = tuple((float(x), float(z)) for x, z in self.outline)
         object.__setattr__(self, "outline", corners)
         object.__setattr__(self, "pivot", (float(self.pivot[0]), float(self.pivot[1])))
@@ -74,11 +75,11 @@ class Section:
     """Still water depth, m."""
     hulls: tuple[Hull, ...] = ()
     end_wall: float | None = None
-    """x of the vertical wall that ends the water on the right, m; by default waves leave on both sides."""
+    """x of the vertical wall that bounds the water on the right, m; by default waves leave on both sides."""
     chambers: tuple[Chamber, ...] = ()
 
     def __post_init__(self) -> None:
-        """**Raises** ValueError for names given twice, unknown hulls, and lengths that are out of range."""
+        """**Raises** ValueError for duplicate names, unknown hulls, and lengths that are out of range."""
         object.__setattr__(self, "hulls", tuple(self.hulls))
         object.__setattr__(self, "chambers", tuple(self.chambers))
         if not self.depth > 0.0:
@@ -104,7 +105,7 @@ class Section:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """x of the left and the right end of the water that is solved for, m."""
+        """x of the left and the right end of the computed part of the water, m."""
         x = [x for hull in self.hulls for x, _ in hull.outline]
         x += [x for one in self.chambers for x in (one.first, one.last)]
         left, right = min(x) - REACH * self.depth, max(x) + REACH * self.depth
@@ -139,7 +140,7 @@ TURN = 0.3
 def edges(section: Section) -> list[Edge]:
     """Edges of the water's boundary without the bed and the end wall, which are replaced by mirror images.
 
-    **Raises** ValueError for water that is closed in without a free surface, and for a stretch of a chamber
+    **Raises** ValueError for enclosed water without a free surface, and for a stretch of a chamber
     that is not on the free surface.
     """
     found = []

@@ -19,7 +19,7 @@ Real = NDArray[np.floating]
 LOWEST, HIGHEST = 0.5, 2.8
 """Lowest and highest frequency of a drawn sea, in multiples of the peak frequency.
 
-Frequencies outside this range carry 1.3 % of the variance of a JONSWAP spectrum and 2 % of Bretschneider's.
+Frequencies outside this range contain 1.3 % of the variance of a JONSWAP spectrum and 2 % of Bretschneider's.
 The amplitudes inside the range are scaled up so that the sea has the full variance.
 """
 
@@ -96,9 +96,9 @@ def draw_group(
 ) -> tuple[NDArray[np.complexfloating], Real]:
     """Complex amplitudes (m) and angular frequencies (rad/s) of a group whose crest is at x = 0, t = 0.
 
-    NewWave (Tromans, Anaturk and Hagemeijer 1991), the mean shape of a sea about its highest crests:
-    amplitudes are proportional to S df, and their sum is the elevation `crest` (m). The group repeats after
-    `duration` (s).
+    The group is a NewWave (Tromans, Anaturk and Hagemeijer 1991), the mean shape of a sea about its highest
+    crests. Amplitudes are proportional to S df, and their sum is the elevation `crest` (m). The group repeats
+    after `duration` (s).
     """
     f = _frequencies(spectrum, duration)
     share = spectrum.density(f)

@@ -201,7 +201,7 @@ def largest_stroke(d: float) -> float:
     """Largest peak-to-peak stroke of a piston for waves within `theory_limits` in depth `d` (m), m.
 
     With the limits H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
-    where the first two limits are equal, at kd = 1.007. The largest stroke is 0.684 d.
+    where the first two limits are equal, at kd = 1.007. There it is 0.684 d; the function returns 0.685 d.
     """
     return 0.685 * d
 

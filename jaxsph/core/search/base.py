@@ -1,4 +1,4 @@
-"""Interface of a neighbour search: positions in, slot-major tables `[K, N]` of source indices out.
+"""Interface of a neighbour search, which makes slot-major tables `[K, N]` of source indices from positions.
 
 A search finds all sources within its radius around every target. Near a thin wall, bit masks select the
 sources that a target sees: a target sees a source if their masks share a bit. Tables are allocated on the
@@ -19,7 +19,7 @@ from jaxsph.core.pairs import SPARE, Period
 
 WIDTH = 2
 """Number of cells per search radius (-). Five lines of cells of half the radius hold 30 % fewer candidates
-than three lines of cells of the whole radius."""
+than three lines of cells of the full radius."""
 
 SPREADING = 1.3
 """Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
@@ -27,7 +27,8 @@ SPREADING = 1.3
 Water that spreads comes near more points, and every change of `Slabs.points` recompiles the step.
 """
 SPREADS_ON = 2.0
-"""The same factor (-) once the water has come near more points than `Slabs.points`, and spreads further."""
+"""Safety factor (-) that replaces `SPREADING` after the water has come near more points than
+`Slabs.points`."""
 
 
 class Grid(eqx.Module):
@@ -69,7 +70,7 @@ class Table(NamedTuple):
 
     @property
     def overflow(self) -> Bool[Array, ""]:
-        """True where neighbours were lost because a target had more than K neighbours."""
+        """True if neighbours were lost because a target had more than K neighbours."""
         return self.most > self.indices.shape[0]
 
 
@@ -81,9 +82,9 @@ class AbstractSearch(eqx.Module):
     def of(cls, grid: Grid, water: np.ndarray, nodes: np.ndarray) -> AbstractSearch:
         """Search allocated for the initial state.
 
-        **Arguments**: `grid`: covers the walls at rest, and sets the search radius; `water`: positions
-        `[N, D]` (m) of targets and sources together, for the search around the water's particles; `nodes`:
-        the same for the search around other points.
+        **Arguments**: `grid`: cells that cover the walls at rest, and set the search radius; `water`:
+        positions `[N, D]` (m) of targets and sources together, for the search around the water's particles;
+        `nodes`: the same for the search around other points.
         **Raises** ValueError if the search does not support the grid, ImportError if its package is missing.
         """
 

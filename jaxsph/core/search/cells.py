@@ -2,7 +2,7 @@
 
 Sources are sorted by cell. In every line of cells the candidates of a target are one contiguous range of the
 sorted sources; a loop over this range keeps the candidates within the radius. Along a periodic axis a whole
-number of cells fits the period, lines continue at the other end, and distances are taken to the nearest
+number of cells fits the period, lines continue at the other end, and distances are measured to the nearest
 image.
 """
 
@@ -21,7 +21,7 @@ from jaxsph.core.pairs import Period, nearest_image
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid, Table
 
 LARGEST_INDEX = np.iinfo(np.int32).max
-"""Largest index into a flat array that an int32 holds."""
+"""Largest index into a flat array that fits into an int32."""
 
 
 class Cells(AbstractSearch):
@@ -185,7 +185,7 @@ def _search(
             if same:
                 near &= j != me
             # Every candidate, near or not, is written to the next free slot. If it is not near, it is
-            # overwritten by the next candidate, or cleared below. A spare last slot takes the excess.
+            # overwritten by the next candidate, or cleared below. A spare last slot receives the excess.
             slot = jnp.minimum(count, capacity)
             return put(rows, slot, j), count + near.astype(jnp.int32)
 
@@ -226,7 +226,7 @@ def _line(
 
 def _spans(home: Int[Array, "N D"], grid: Grid) -> list[tuple[Int[Array, " N"], Int[Array, " N"]]]:
     """First and last cell along the last axis within a search radius of every cell `home`. If that axis is
-    periodic, a second span holds the cells that continue at the other end."""
+    periodic, a second span contains the cells that continue at the other end."""
     last = grid.shape[-1]
     bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
     spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]
@@ -239,8 +239,8 @@ def _spans(home: Int[Array, "N D"], grid: Grid) -> list[tuple[Int[Array, " N"], 
 def _slots(capacity: int, n: int) -> tuple[Int[Array, "..."], Callable]:
     """Empty slots for n targets, and the function that writes one slot of every target.
 
-    With one index into a flat array the search takes a fifth less time than with two indices. The index fits
-    into int32 up to 8.6 million targets with 250 slots.
+    One index into a flat array shortens the search by a fifth, compared with two indices. The index fits into
+    int32 up to 8.6 million targets with 250 slots.
     """
     target = jnp.arange(n, dtype=jnp.int32)
     how = {"mode": "promise_in_bounds", "unique_indices": True}

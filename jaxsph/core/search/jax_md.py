@@ -39,7 +39,7 @@ class JaxMD(AbstractSearch):
     radius: float = eqx.field(static=True)
     """Search radius (support plus skin), m."""
     cell_capacity: tuple[int, int] = eqx.field(static=True)
-    """Capacity of a cell, in particles, for searches around the water and for searches around other
+    """Capacities of a cell, in particles, for searches around the water and for searches around other
     points."""
 
     @classmethod
@@ -78,7 +78,7 @@ class JaxMD(AbstractSearch):
         count = jnp.sum(keep, axis=1, dtype=jnp.int32)
         slot = jnp.where(keep, jnp.cumsum(keep, axis=1, dtype=jnp.int32) - 1, capacity)
         rows = jnp.full((n, capacity + 1), m, jnp.int32)
-        # the slot after the table takes the excess
+        # the slot after the table receives the excess
         rows = rows.at[jnp.arange(n)[:, None], jnp.minimum(slot, capacity)].set(source)[:, :capacity]
         most = jnp.max(count, initial=0)
         return Table(jnp.sort(rows, axis=1).T, jnp.where(lost, jnp.maximum(most, capacity + 1), most))

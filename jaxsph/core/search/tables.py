@@ -21,11 +21,11 @@ class Seen(NamedTuple):
     x: Float[Array, "M D"]
     """Positions, m."""
     kind: Int[Array, " M"]
-    """Bit masks: a target sees a source where `sees & kind` is not zero."""
+    """Bit masks of the sources' kinds: a target sees a source if `sees & kind` is not zero."""
 
 
 NARROW = 1 << 30
-"""Halo size reported as needed if a slab is too narrow for a halo of any size."""
+"""Halo size, in particles, that is reported if a slab is too narrow for a halo of any size."""
 
 
 def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"]) -> tuple[Any, Array]:
@@ -76,7 +76,7 @@ def water_neighbours(
     """Neighbours of the water's particles, which are sorted by cell, among the water and the ghosts.
 
     **Returns** also the largest number of neighbours, and the number of particles that the largest halo must
-    hold.
+    contain.
     """
 
     def local(x, kind, sees, ghosts):
