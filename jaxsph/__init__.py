@@ -107,6 +107,7 @@ _ROOMS = {
     "solids.filling": ("DummyParticles", "MirrorImages", "MirrorNodes"),
     "solids.plate": ("Plate",),
     "solids.shapes": ("AbstractShape", "Block", "Disc", "Polygon"),
+    "solids.volumes": ("Cylinder", "Sphere"),
     "solids.walls": ("Ghosts",),
     "study.base": ("Derivative",),
     "study.coefficients": ("coefficients",),

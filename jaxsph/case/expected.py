@@ -8,7 +8,7 @@ _BED = (
 )
 _MESH = (
     "a shape is a block, a disc, a polygon or the outline of a drawing (`file` of an SVG, a DXF or a CSV "
-    "with x and z); surface meshes are not available"
+    "with x and z), and in three dimensions a block, a sphere or a cylinder; surface meshes are not available"
 )
 _MOORING = (
     "a mooring line is a section [mooring.NAME] with `mooring.NAME.anchor`, `mooring.NAME.at` on a body, "
@@ -66,7 +66,7 @@ ONLY_IN = {"amplitude": "waves", "height": "waves", "h": "", "duration": "", "an
 
 
 def instead(key: str) -> str:
-    """What to use instead of an unknown dotted key; empty if there is no hint for it."""
+    """Hint on what to use instead of an unknown dotted key; empty if there is no hint for this key."""
     section, _, last = key.lower().rpartition(".")
     if last not in EXPECTED or ONLY_IN.get(last, section) != section:
         return ""

@@ -31,7 +31,7 @@ MOST_PARTICLES = 2**31 - 1
 """Largest number of lattice points of a case, because the particles are numbered by int32."""
 BYTES_PER_PLACE = 150
 """Memory per lattice point of the tank, up to the top of the walls, while ghosts are placed on the host,
-bytes. It holds three copies of the coordinates in float64, and a tree."""
+bytes. This memory is for three copies of the coordinates in float64, and a search tree."""
 BYTES_AT_LEAST = 1e9
 """Memory of the program and of its compilation, bytes; measurements gave 0.65 to 1.1 GB."""
 DEPTH_BREAKING = 0.78
@@ -146,12 +146,13 @@ def _under(shape: AbstractShape, level: float) -> float:
     """Volume of a shape (m3; m2 in 2-D) below a level (m)."""
     low, high = shape.bounds()
     if len(low) == 3:
-        return float(np.prod(np.maximum(np.minimum(high, [*high[:2], level]) - low, 0.0)))
+        filled = shape.moments()[0] / float(np.prod(high - low))
+        return filled * float(np.prod(np.maximum(np.minimum(high, [*high[:2], level]) - low, 0.0)))
     return shape.region().intersection(shapely.box(low[0], low[1], high[0], max(level, low[1]))).area
 
 
 def _dummies(shape: AbstractShape, dx: float, layers: int) -> int:
-    """Number of dummy particles of a solid: as many as its layers hold, but no more than fit inside."""
+    """Number of dummy particles of a solid: as many as its layers contain, but no more than fit inside."""
     low, high = shape.bounds()
     if len(low) == 2:
         whole = shape.region()
@@ -256,7 +257,7 @@ def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
 
 
 def asked(waves: AbstractWavesSection) -> str:
-    """Key and value of the wave height; the significant height if the key has no single value."""
+    """Key and value of the wave height, as text; the significant height if the key has no single value."""
     value = getattr(waves, waves.height_key)
     if isinstance(value, float):
         return f"waves.{waves.height_key} = {value:g} m"
@@ -265,7 +266,7 @@ def asked(waves: AbstractWavesSection) -> str:
 
 def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSection) -> None:
     """**Raises** CaseError if the air would escape under a wall, if suction would lift the water above the
-    walls, if the water could fill the volume of air, or if waves could go over the walls."""
+    walls, if the water could fill the volume of air, or if waves could overtop the walls."""
     of_device = case.is_device_chamber(name)
     key, stretch = "" if of_device else f"chamber.{name}.", geometry.stretches[name]
     rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
@@ -351,7 +352,8 @@ def _check_probes(case: Sections, geometry: Geometry) -> None:
 
 
 def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str | None:
-    """Name of the solid that contains a point (m), deeper than `slack` (m); None in water or air."""
+    """Name of the solid that contains a point (m) more than `slack` (m) below the solid's surface; None for a
+    point in water or air."""
     x, z = point[0], point[-1]
     plate, platform = geometry.plate, geometry.platform
     if plate is not None and plate.x0 + slack < x < plate.x1 - slack and z > plate.tip + slack:

@@ -51,6 +51,34 @@ class DiscSection(Section):
     """Radius, m."""
 
 
+class SphereSection(Section):
+    """A sphere in a three-dimensional tank, in its position at rest."""
+
+    centre: tuple[Coordinate, Coordinate, Coordinate]
+    """Centre (x, y, z), m."""
+    radius: Length
+    """Radius, m."""
+
+
+class CylinderSection(Section):
+    """A circular cylinder with flat ends in a three-dimensional tank, in its position at rest."""
+
+    foot: tuple[Coordinate, Coordinate, Coordinate]
+    """Middle (x, y, z) of one end, m."""
+    head: tuple[Coordinate, Coordinate, Coordinate]
+    """Middle (x, y, z) of the other end, m."""
+    radius: Length
+    """Radius, m."""
+
+    @model_validator(mode="after")
+    def _extent(self) -> CylinderSection:
+        if self.foot == self.head:
+            raise ValueError(
+                f"foot and head are the same point, {list(self.foot)}: the cylinder has no length"
+            )
+        return self
+
+
 class RotationalPTOSection(Section):
     """Power take-off on a body's pitch; in two dimensions all values are per metre of width."""
 
@@ -71,10 +99,10 @@ class LinkSection(Section):
     all keys add up; in two dimensions they are per metre of width."""
 
     body: Name | None = None
-    """Body along whose joint the link acts; give it together with `motion`."""
+    """Name of the body along whose joint the link acts; give it together with `motion`."""
     motion: Literal["surge", "heave", "pitch"] | None = None
-    """Motion of the body, relative to what it is joined to, along which the link acts. With "pitch", forces
-    are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
+    """Motion of the body, relative to the body or tank that it is joined to, along which the link acts. With
+    "pitch", forces are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
     between: tuple[Name, Name] | None = None
     """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
     at: tuple[tuple[Coordinate, Coordinate], tuple[Coordinate, Coordinate]] | None = None
@@ -131,25 +159,27 @@ class LinkSection(Section):
         if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
             raise ValueError("the link has no force: give stiffness, damping, friction or another key")
         if self.take_off and not any(self.losses):
-            raise ValueError("take_off needs a force that takes energy, such as damping")
+            raise ValueError("take_off needs a force that absorbs energy, such as damping")
         return self
 
     @property
     def losses(self) -> tuple[float, ...]:
-        """Coefficients of all forces that take energy."""
+        """Coefficients of all forces that absorb energy."""
         return self.damping, self.quadratic, self.friction, self.latch_damping
 
 
 class ShapeSection(Section):
-    """A shape in its position at rest: a block, a polygon or a disc."""
+    """A shape in its position at rest: a block, a polygon, a disc, a sphere or a cylinder."""
 
-    shapes: ClassVar[tuple[str, ...]] = ("block", "polygon", "disc")
+    shapes: ClassVar[tuple[str, ...]] = ("block", "polygon", "disc", "sphere", "cylinder")
     """Keys of the shapes; a section gives exactly one of these keys."""
 
     block: BlockSection | None = None
     polygon: tuple[tuple[Coordinate, Coordinate], ...] | None = Field(None, min_length=3, max_length=1000)
     """Corners (x, z) of a polygon in order along its outline, m."""
     disc: DiscSection | None = None
+    sphere: SphereSection | None = None
+    cylinder: CylinderSection | None = None
 
     @model_validator(mode="after")
     def _one_shape(self):
@@ -172,7 +202,7 @@ class PlateSection(Section):
 
 class SolidSection(ShapeSection):
     """A fixed solid, for example a sloping bed, a breakwater, a step, a caisson or a screen; you choose its
-    name. Give one of block, polygon, disc and plate."""
+    name. Give one of block, polygon, disc, sphere, cylinder and plate."""
 
     shapes: ClassVar[tuple[str, ...]] = (*ShapeSection.shapes, "plate")
 
@@ -234,11 +264,11 @@ class MotionSection(Section):
 
 
 class BodySection(ShapeSection):
-    """A rigid body. Give one of block, polygon and disc."""
+    """A rigid body. Give one of block, polygon, disc, sphere and cylinder."""
 
     free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
     """Motions that follow the forces: all three for a floating body, "pitch" alone for a hinge, "surge" or
-    "heave" alone for a slider. In the others the body keeps its initial `velocity`."""
+    "heave" alone for a slider. In its other motions the body keeps its initial `velocity`."""
     joined_to: Name | None = None
     """Name of the body to which this body is joined; by default the tank. All motions are then relative to
     that body."""

@@ -13,10 +13,18 @@ import shapely
 from shapely.validation import explain_validity
 
 from jaxsph.case.sections import Sections
-from jaxsph.case.shape_sections import BlockSection, BodySection, PlateSection, ShapeSection, SolidSection
+from jaxsph.case.shape_sections import (
+    BlockSection,
+    BodySection,
+    PlateSection,
+    ShapeSection,
+    SolidSection,
+    SphereSection,
+)
 from jaxsph.errors import CaseError
 from jaxsph.solids.plate import Plate
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon
+from jaxsph.solids.volumes import Cylinder, Sphere
 
 Points = tuple[tuple[float, ...], ...]
 
@@ -27,7 +35,7 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     **Raises** CaseError if the shape has another number of dimensions, or if no particle of spacing dx (m)
     fits in the shape.
     """
-    if (found := 2 if section.block is None else len(section.block.low)) != dim:
+    if (found := _dimensions(section)) != dim:
         raise CaseError(f"{name}: its shape has {found} dimensions, and the tank has {dim}")
     if section.block is not None:
         least = min(b - a for a, b in zip(section.block.low, section.block.high, strict=True))
@@ -45,9 +53,35 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
                 f"= {dx:g} m)"
             )
         return Disc(section.disc.centre, section.disc.radius)
+    if section.sphere is not None or section.cylinder is not None:
+        return _round(section, name, dx)
     assert section.polygon is not None
     _check_polygon(section.polygon, name, dx)
     return Polygon(section.polygon)
+
+
+def _dimensions(section: ShapeSection) -> int:
+    """Number of dimensions of a section's shape."""
+    if section.block is not None:
+        return len(section.block.low)
+    return 2 if section.sphere is None and section.cylinder is None else 3
+
+
+def _round(section: ShapeSection, name: str, dx: float) -> AbstractShape:
+    """Sphere or cylinder of the section `name`. **Raises** CaseError if it is too small for dx (m)."""
+    key, given = ("sphere", section.sphere) if section.cylinder is None else ("cylinder", section.cylinder)
+    assert given is not None
+    if given.radius < dx:
+        raise CaseError(
+            f"{name}.{key}.radius = {given.radius:g} m: must be at least one spacing (dx = {dx:g} m)"
+        )
+    if isinstance(given, SphereSection):
+        return Sphere(given.centre, given.radius)
+    if (length := math.dist(given.foot, given.head)) < dx:
+        raise CaseError(
+            f"{name}.cylinder: is {length:.4g} m long, and must be at least one spacing long (dx = {dx:g} m)"
+        )
+    return Cylinder(given.foot, given.head, given.radius)
 
 
 def _plate(section: PlateSection, name: str, dx: float) -> Plate:
@@ -107,8 +141,8 @@ def initial_area(shape: AbstractShape, carried_by: Sequence[BodySection]) -> Any
 
 
 def _check_polygon(corners: Points, name: str, dx: float) -> None:
-    """**Raises** CaseError unless the sides between the corners do not cross or touch, and enclose an area
-    that is thick enough to hold a particle."""
+    """**Raises** CaseError if sides between the corners cross or touch, or if the area that they enclose is
+    too thin to contain a particle."""
     sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
     lengths = np.hypot(*sides.T)
     if lengths.min() < 1e-3 * dx:
@@ -124,7 +158,7 @@ def _check_polygon(corners: Points, name: str, dx: float) -> None:
         )
     if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
         raise CaseError(
-            f"{name}.polygon: is everywhere thinner than a spacing (dx = {dx:g} m), and holds no particle"
+            f"{name}.polygon: is everywhere thinner than a spacing (dx = {dx:g} m), and contains no particle"
         )
 
 
@@ -137,6 +171,10 @@ def corners_of(body: ShapeSection) -> np.ndarray:
     if body.disc is not None:
         r = body.disc.radius
         return np.asarray(body.disc.centre) + r * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    if body.sphere is not None:
+        return np.asarray(body.sphere.centre) + body.sphere.radius * np.concatenate([np.eye(3), -np.eye(3)])
+    if body.cylinder is not None:
+        return Cylinder(body.cylinder.foot, body.cylinder.head, body.cylinder.radius).rims()
     assert body.block is not None
     ends = zip(body.block.low, body.block.high, strict=True)
     return np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, len(body.block.low))
@@ -149,7 +187,8 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
     """
     own = corners_of(body)
     pivot = body.pivot or body.centre
-    if not body.angle or (body.disc is not None and pivot is None and np.array_equal(corners, own)):
+    turns_in_place = body.disc is not None or body.sphere is not None
+    if not body.angle or (turns_in_place and pivot is None and np.array_equal(corners, own)):
         return corners
     if pivot is None:  # the centre of mass of a uniform body
         middle = 0.5 * (own.min(axis=0) + own.max(axis=0))[[0, -1]]
@@ -197,7 +236,7 @@ def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
 def in_order(case: Sections) -> dict[str, BodySection]:
     """Rigid bodies of a case by name, each after the body that it is joined to.
 
-    **Raises** CaseError if a body is joined to a body that does not exist, or to itself in a circle.
+    **Raises** CaseError if a body is joined to a body that does not exist, or if joints form a closed loop.
     """
     sections, found = case.every_body, {}
     for name, section in sections.items():
@@ -216,7 +255,7 @@ def in_order(case: Sections) -> dict[str, BodySection]:
         if not ready:
             circle = sorted(sections.keys() - found)
             raise CaseError(
-                f"{', '.join(case.body_key(name) for name in circle)}: joined_to makes a circle: join one of "
+                f"{', '.join(case.body_key(name) for name in circle)}: joined_to forms a loop: join one of "
                 "these bodies to the tank (remove the key)"
             )
         found |= ready
@@ -262,7 +301,7 @@ def crest_of(shape: AbstractShape, dx: float) -> tuple[float, float]:
 
 def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
     """Notice if a face of the block of the section `name` does not lie midway between two particles; the
-    notice proposes a dx with which all faces do."""
+    notice proposes a dx that fits all faces, if there is one."""
     faces = np.array([*block.low, *block.high])
     off = np.abs(faces / dx - np.round(faces / dx)) * dx
     if off.max() < 1e-3 * dx:
@@ -275,5 +314,5 @@ def off_lattice(block: BlockSection, name: str, dx: float) -> list[str]:
         fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all faces of the block"
     return [
         f"{name}.block: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-        f"the water's volume is right, but particles beside the face are not half a spacing from it; {fits}"
+        f"the water's volume is right, but particles next to the face are not half a spacing from it; {fits}"
     ]

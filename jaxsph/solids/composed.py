@@ -12,7 +12,7 @@ from jaxsph.solids.shapes import AbstractShape, plain_numbers
 
 
 class Union(AbstractShape):
-    """Union of several shapes in the x-z plane.
+    """Union of several shapes.
 
     `distance` is exact outside. Inside, near a seam, its magnitude may be too small.
     """
@@ -35,7 +35,7 @@ class Union(AbstractShape):
 
 
 class Difference(AbstractShape):
-    """A shape with another shape cut out of it, in the x-z plane.
+    """A shape with another shape cut out of it.
 
     `distance` is exact inside. Outside, near a seam, its magnitude may be too small.
     """
@@ -55,6 +55,8 @@ class Difference(AbstractShape):
 
     def region(self):
         """See `AbstractShape`."""
+        if len(self.bounds()[0]) == 3:  # a hole may end inside
+            return super().region()
         return self.whole.region().difference(self.hole.region())
 
 

@@ -6,7 +6,6 @@ import abc
 import itertools
 from typing import Any
 
-import contourpy
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +16,7 @@ from shapely.validation import explain_validity
 from jaxsph.core.arrays import Array, Float
 from jaxsph.core.points import at_points
 from jaxsph.solids.box import LeaningPlate
+from jaxsph.solids.cells import SLIVER, area_inside, cell_dummies, cells_of, silhouette, solid_moments
 
 SHARP = 0.3
 """Turning angle of an outline (rad) above which a corner gets a particle; a 21-sided polygon turns by 0.3."""
@@ -27,9 +27,6 @@ PARTS = 4
 ALONE = 0.8
 """Distance from the nearest particle of the layers, in spacings, beyond which a part of a shape gets another
 dummy particle; the corner of a cell is 0.71 spacings from the cell's centre."""
-
-SLIVER = 1e-4
-"""Share of a cell below which a part of a shape counts as a rounding error and gets no dummy particle."""
 
 
 def plain_numbers(given: Any) -> Any:
@@ -44,8 +41,9 @@ FINE = 240
 class AbstractShape(eqx.Module):
     """Shape of a solid in its position at rest.
 
-    To define a shape in the x-z plane, implement `distance` and `bounds`. All else follows from the
-    outline, on which the distance is zero. The numbers of a shape are leaves of the model.
+    To define a shape, implement `distance` and `bounds`. All else follows from the surface, on which the
+    distance is zero: in the x-z plane from its outline, in three dimensions from sums over a grid. The
+    numbers of a shape are leaves of the model.
     """
 
     @abc.abstractmethod
@@ -57,17 +55,18 @@ class AbstractShape(eqx.Module):
         """Lowest and highest corner (m) of a box that encloses the shape."""
 
     def region(self) -> Any:
-        """Area of the shape in the x-z plane, as a geometry of `shapely` with lengths in m."""
+        """Area of the shape in the x-z plane, as a geometry of `shapely` with lengths in m.
+
+        In three dimensions it is the projection of the shape along y.
+        """
         low, high = self.bounds()
+        if len(low) == 3:
+            return silhouette(self.distance, low, high)
         margin = 0.02 * np.max(high - low)
         ends = [np.linspace(a - margin, b + margin, FINE + 1) for a, b in zip(low, high, strict=True)]
         points = np.stack(np.meshgrid(*ends, indexing="ij"), -1)
         away = at_points(self.distance, points.reshape(-1, 2), float).reshape(points.shape[:2])
-        found: Any = contourpy.contour_generator(x=ends[0], y=ends[1], z=away.T).lines(0.0)
-        whole = shapely.Polygon()
-        for line in sorted((shapely.Polygon(one) for one in found), key=lambda one: -one.area):
-            whole = whole.symmetric_difference(line)  # a line inside another one is the outline of a hole
-        return whole
+        return area_inside(ends[0], ends[1], away)
 
     def moments(self) -> tuple[float, tuple[float, float], float]:
         """Volume, centre and second moment of the shape, for motion in the x-z plane.
@@ -75,6 +74,9 @@ class AbstractShape(eqx.Module):
         **Returns** the volume (m3; area, m2, in 2-D), the centre's (x, z) (m), and the second moment about
         the centre for rotation in the x-z plane (m5; m4 in 2-D).
         """
+        low, high = self.bounds()
+        if len(low) == 3:
+            return solid_moments(self.distance, low, high)
         whole = self.region()
         centre = np.array([whole.centroid.x, whole.centroid.y])
         second = 0.0
@@ -89,8 +91,11 @@ class AbstractShape(eqx.Module):
         The dummy particles form layers a spacing dx (m) apart and are about dx apart within a layer. Further
         dummy particles fill parts that the layers do not reach, for example sharp edges. Each dummy particle
         represents the part of the shape, down to the last layer, that is nearest to the particle. The
-        particle has the volume of this part and stands at the part's centroid.
+        particle has the volume of this part and lies at the part's centroid. In three dimensions the dummy
+        particles are cells of the lattice (`jaxsph.solids.cells`).
         """
+        if len(self.bounds()[0]) == 3:
+            return cell_dummies(self.distance, self.bounds(), self.moments()[0], dx, layers)
         whole, found = self.region(), [np.zeros((0, 2))]
         for layer in range(layers):
             for part in _parts(_inset(whole, (layer + 0.5) * dx)):
@@ -110,7 +115,7 @@ class AbstractShape(eqx.Module):
         return ()
 
     def outline(self) -> np.ndarray:
-        """Corners `[K, 2]` (x, z) (m) of the outline that pictures show."""
+        """Corners (x, z) `[K, 2]` of the outline that is drawn in pictures, m."""
         largest = max(_parts(self.region()), key=lambda part: part.area, default=shapely.Polygon())
         return np.asarray(largest.exterior.coords).reshape(-1, 2)[:-1]
 
@@ -119,9 +124,9 @@ class Block(AbstractShape):
     """Box with faces normal to the axes, in two or three dimensions."""
 
     low: Float[Array, " D"] = eqx.field(converter=plain_numbers)
-    """Low ends along the axes, m."""
+    """Lowest coordinates along the axes, m."""
     high: Float[Array, " D"] = eqx.field(converter=plain_numbers)
-    """High ends along the axes, m."""
+    """Highest coordinates along the axes, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -148,7 +153,7 @@ class Block(AbstractShape):
         """See `AbstractShape`."""
         low, high = self.bounds()
         parts = []
-        for a, b, start in zip(low, high, _cells(low, high, dx), strict=True):
+        for a, b, start in zip(low, high, cells_of(low, high, dx), strict=True):
             parts.append((np.maximum(start, a), np.minimum(start + dx, b)))
         starts, ends = (np.stack(np.meshgrid(*e, indexing="ij"), -1) for e in zip(*parts, strict=True))
         x, volume = 0.5 * (starts + ends), np.prod(ends - starts, axis=-1)
@@ -233,7 +238,7 @@ class Disc(AbstractShape):
 def box_distance(beyond: Float[Array, "N D"]) -> Float[Array, " N"]:
     """Distance of points from a box's surface, m, negative inside.
 
-    `beyond`: distances of the points beyond the box's faces along each of its axes, m.
+    `beyond`: distances of the points beyond the box's faces along each axis, m; negative inside.
     """
     # the guard keeps the derivative finite where the root is zero
     outside = jnp.sqrt(jnp.sum(jnp.maximum(beyond, 0.0) ** 2, axis=1) + 1e-20)
@@ -265,14 +270,8 @@ def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
     return abs(float(np.sum(cross * np.sum(a * a + a * b + b * b, axis=1)) / 12))
 
 
-def _cells(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
-    """Low ends (m), along every axis, of the lattice cells of side dx (m) that cover a box."""
-    ends = zip(np.floor(low / dx + SLIVER), np.ceil(high / dx - SLIVER), strict=True)
-    return [np.arange(first, max(last, first + 1)) * dx for first, last in ends]
-
-
 def _apart(x: np.ndarray, distance: float) -> np.ndarray:
-    """Drops points (m) so that all are `distance` (m) or more apart; keeps the first of two close points."""
+    """Removes points (m) until all are `distance` (m) or more apart; keeps the first of two close points."""
     keep = np.ones(len(x), bool)
     close = KDTree(x).query_pairs(distance, output_type="ndarray")
     for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
@@ -292,7 +291,7 @@ def _boxes(low: np.ndarray, side: float) -> Any:
 
 
 def _nearest(x: np.ndarray, region: Any) -> np.ndarray:
-    """Parts of a region of `shapely`: for each of the points `[K, 2]` (m), the part nearest to it."""
+    """Voronoi cells of the points `[K, 2]` (m), cut to a region of `shapely`."""
     low, high = np.reshape(region.bounds, (2, 2))
     # four points far away make the cells of all others finite
     far = 0.5 * (low + high) + 10.0 * np.max(high - low) * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
@@ -302,9 +301,9 @@ def _nearest(x: np.ndarray, region: Any) -> np.ndarray:
 
 
 def _small_parts(region: Any, dx: float) -> np.ndarray:
-    """Centroids `[K, 2]` (m) of a region's parts in cells of dx / `PARTS` (m)."""
+    """Centroids `[K, 2]` (m) of the parts into which cells of side dx / `PARTS` (m) divide a region."""
     low, high = np.reshape(region.bounds, (2, 2))
-    cells = np.stack(np.meshgrid(*_cells(low, high, dx), indexing="ij"), -1).reshape(-1, 2)
+    cells = np.stack(np.meshgrid(*cells_of(low, high, dx), indexing="ij"), -1).reshape(-1, 2)
     shapely.prepare(region)
     cells = cells[shapely.intersects(region, _boxes(cells, dx))]
     fine = np.arange(PARTS) * dx / PARTS

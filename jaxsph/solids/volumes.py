@@ -1,0 +1,86 @@
+"""Shapes in three dimensions: sphere and cylinder."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.core.arrays import Array, Float
+from jaxsph.solids.shapes import AbstractShape, box_distance, plain_numbers
+
+RIM = 64
+"""Number of points around an end of a cylinder."""
+
+
+class Sphere(AbstractShape):
+    """Sphere."""
+
+    centre: Float[Array, "3"] = eqx.field(converter=plain_numbers)
+    """Centre (x, y, z), m."""
+    radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
+    """Radius, m."""
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        away = x - jnp.asarray(self.centre, x.dtype)
+        # the guard keeps the derivative finite at the centre
+        return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - jnp.asarray(self.radius, x.dtype)
+
+    def bounds(self):
+        """See `AbstractShape`."""
+        return np.asarray(self.centre) - float(self.radius), np.asarray(self.centre) + float(self.radius)
+
+    def moments(self):
+        """See `AbstractShape`."""
+        r, (x, _, z) = float(self.radius), np.asarray(self.centre)
+        volume = 4.0 / 3.0 * np.pi * r**3
+        return volume, (float(x), float(z)), 0.4 * volume * r**2
+
+
+class Cylinder(AbstractShape):
+    """Circular cylinder in any direction, with flat ends."""
+
+    foot: Float[Array, "3"] = eqx.field(converter=plain_numbers)
+    """Middle (x, y, z) of one end, m."""
+    head: Float[Array, "3"] = eqx.field(converter=plain_numbers)
+    """Middle (x, y, z) of the other end, m."""
+    radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
+    """Radius, m."""
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        foot, head = jnp.asarray(self.foot, x.dtype), jnp.asarray(self.head, x.dtype)
+        length = jnp.sqrt(jnp.sum((head - foot) ** 2))
+        axis = (head - foot) / length
+        along = jnp.sum((x - foot) * axis, axis=1)
+        across = jnp.sqrt(jnp.sum((x - foot - along[:, None] * axis) ** 2, axis=1) + 1e-20)
+        beyond = jnp.maximum(-along, along - length)
+        return box_distance(jnp.stack([across - jnp.asarray(self.radius, x.dtype), beyond], axis=1))
+
+    def bounds(self):
+        """See `AbstractShape`."""
+        foot, head, axis = np.asarray(self.foot), np.asarray(self.head), self._axis()
+        rim = float(self.radius) * np.sqrt(np.maximum(1.0 - axis**2, 0.0))
+        return np.minimum(foot, head) - rim, np.maximum(foot, head) + rim
+
+    def moments(self):
+        """See `AbstractShape`."""
+        r, length = float(self.radius), float(np.linalg.norm(np.asarray(self.head) - np.asarray(self.foot)))
+        volume, (x, _, z) = np.pi * r**2 * length, 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
+        share = float(self._axis()[1]) ** 2  # of the axis of rotation, y, along the cylinder's axis
+        second = share * 0.5 * r**2 + (1.0 - share) * (0.25 * r**2 + length**2 / 12.0)
+        return volume, (float(x), float(z)), volume * second
+
+    def rims(self) -> np.ndarray:
+        """Points `[K, 3]` (m) around both ends."""
+        axis = self._axis()
+        across = np.linalg.svd(axis[None])[2][1:]  # two unit vectors at right angles to the axis
+        angle = np.linspace(0.0, 2.0 * np.pi, RIM, endpoint=False)
+        ring = float(self.radius) * np.stack([np.cos(angle), np.sin(angle)], -1) @ across
+        return np.concatenate([np.asarray(end) + ring for end in (self.foot, self.head)])
+
+    def _axis(self) -> np.ndarray:
+        """Unit vector from the foot to the head."""
+        along = np.asarray(self.head) - np.asarray(self.foot)
+        return along / np.linalg.norm(along)
