@@ -62,7 +62,7 @@ def test_period_and_damping_of_a_damped_swing():
 
 def test_a_record_too_short_says_so():
     t = np.arange(0.0, 0.5, 0.005)
-    with pytest.raises(ValueError, match="1 turns"):
+    with pytest.raises(ValueError, match="1 turning points"):
         extremes(t, np.cos(2 * np.pi * t))
 
 

@@ -810,7 +810,7 @@ def test_restore(whole):
     assert case == OWC
     _assert_same(state, solution.state)
     assert _settings(model) == _settings(solution.model)
-    with pytest.raises(FileError, match="another case"):
+    with pytest.raises(FileError, match="differs from the given case"):
         js.restore(path, OWC.replace({"pto.K_dm": 300.0}))
 
 

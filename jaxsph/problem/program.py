@@ -22,11 +22,11 @@ _loaded: dict[str, ModuleType] = {}
 """Modules of the files imported so far, by path."""
 
 VALUES = bool | int | float | str
-"""Types that an argument or an element of a list may have; a file can store all of them."""
+"""Types allowed for an argument or for an element of a list argument; a file can store all of them."""
 
 
 class Program:
-    """Function that returns a `Problem`, and values for its arguments: `jaxsph run FILE:FUNCTION`."""
+    """Function that returns a `Problem`, with values for its arguments; see `jaxsph run FILE:FUNCTION`."""
 
     def __init__(self, function: Callable[..., Problem], arguments: Mapping[str, Any] | None = None) -> None:
         """**Arguments**: `arguments`: values by name; the function's other arguments have their defaults.
@@ -39,7 +39,7 @@ class Program:
 
     @classmethod
     def load(cls, place: str, arguments: Mapping[str, Any] | None = None) -> Program:
-        """Program of "FILE.py:FUNCTION". **Raises** CaseError if it does not exist or cannot be imported."""
+        """Program of "FILE.py:FUNCTION". **Raises** CaseError if the function cannot be found or imported."""
         return cls(_function_at(place), arguments)
 
     def __repr__(self) -> str:
@@ -47,7 +47,7 @@ class Program:
         return f"{self.place}({', '.join(f'{k}={v!r}' for k, v in self.arguments.items())})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles the place, so that a worker process imports the file itself."""
+        """Pickles the place of the function, so that a worker process imports the file itself."""
         if self._place:
             return Program.load, (self._place, self.arguments)
         return Program, (self._function, self.arguments)
@@ -93,7 +93,7 @@ class Program:
         return made
 
     def replace(self, changes: Mapping[str, Any]) -> Program:
-        """Copy with arguments changed, by name; None restores defaults. **Raises** CaseError as `Program`."""
+        """Copy with changed arguments, by name; None restores defaults. **Raises** CaseError as `Program`."""
         wanted = {k: v for k, v in {**self.arguments, **changes}.items() if v is not None}
         return Program(self._function, wanted)
 

@@ -108,7 +108,7 @@ class PowerMean(NamedTuple):
     of_power: Callable[[np.ndarray], float]
     """Function from the power of the power take-offs (W; W/m in 2-D) at the record's times to the result."""
     incident: Callable[..., float] = lambda _: 1.0
-    """Function from a changed source to its incident power (W/m) over the same time, for an efficiency."""
+    """Function from a changed source to its incident power (W/m) over the same window, for an efficiency."""
 
 
 MeanOfRecord = Callable[[np.ndarray, np.ndarray], PowerMean]

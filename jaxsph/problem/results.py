@@ -60,7 +60,7 @@ noise_result = Result(_noise, what="noise")
 
 
 def amplitude(name: str) -> str:
-    """Name of the result that is the amplitude of an `Oscillation`."""
+    """Name of the result for the amplitude of the `Oscillation` called `name`."""
     return f"amplitude_{name}"
 
 
@@ -99,7 +99,8 @@ def _asked_of(
 ) -> dict[str, tuple[Label, float]]:
     """Results of an oscillation, label and value by name.
 
-    They follow from its amplitude `size`, its mean, its drift in a period, and the wave amplitude (m).
+    The results follow from the oscillation's amplitude `size`, mean, and drift in a period, and from the wave
+    amplitude (m).
     """
     found = {amplitude(name): (Label(f"{one.text}: amplitude", one.unit, "first harmonic"), size)}
     if one.over_waves:

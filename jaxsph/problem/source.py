@@ -23,7 +23,7 @@ class Source(Protocol):
         ...
 
     def replace(self, changes: dict[str, Any]) -> Self:
-        """Copy with changed values, by name; None removes a value. **Raises** CaseError for a bad change."""
+        """Copy with `changes` by name; None removes a value. **Raises** CaseError for an invalid change."""
         ...
 
     def value(self, name: str) -> Any:
@@ -39,8 +39,8 @@ class Source(Protocol):
         ...
 
     def roughness(self, name: str) -> str:
-        """Reason why the model may not depend smoothly on a value; empty if the model
-        is smooth in it, or if only a test can tell."""
+        """Reason why the model may not depend smoothly on a value; empty if the dependence
+        is smooth, or if only a test can tell."""
         ...
 
 

@@ -31,7 +31,7 @@ from jaxsph.report.pack import Pack
 MOST_SAMPLES = 6000
 """Number of samples above which a line is drawn only through the extremes of groups of samples."""
 EXTREMES = {"chamber_level": "level", "flow": "q", "P_a": "P_a_peak"}
-"""Series of a chamber, and for each the name of its amplitude in `LinearOWC`."""
+"""Names of the series of a chamber, and of the amplitudes of these series in `LinearOWC`."""
 PANELS = {
     "eta": "Elevation at the gauges",
     "chamber_level": "Level in the chamber",
@@ -60,7 +60,8 @@ UNSHOWN = (
     "rms_speed",
     "limited",
 )
-"""Series without a panel of their own: those that another panel shows, and counts of the limiters."""
+"""Series without a panel of their own: those closely related to a series with a panel, and counts of the
+limiters."""
 RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
 """Series whose current values are shown while the particles are played back."""
 
@@ -169,7 +170,7 @@ def _result_rows(
 
 
 def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
-    """Main result on a page: the first result of the device, with linear theory; None without results."""
+    """Main result on a page: the device's first result, with linear theory; None without such a result."""
     if not rows or rows[0]["group"] != Group.DEVICE:
         return None
     expected = next((row["value"] for row in rows if row["name"] == linear(rows[0]["name"])), "")
@@ -177,7 +178,8 @@ def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
 
 
 def _standard_error(results: dict[str, float]) -> float | None:
-    """Standard error of the efficiency, from the mean over periods or as given for a sea; None if unknown."""
+    """Standard error of the efficiency (-), from its scatter between periods or as given for a sea; None if
+    unknown."""
     if "xi_scatter" in results and "periods" in results:
         return results["xi_scatter"] / max(results["periods"], 1.0) ** 0.5
     return results.get("xi_error")
@@ -271,7 +273,7 @@ def _line(label: str, t: np.ndarray, values: np.ndarray, pack: Pack) -> dict[str
 
 
 def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of the smallest and largest of every `every` samples, in the order of time."""
+    """Times and values of the smallest and the largest sample of each group of `every`, in time order."""
     whole = len(t) // every * every
     groups = values[:whole].reshape(-1, every)
     pick = np.sort(np.stack([np.argmin(groups, axis=1), np.argmax(groups, axis=1)], axis=1), axis=1)
@@ -283,8 +285,8 @@ def extremes_of(t: np.ndarray, values: np.ndarray, every: int) -> tuple[np.ndarr
 def _extremes(
     case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> dict[str, list[float]]:
-    """Values of linear theory by series: mean power; in regular waves also peaks of level, flow and P_a, and
-    of the bodies' heave and pitch."""
+    """Values of linear theory by series: mean power; in regular waves also peaks of level, flow and air
+    pressure, and of the bodies' heave and pitch."""
     if case is None:
         return {}
     try:

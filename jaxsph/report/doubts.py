@@ -8,8 +8,8 @@ from typing import NamedTuple
 from jaxsph.case.results import FEW
 
 NOISY, UNBOOKED = 0.15, 0.03
-"""Limits beyond which a result is doubtful: largest noise of the particles (-), and largest share of the
-energy that is not accounted for (-)."""
+"""Limits beyond which a result is doubtful: largest ratio of the particles' noise to their speed (-), and
+largest fraction of the energy that is not accounted for (-)."""
 
 
 class Doubt(NamedTuple):

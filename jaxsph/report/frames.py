@@ -1,7 +1,8 @@
 """Particles of a run for playback: positions and fields of its snapshots, in a compact form.
 
-Positions are integers from 0 to 65534 over the tank, or 65535 for a particle that is not shown. Fields are
-integers from 0 to 255 over their range. Differences between frames are stored, because they compress well.
+Positions are integers from 0 to 65534 over the tank and a margin around it, or 65535 for a particle that is
+not shown. Fields are integers from 0 to 255 over their range. Differences between frames are stored, because
+they compress well.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.report.pack import Pack
 
 MOST = 1_200_000
-"""Largest number of particles times frames in a page, about 5 MB."""
+"""Largest product of the numbers of particles and frames in a page, which takes up about 5 MB."""
 LEAST_FRAMES = 24
 """Smallest number of frames to which a page is reduced; if that is not enough, fewer particles are shown."""
 UNSEEN = 65535
@@ -30,7 +31,7 @@ class LocalFlow(NamedTuple):
     """Flow around each particle, from a linear fit to the velocities of its neighbours."""
 
     vorticity: np.ndarray
-    """Vorticity across the picture, du/dz - dw/dx, 1/s, positive clockwise with x to the right."""
+    """Vorticity normal to the picture, du/dz - dw/dx, 1/s, positive clockwise with x to the right."""
     noise: np.ndarray
     """Difference between the particle's velocity and the fit, m/s."""
 
@@ -113,7 +114,7 @@ class Frames:
         }
 
     def _read(self, index: int, tank: Tank, thinning: int) -> dict[str, Any]:
-        """Particles of a snapshot in the plane of the picture, with their fields; keeps one in `thinning`."""
+        """Particles of a snapshot in the plane of the picture, about one in `thinning`, with their fields."""
         if index not in self._known:
             snapshot = self.run.snapshot(index)
             x, u, p = (np.asarray(snapshot[name], np.float64) for name in "xup")

@@ -116,7 +116,7 @@ def in_order(results: Collection[str], own: Mapping[str, Sequence[str]] | None =
 
 
 def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = None) -> Label:
-    """Label of a result; bodies and energies are per metre of width only in two dimensions (`flat`).
+    """Label of a result; units are per metre of width only in two dimensions (`flat`) and for `PER_METRE`.
 
     `own`: text, unit, meaning and group of results outside `LABELS`.
     """

@@ -90,7 +90,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:
-    """Results of a member by linear theory: efficiency and absorbed power, and amplitudes of bodies; empty if
+    """Results of a member by linear theory: efficiency, absorbed power, and amplitudes of bodies; empty if
     theory does not cover the case."""
     if int(np.prod(stored.shape)) > MOST_LINEAR:
         return {}

@@ -60,8 +60,8 @@ REASONS = {
     "duct": "the energy that the duct has exchanged depends on it",
     "device": "it moves the walls around the water",
     "solid": "it moves the walls around the water",
-    "body": "it changes the place or the mass of a body on which the water acts",
-    "bodies": "it changes the place or the mass of a body on which the water acts",
+    "body": "it changes the position or the mass of a body on which the water acts",
+    "bodies": "it changes the position or the mass of a body on which the water acts",
     "link": "the energy that the link has stored depends on it",
     "mooring": "the energy that the mooring has stored depends on it",
     "probes": "the series in the file have the columns of the present probes",
@@ -72,7 +72,7 @@ REASONS = {
 
 
 UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
-"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples; averages do not restart."""
+"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples, so averages do not restart."""
 
 
 class Change(NamedTuple):

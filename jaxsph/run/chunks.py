@@ -19,11 +19,12 @@ from jaxsph.model.state import Failure, State, Status
 from jaxsph.problem.trouble import Remedies, Trouble
 
 REPLAYS = 6
-"""Largest number of replays of one chunk with larger tables before the run stops."""
+"""Largest number of attempts at one chunk, with other settings of the tables each time."""
 EARLY = 20
 """Number of steps from the start in which a particle inside a wall is attributed to the set-up."""
 FASTER = 1.25
-"""Factor on the largest speed so far, for choosing fewer steps between searches after a stale table."""
+"""Safety factor on the largest speed so far (-), for choosing fewer steps between searches after a stale
+table."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
@@ -51,12 +52,12 @@ def advance_chunk(
     name: str,
     remedies: Remedies,
 ) -> tuple[Model, State, Any]:
-    """Advances a run by one chunk, and replays the chunk if neighbour tables were too small.
+    """Advances a run by one chunk, and replays the chunk if neighbour tables were too small or stale.
 
     **Arguments**: `advance(model)` returns the new state and other results; `say` reports a replay; `name`,
     `remedies`: name of the problem and its remedies, for the error. **Returns** the model with the tables
-    that the chunk needed, and the results of `advance`. **Raises** SimulationError for a failure that larger
-    tables do not remedy.
+    that the chunk needed, and the results of `advance`. **Raises** SimulationError for a failure that other
+    settings of the tables do not remedy.
     """
     model, new, found = replay_chunk(model, advance, say)
     if int(new.status.bits):
@@ -67,7 +68,7 @@ def advance_chunk(
 def replay_chunk(
     model: Model, advance: Callable[[Model], tuple[State, Any]], say: Callable[[str], None]
 ) -> tuple[Model, State, Any]:
-    """Advances a state or a batch as `advance_chunk` does; keeps other failures in the status."""
+    """Advances a state or a batch as `advance_chunk` does; failures that remain are kept in the status."""
     forget_programs()
     for _ in range(REPLAYS):
         new, found = advance(model)

@@ -29,7 +29,7 @@ compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m exp
 """
 
 WORTH_SPARING = 0.1
-"""Number of nodes away from the water, divided by that of particles, from which these nodes are omitted (-).
+"""Least ratio of nodes away from the water to particles at which the tables omit these nodes (-).
 
 Omitting fewer nodes does not make a run on one device faster.
 """
@@ -43,7 +43,7 @@ def describe_machine(devices: int) -> str:
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]
-    """The first `count` devices of the default backend, or all. Each core of a CPU becomes a device.
+    """The first `count` devices of the default backend, or all if None. Each core of a CPU becomes a device.
 
     **Raises** CaseError if there are fewer than `count`, or if several processes share the run but do not
     use all devices.

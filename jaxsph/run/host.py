@@ -134,12 +134,12 @@ def load_start(path: str | Path, given: Any = None) -> Start:
         raise FileError(
             f"{path}: holds a checkpoint of layout {file.schema}, but this version resumes checkpoints "
             f"of layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
-            "Its series and snapshots can be read as they are"
+            "Its series and snapshots can still be read"
         )
     saved = file.checkpoint()
     if not saved:
         raise FileError(
-            f"{path}: holds no checkpoint (a killed run keeps it beside the file, in "
+            f"{path}: holds no checkpoint (a killed run keeps it next to the file, in "
             f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
     # the progress holds the settings of the last chunk: tables may have grown since the first chunk

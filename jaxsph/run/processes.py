@@ -20,13 +20,13 @@ from jax.experimental import multihost_utils
 from jaxsph.errors import CaseError, SimulationError
 
 AUTO = "auto"
-"""Value of `place` if Slurm or MPI provides the place of the process."""
+"""Value of `place` if Slurm or MPI provides the index and the address of the process."""
 
 HEARTBEAT = 20
-"""Seconds without a heartbeat after which a process counts as lost."""
+"""Time without a heartbeat after which a process counts as lost, s."""
 
 WIDTH = 96
-"""Number of bytes for the name of a process."""
+"""Length to which the name of a process is cut or filled, bytes."""
 
 
 def join(place: str) -> None:

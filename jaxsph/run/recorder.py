@@ -80,7 +80,7 @@ class Recorder:
         return dataclasses.replace(solution, results=results, notices=notices, labels=self.problem.labels)
 
     def _snapshot(self, model: Model, state: State) -> dict[str, Any]:
-        """Particles in the order of their ids, and the places of the solids and links."""
+        """Particles in the order of their ids, poses of the solids, and points of the links."""
         p = state.particles
         order = np.argsort(np.asarray(p.id))
         snapshot = {

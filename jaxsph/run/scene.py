@@ -67,7 +67,7 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
 
 
 def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
-    """Poses of the moving solids and points of the links in a snapshot, by name.
+    """Poses of the moving solids and points of the links, by name, for a snapshot of the state.
 
     A pose is surge (m), heave (m) and pitch (rad). The points of a link are `[K, 2]` (m).
     """

@@ -52,7 +52,7 @@ def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
         if source.digest != keys["digest"]:
             raise FileError(
                 f"{path}: {place} has changed since the run began, and might build another problem: use the "
-                "program as it was, or run the new one to a new file"
+                "unchanged program, or run the changed program to a new file"
             )
     return source
 

@@ -76,7 +76,7 @@ def on_bodies(
 ) -> dict[str, Float[Array, "3"]]:
     """Forces of the air on the bodies that carry chambers, N, N, N m (per metre in 2-D), by the body's name.
 
-    `pressures` of the chambers, Pa, by the chamber's name.
+    `pressures`: air pressures of the chambers, Pa, by the chamber's name.
     """
     forces: dict[str, Array] = {}
     for name, air in airs.items():
@@ -93,10 +93,10 @@ def water_line(
     before: Mapping[str, Scalar],
     dt: Scalar,
 ) -> WaterLine:
-    """Flows over a step of dt (s) as functions of the pressures, from the responses of water and bodies.
+    """Flows out of the chambers over a step of dt (s), from the responses of water and bodies to the air.
 
-    **Arguments**: `flows` out of the chambers at the step's end if the chambers have the pressures `before`
-    (Pa).
+    **Arguments**: `flows`: flows out of the chambers at the step's end if the chambers have the pressures
+    `before` (Pa), m3/s (m2/s in 2-D).
     """
     compliance = {}
     for b in airs:
@@ -209,7 +209,7 @@ class _Laws(NamedTuple):
         return self.model.chambers
 
     def others(self, name: str, P_a: Mapping[str, Scalar]) -> Scalar:
-        """Decrease of the flow out of a chamber due to the other pressures (Pa), m3/s (m2/s in 2-D)."""
+        """Decrease of a chamber's flow due to the pressures of other chambers (Pa), m3/s (m2/s in 2-D)."""
         held = [self.line.compliance[name, k.name] * P_a[k.name] for k in self.chambers if k.name != name]
         return sum(held, jnp.zeros_like(self.line.flows[name]))
 
@@ -264,9 +264,10 @@ def finish_airs(
     flows: Mapping[str, tuple[Scalar, Scalar]],
     dt: Scalar,
 ) -> tuple[dict[str, Air], dict[str, Scalar]]:
-    """Air of chambers and ducts at the end of a step, and the energies (J, J/m in 2-D) taken, by name.
+    """Air of chambers and ducts at a step's end, and energies (J, J/m in 2-D) taken from the water, by name.
 
-    `flows`: flows out of every chamber at the start and end of the step, from the step's couplings.
+    `flows`: flows out of every chamber at the start and the end of the step, m3/s (m2/s in 2-D), from the
+    step's couplings.
     """
     airs, taken = {}, {}
     work = {duct.name: jnp.zeros_like(dt) for duct in model.ducts}

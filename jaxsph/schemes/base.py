@@ -96,7 +96,7 @@ class AbstractParticleScheme(AbstractScheme):
 
     @abc.abstractmethod
     def respond(self, model: Model, state: State, tables: Tables) -> dict[str, Response]:
-        """Response of the water to the air in each chamber over a step, by the chamber's name.
+        """Response of the water to a unit of air pressure in each chamber over a step, by the chamber's name.
 
         The response is computed at a search and kept until the next search. The laws of the power take-offs
         are satisfied exactly with any response. An inaccurate response only delays a part of a pressure
@@ -235,7 +235,7 @@ class AbstractParticleScheme(AbstractScheme):
     def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array, x_used: jax.Array) -> State:
         """Flags failures in the state's status: outdated tables, non-finite values, escapes, high speeds.
 
-        `x_old`: positions (m) at the beginning of the step; `x_used`: positions (m) for which the tables were
+        `x_old`: positions (m) at the beginning of the step; `x_used`: positions (m) at which the tables were
         used.
         """
         p, status = state.particles, state.status
@@ -263,7 +263,7 @@ class AbstractParticleScheme(AbstractScheme):
 def _checked_tables(state: State, search, found: dict[str, jax.Array], too_many: jax.Array):
     """Status with the largest table sizes needed so far, and a flag if one exceeds its capacity.
 
-    `too_many`: whether more particles are beside a wall than there are ghosts for their images.
+    `too_many`: whether more particles are near a wall than there are ghosts for their images.
     """
     status = eqx.tree_at(
         lambda s: s.most, state.status, {k: jnp.maximum(v, found[k]) for k, v in state.status.most.items()}

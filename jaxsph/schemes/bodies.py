@@ -31,7 +31,7 @@ class BodyGrip(NamedTuple):
     """
 
     arms: Float[Array, "3 B D"]
-    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit velocity of each motion."""
+    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit rate of surge, heave and pitch."""
     sums: Float[Array, "B D"]
     """Weight of every dummy's own pressure: the sum of its `weights`."""
     weights: Components
@@ -46,7 +46,7 @@ class BodyGrip(NamedTuple):
 
 
 class BodyHold(NamedTuple):
-    """Linear maps between a body's accelerations, the pressure of its dummies, and the force on it."""
+    """Linear maps between a body's accelerations, the pressure of its dummies, and the force on the body."""
 
     grip: BodyGrip
     """Map from pressures to the force on the body."""
@@ -82,11 +82,11 @@ class BodiesCoupling(NamedTuple):
     kinematics: Kinematics
     """Kinematics of the bodies, with the velocities that the step changes."""
     air: dict[str, Float[Array, "3"]]
-    """Forces of the chambers' air on the bodies that carry them by name, N, N, N m (per metre in 2-D)."""
+    """Forces of the air on the bodies that carry chambers, N, N, N m (per metre in 2-D), by body."""
 
     @property
     def driving(self) -> Float[Array, " n"]:
-        """Generalised force without the water's pressure but with that of the air, N or N m."""
+        """Generalised force without the water's pressure but with the air's, N or N m (per metre in 2-D)."""
         return self.outside + sum(self.holds[name].ways.T @ force for name, force in self.air.items())
 
     def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
@@ -121,7 +121,7 @@ def couple_bodies(
     ghosts: GhostFields,
     tables: Tables,
 ) -> tuple[BodiesCoupling, ...]:
-    """Coupling of the bodies to the water for a step of dt (s), at most one.
+    """Coupling of the bodies to the water for a step of dt (s); empty without bodies.
 
     **Arguments**: `parts`: states of the parts by name, with the bodies in their poses at the time t (s) of
     the `ghosts`, and with the velocities that the step changes.
@@ -158,7 +158,7 @@ def velocity_changes(
 ) -> dict[str, Float[Array, "3"]]:
     """Changes of the velocities of pivots and pitches (m/s, m/s, rad/s) in a step of dt (s), by body.
 
-    `accelerations` of the coordinates, m/s2 or rad/s2.
+    `accelerations`: accelerations of the bodies' coordinates, m/s2 or rad/s2.
     """
     return {
         name: dt * (hold.ways @ acceleration)
@@ -221,9 +221,9 @@ def push_bodies(
 ) -> BodyWork:
     """Bodies after the forces of a step of dt (s) changed their velocities at constant poses.
 
-    **Arguments**: `before`: states of the parts by name at the time t (s) of the forces; `pressures`: with
-    the accelerations and forces of the bodies that result from `couplings`. The contact forces of the
-    previous step act in this step.
+    **Arguments**: `before`: states of the parts by name at the time t (s) of the forces; `pressures`:
+    pressures of water and ghosts, with the accelerations and forces of the bodies that result from
+    `couplings`. The contact forces of the previous step act in this step.
     """
     nothing, forces = jnp.zeros_like(dt), pressures.forces
     done = BodyWork({}, {}, nothing, nothing)

@@ -161,8 +161,8 @@ class ISPH(AbstractParticleScheme):
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour. This includes the solver's
-        iterations in still water, with a flap in waves, and in the dam break of a column."""
+        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour, including the solver's iterations;
+        measured in still water, with a flap in waves, and in the dam break of a column."""
         return 2.2e-6 + 30e-9 * self.neighbours(dx, dim)
 
     def fastest(self, dt):

@@ -41,7 +41,7 @@ class Rates(NamedTuple):
     grad_rho: Components
     """Gradient of the density, kg/m4."""
     position_divergence: Float[Array, " N"]
-    """Divergence of position (Zhu et al. 2020, Eq. 15)."""
+    """Divergence of position (Zhu et al. 2020, Eq. 15) (-)."""
     limited: dict[str, Scalar]
     """Number of particles at which each of the scheme's limiters acted."""
 
@@ -227,7 +227,7 @@ def _accelerate(
 
 
 def _line_of(airs: Mapping[str, AirCoupling], flows: Mapping[str, Scalar], dt: Scalar) -> WaterLine:
-    """Flows over a step of dt (s) as functions of the pressures.
+    """Flows out of the chambers over a step of dt (s), as functions of their pressures.
 
     `flows`: flows if all pressures were zero, m3/s (m2/s in 2-D). Sound takes several steps to reach the
     water below: in one step the air moves only the water on which it acts directly.

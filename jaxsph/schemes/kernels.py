@@ -23,7 +23,8 @@ POLYNOMIAL = {
     2: Polynomial.of(2, (0.105, -0.263, 1.275, -1.800, 2.533, -1.482, 0.632), 3),
     3: Polynomial.of(3, (0.351, -1.609, 5.447, -8.853, 9.339, -4.994, 1.319), 3),
 }
-"""Polynomial kernel by number of dimensions: `least_stress(dim, support)` rounded to three decimals."""
+"""Polynomial kernel by number of dimensions, with the coefficients of `least_stress(dim, support)` rounded to
+three decimals."""
 
 KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
 """Default kernel by number of dimensions.
@@ -98,7 +99,7 @@ def lattice_sums(kernel: AbstractKernel, h_over_dx: float, dim: int) -> LatticeS
 
 @partial(jax.jit, static_argnums=2)
 def _summed(kernel: AbstractKernel, h_over_dx: Scalar, dim: int, up: Array, r2: Array) -> LatticeSums:
-    """Sums over the particles `up` spacings above the middle one, at the squared distances r2 (-)."""
+    """Sums over the particles `up` spacings above the central particle, at the squared distances r2 (-)."""
     pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
     weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
     full = jnp.sum(pair.W)

@@ -42,7 +42,7 @@ class AbstractSolver(eqx.Module):
 class Explicit(AbstractSolver):
     """Explicit solver that uses the neighbours' pressures of the last step (Eq. 13-15; Hosseini et al. 2007).
 
-    With this solver pressure waves travel about one spacing per sweep. The residual has no tolerance.
+    With this solver pressure waves travel about one spacing per sweep. The residual is not computed.
     """
 
     sweeps: int = eqx.field(static=True, default=1)
@@ -110,9 +110,9 @@ class BiCGStab(AbstractSolver):
 
 
 CYCLE = 50
-"""Number of iterations of stabilised biconjugate gradients after which they restart.
+"""Number of iterations after which the stabilised biconjugate gradient solver restarts.
 
-The OWC takes 2 to 7 iterations per step with dx = 0.02 m. With dx = 0.005 m and without restarts, one step
+The OWC needs 2 to 7 iterations per step with dx = 0.02 m. With dx = 0.005 m and without restarts, one step
 in 5,500 stagnated: the residual after 200 iterations was still 1.1 times the tolerance.
 """
 
@@ -224,7 +224,7 @@ class SurfaceParticles(AbstractSurface):
     """Free-surface condition of zero pressure at particles whose kernel is not full (Eq. 23-24)."""
 
     threshold: Scalar | float = 0.9
-    """Share of a full kernel's sum up to which a particle counts as a surface particle."""
+    """Fraction of a full kernel's sum up to which a particle counts as a surface particle (-)."""
 
     def free(self, filled):
         """See `AbstractSurface.free`."""
@@ -244,9 +244,9 @@ class EmptyNeighbours(AbstractSurface):
     gain: Scalar | float = 1.0
     """Minus the ratio of a missing neighbour's pressure to the particle's pressure (-)."""
     low: Scalar | float = 0.7
-    """Share of a full kernel's sum below which the missing neighbours have their full weight."""
+    """Fraction of a full kernel's sum below which the missing neighbours have their full weight (-)."""
     high: Scalar | float = 0.85
-    """Share of a full kernel's sum above which no neighbour is regarded as missing."""
+    """Fraction of a full kernel's sum above which no neighbour is regarded as missing (-)."""
 
     def free(self, filled):
         """See `AbstractSurface.free`."""

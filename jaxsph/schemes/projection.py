@@ -44,7 +44,7 @@ MOST = 0.5
 MEAN_TIME = 3.0
 """Averaging time of the pressure from which dummies find the water level, as a multiple of sqrt(h/g) (-).
 
-A dummy that becomes wet crowds the water beside it, and the pressure of that water makes the dummy wetter.
+A dummy that becomes wet crowds the water next to it, and the pressure of that water makes the dummy wetter.
 With the pressure of the last step, water below a leaning plate never comes to rest. A value of 1 is
 sometimes too small; values of 2 and 6 are large enough. Every particle has its own mean, because a particle
 stays at the same depth below the surface of waves.
@@ -88,7 +88,7 @@ class Poisson(NamedTuple):
     def neighbour_mean(self, q: Sources, q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
         """Weighted mean of the pressures (Pa) of every particle's neighbours in the water and the walls.
 
-        `q` holds the pressures of the water as its only field "f" (see `shown`).
+        `q`: sources with the water's pressures as their only field "f" (see `shown`).
         """
         return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
 
@@ -138,7 +138,7 @@ class PressureEquation(NamedTuple):
     def solve(
         self, solver: AbstractSolver, source: Float[Array, " N"], start: Float[Array, " N"]
     ) -> tuple[Float[Array, " N"], Scalar, Array]:
-        """Pressures of the water (Pa) for a source (Pa), the residual, and whether it is small enough.
+        """Pressures of the water (Pa) for a source (Pa), the residual (-), and whether the solver converged.
 
         `start`: first guess of the pressures, Pa.
         """

@@ -128,7 +128,7 @@ def move_walls(scheme: AbstractScheme, model: Model, state: State, dt: Scalar) -
 
 
 def at_rest(model: Model, state: State) -> Interval:
-    """Interval of one time step from a state, in which the walls keep their velocities."""
+    """Interval of one time step from a state, in which the walls keep their positions and velocities."""
     return Interval(state.parts, state.parts, model.time(state), model.dt)
 
 

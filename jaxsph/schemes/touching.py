@@ -15,16 +15,16 @@ from jaxsph.model.solids import AbstractBody, AbstractMovingSolid, AbstractSolid
 NEAREST = 0.5
 """Gap between a body and another solid, in spacings, below which a run stops.
 
-The particles cannot resolve a thinner film of water, and no force stops the body. Places at which the gap is
-less than a spacing at rest, for example beside a hinge, are not considered.
+The particles cannot resolve a thinner film of water, and no force stops the body. Points at which the gap
+is less than a spacing at rest, for example next to a hinge, are not considered.
 """
 
 
 def touching(model: Model, parts: Mapping[str, Any]) -> tuple[Array, Float[Array, " D"]]:
-    """Whether a body is nearer than `NEAREST` to another solid, and a place (m) where it is.
+    """Whether a point of a body is nearer than `NEAREST` to another solid, and this point's position (m).
 
-    Bodies joined to each other may meet. Only bodies that translate are considered: a body that turns about a
-    fixed pivot cannot sink. `parts`: states of the parts by name.
+    Bodies joined to each other may touch. Only bodies that translate are considered: a body that turns about
+    a fixed pivot cannot sink. `parts`: states of the parts by name.
     """
     x = jax.lax.stop_gradient(model.walls.x)
     found, where = jnp.zeros((), bool), jnp.zeros(x.shape[1], x.dtype)
@@ -62,7 +62,7 @@ def _near(
     surface: Float[Array, "B D"],
     gap: Scalar,
 ) -> Array:
-    """Whether a solid is within `gap` (m), along x or z, of the points of a body at `surface` (m) at rest."""
+    """Mask of a body's points, at `surface` (m) at rest, within `gap` (m) of a solid along x or z."""
     dx, found = model.dx, jnp.zeros(len(surface), bool)
     x = body.carry(parts[body.name], surface)
     for axis, sign in ((0, -1.0), (0, 1.0), (-1, -1.0), (-1, 1.0)):

@@ -59,7 +59,7 @@ class DeltaSPH(AbstractRateScheme):
     integrator: AbstractIntegrator
     """Time integrator."""
     background: tuple[Background, ...] = ()
-    """Hydrostatic pressures that are subtracted in the pair sums beside thin walls."""
+    """Hydrostatic pressures that are subtracted in the pair sums near thin walls."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
     """Regularisation of the particles, at most one."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
@@ -130,7 +130,7 @@ class DeltaSPH(AbstractRateScheme):
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
 
     def respond(self, model, state, tables):
-        """See `AbstractParticleScheme.respond`: empty, since sound carries the air's pressure."""
+        """See `AbstractParticleScheme.respond`: empty, since sound waves transmit the air's pressure."""
         del model, state, tables
         return {}
 
@@ -140,7 +140,7 @@ class DeltaSPH(AbstractRateScheme):
 
     def cost(self, dx, dim):
         """See `AbstractScheme.cost`: 25 ns per neighbour and evaluation in two dimensions, 24 ns in three,
-        measured with neighbour lists larger than the caches (still water, the OWC, the column)."""
+        measured with neighbour lists larger than the caches (in still water, the OWC and a dam break)."""
         pair = 25e-9 if dim == 2 else 24e-9
         return pair * self.integrator.evaluations * self.neighbours(dx, dim)
 
@@ -161,7 +161,7 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- sources
 
     def water(self, p):
-        """See `AbstractParticleScheme.water`: adds density deviation, and pressure less the background."""
+        """See `AbstractParticleScheme.water`: adds density deviation, and pressure minus the background."""
         water = super().water(p).water
         return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
 
@@ -186,7 +186,7 @@ class DeltaSPH(AbstractRateScheme):
         return ghosts.water.behind(fields | {"p": p, "rho": jnp.zeros_like(p)}, p="over")
 
     def _over_background(self, x: Float[Array, "N D"], p: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Pressures p (Pa) at points x (m) less the background pressure."""
+        """Pressures p (Pa) at points x (m) minus the background pressure, Pa."""
         for background in self.background:
             p = p - background.pressure(x)
         return p
@@ -249,7 +249,7 @@ class DeltaSPH(AbstractRateScheme):
     # ---------------------------------------------------------------- diagnostics
 
     def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power taken by viscosity and density diffusion, W (W/m in 2-D).
+        """Power dissipated by viscosity and density diffusion, W (W/m in 2-D).
 
         Source: energy balance of Antuono et al. 2015.
         """
@@ -292,4 +292,5 @@ def _with_gradient(sources: Sources, grad_rho: tuple[jax.Array, ...]) -> Sources
 
 
 SURFACE = 1.89 / 2.0
-"""Criterion of Eq. 15 for the surface, as a share of the divergence's ideal value (1.89 of 2 in 2-D)."""
+"""Divergence of position (Eq. 15) below which a particle is at the surface, divided by its ideal value (-):
+1.89 of 2 in 2-D."""

@@ -70,15 +70,15 @@ class LeaningPlate:
     """Plate at any inclination in the x-z plane; water may pass one end, both ends or neither."""
 
     foot: tuple[float, float]
-    """Middle (x, z) of one end, m."""
+    """Middle (x, z) of one end of the plate, m."""
     head: tuple[float, float]
-    """Middle (x, z) of the other end, m."""
+    """Middle (x, z) of the plate's other end, m."""
     thickness: float
     """Plate thickness, m."""
 
     @property
     def length(self) -> float:
-        """Length from the foot to the head, m."""
+        """Length of the plate from its foot to its head, m."""
         return math.dist(self.foot, self.head)
 
     @property
@@ -93,8 +93,8 @@ class LeaningPlate:
         return ez * (x[0] - x0) - ex * (x[-1] - z0)
 
     def past(self, x: Components) -> jax.Array:
-        """Distance of points x (m) past the nearer end, measured along the plate, m; negative beside the
-        plate."""
+        """Distance of points x (m) past the nearer end, measured along the plate, m; negative between the
+        ends."""
         (ex, ez), (x0, z0) = self.along, self.foot
         return jnp.abs(ex * (x[0] - x0) + ez * (x[-1] - z0) - 0.5 * self.length) - 0.5 * self.length
 

@@ -58,7 +58,7 @@ class Full:
     def finer(self) -> Full:
         """Returns this water at half the spacing in 2-D, and unchanged in 3-D.
 
-        The finer lattice resolves better where a level cuts the cells beside a slanting wall.
+        The finer lattice resolves better where a level cuts the cells next to a slanting wall.
         """
         return replace(self, side=0.5 * self.side) if len(self.box.low) == 2 else self
 
@@ -86,7 +86,7 @@ class Brim(eqx.Module):
     """
 
     full: Float[Array, " G"]
-    """Kernel sum of V W (-)."""
+    """Kernel sum of V W at the nodes in a full tank (-)."""
     bottom: Float[Array, " G"]
     """Mean height with the water level at the bottom of the node's cell, m."""
     top: Float[Array, " G"]

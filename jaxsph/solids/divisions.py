@@ -104,7 +104,7 @@ class DiagonalDivision(AbstractDivision):
 
 
 class FivePartDivision(AbstractDivision):
-    """Division (c): left and right above the tip; below the tip left, right and a strip under the plate."""
+    """Division (c) into water left and right of the plate, above and below its tip, and under the plate."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below", "below_left", "below_right")
     water: ClassVar[tuple[str, ...]] = (
@@ -200,7 +200,7 @@ class Regions(eqx.Module):
         return region
 
     def kind(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
-        """Kind bit of particles in these regions, which stands for their region in every mask."""
+        """Kind bit of particles in these regions, which represents their region in every mask."""
         return jnp.left_shift(jnp.int32(1), region)
 
     def sees(self, region: Int[Array, " N"]) -> Int[Array, " N"]:
@@ -262,7 +262,7 @@ class AbstractThinWall(eqx.Module):
 
     @abc.abstractmethod
     def check(self, plate: WallPlate, dx: float, layers: int) -> None:
-        """Checks the plate's thickness for this method, at the spacing `dx` (m) and for `layers` of ghosts.
+        """Checks the plate's thickness for this method, at the spacing `dx` (m), for `layers` ghost layers.
 
         **Raises** ValueError if the plate is too thin.
         """
@@ -323,7 +323,7 @@ class MultiNodeGhosts(AbstractThinWall):
         needed = layers - 1
         if plate.thickness < (needed - 0.01) * dx:
             raise ValueError(
-                f"wall_thickness = {plate.thickness:g} m holds {plate.thickness / dx:.1f} layers of "
+                f"wall_thickness = {plate.thickness:g} m has room for {plate.thickness / dx:.1f} layers of "
                 f"ghosts at dx = {dx:g} m; multi-node ghosts need {needed}: use dx of at most "
                 f"{plate.thickness / needed:.4g} m, or regional ghosts"
             )

@@ -1,4 +1,4 @@
-"""Filling of ghosts: how ghosts take their pressure and velocity from the water.
+"""Filling of ghosts: how the pressure and velocity of ghosts follow from the water.
 
 A ghost is the image of one particle (`MirrorImages`), or it interpolates from the water at its node. The node
 is the ghost's mirror image in the water (`MirrorNodes`) or the ghost's own position (`DummyParticles`).
@@ -47,7 +47,7 @@ class NodeFit(NamedTuple):
 
 
 class AbstractFilling(eqx.Module):
-    """Method by which ghosts take their pressure and velocity from the water."""
+    """Method by which the pressure and velocity of ghosts follow from the water."""
 
     least: eqx.AbstractClassVar[float]
     """Lower bound of a node's kernel sum of V W in a full tank (-)."""
@@ -155,7 +155,7 @@ class DummyParticles(AbstractFilling):
 class MirrorImages(MirrorNodes):
     """Filling of the tank's walls by mirror images of the water's particles (`solids.images`).
 
-    The ghosts of plates and platforms stand on a lattice and are filled from their mirror nodes.
+    The ghosts of plates and platforms lie on a lattice and are filled from their mirror nodes.
     """
 
 

@@ -20,9 +20,9 @@ class TankWalls(AbstractSolid):
     """
 
     low: tuple[float, ...] = eqx.field(static=True)
-    """Low ends of the water's domain, m."""
+    """Low ends of the water's domain along each axis, m."""
     high: tuple[float, ...] = eqx.field(static=True)
-    """High ends of the water's domain, m."""
+    """High ends of the water's domain along each axis, m."""
     sides: tuple[str, ...] = eqx.field(static=True)
     """Kind of boundary along each axis, one of `solids.box.SIDES`.
 
