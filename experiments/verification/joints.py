@@ -104,7 +104,7 @@ def work_and_gain() -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    """Moves the bodies in float64."""
+    """Simulates the joined bodies in float64 and reports the errors of their motion and energy."""
     jax.config.update("jax_enable_x64", True)
     with Report("joints", "Joined bodies without water: a double pendulum and a slider-crank") as report:
         kept = {"double pendulum": pendulum(), "slider-crank": crank()}

@@ -59,7 +59,7 @@ class PatchProbe(AbstractProbe):
 
 
 def built(n: int, strength: float | None = 12.0, c0: float = 10.0):
-    """Model and state of n by n particles; without `strength` there is no shifting."""
+    """Model and state of n by n particles; `strength` (-) of the shifting, None for no shifting."""
     dx = L / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
     scheme = DeltaSPH.of(

@@ -88,8 +88,8 @@ class Coefficients:
     X_spread: NDArray[np.float64]
     """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
-    """Ratio (-) of the subtracted force of waves that return from the paddle to the radiation force, in the
-    run with each given motion `[W, n]`; NaN if the force is unknown, and then nothing was subtracted."""
+    """Force of the waves that return from the paddle, which was subtracted, divided by the radiation force
+    (-), in the run with each given motion `[W, n]`; NaN if it is unknown, and then nothing was subtracted."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""
     x: float
@@ -184,7 +184,7 @@ def added_mass_and_damping(
     """Added mass and damping from the ratios of the water's force to the body's motion, for all periods.
 
     `ratio` `[..., periods]`: complex amplitude of the force over that of the motion, N/m per metre of width;
-    `omega`: rad/s; `stiffness` `[...]`: hydrostatic stiffness without the weight.
+    `omega`: rad/s; `stiffness` `[...]`: hydrostatic stiffness without the contribution of the weight.
     **Returns** A `[..., periods]` = Re(ratio + C) / omega^2 and B `[..., periods]` = -Im(ratio) / omega.
     """
     restored = ratio + np.asarray(stiffness)[..., None]

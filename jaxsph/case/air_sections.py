@@ -26,7 +26,7 @@ FAR = "far"
 DEVICE_WALLS = ("device", FAR)
 """Walls of the device's chamber: the device's plate and the tank's end wall."""
 SMOOTH_LAWS = ("K_dm", "resistance", "area", "discharge", "P_a", "relief", "suction")
-"""Keys of a power take-off on which a model depends smoothly; they may change during a run."""
+"""Keys of a power take-off on which a model depends smoothly; `resume` may change their values."""
 
 
 def air_keys(keys: Iterable[str]) -> list[str]:

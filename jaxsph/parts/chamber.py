@@ -84,7 +84,8 @@ class Chamber(AbstractChamber):
     still: Scalar
     """Still water level, m."""
     beyond: Scalar
-    """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts."""
+    """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts as
+    inside the chamber."""
     air: AbstractAirLaw = IncompressibleAir()
     """Air between the water and the power take-off."""
     frame: AbstractFrame = eqx.field(default=TankFrame(), kw_only=True)

@@ -24,7 +24,7 @@ class Motion(eqx.Module):
     pose: Float[Array, "3"]
     """Surge (m), heave (m) and pitch (rad, positive from z towards x) from the position at rest."""
     velocity: Float[Array, "3"]
-    """Velocities of surge, heave and pitch, m/s, m/s, rad/s."""
+    """Velocities of surge (m/s), heave (m/s) and pitch (rad/s)."""
 
 
 class AbstractPath(eqx.Module):
