@@ -17,7 +17,7 @@ class Solution(eqx.Module):
     """Result of a run: the samples as numpy arrays with their units and names, and the last state."""
 
     series: dict[str, np.ndarray]
-    """Readings at every sample by name, `[T]` or `[T, k]`, in `units`; "time" (s) is among them."""
+    """Series of every reading by name, `[T]` or `[T, k]`, in the units of `units`, and "time" (s)."""
     units: Mapping[str, tuple[Any, ...]] = eqx.field(static=True)
     """Pair (unit, long name) of each reading, by its name."""
     model: Model
@@ -27,7 +27,7 @@ class Solution(eqx.Module):
     case: Any = None
     """Case or other source of the run; None for a model that `march` has run."""
     results: dict[str, float] | None = None
-    """Scalars computed from the series, by name: efficiency, powers, reflection (`jaxsph.analysis`)."""
+    """Scalar results computed from the series, by name, such as the efficiency (`jaxsph.analysis`)."""
     notices: tuple[str, ...] = eqx.field(static=True, default=())
     """Notices about results that could not be computed, with the reason."""
     labels: Mapping[str, Label] = eqx.field(static=True, default_factory=dict)

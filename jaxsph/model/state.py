@@ -42,8 +42,8 @@ class Particles(eqx.Module):
     u: Float[Array, "N D"]
     """Velocities, m/s."""
     rho: Float[Array, " N"]
-    """Deviation of the density from rho0, kg/m3. The whole density in float32 could not resolve the
-    pressure."""
+    """Deviation of the density from rho0, kg/m3. The density itself, stored in float32, would not
+    resolve the pressure."""
     m: Float[Array, " N"]
     """Masses, kg (kg/m in two dimensions)."""
     id: Int[Array, " N"]
@@ -67,7 +67,7 @@ class Tally(eqx.Module):
     settled: Float[Array, "..."]
     """Amount from the start of the run to the last sample."""
     carry: Float[Array, "..."]
-    """Rounding error of `settled`."""
+    """Rounding error of `settled`, to be added to `settled`."""
 
     @classmethod
     def zero(cls, dtype: Any, shape: tuple[int, ...] = ()) -> Tally:
@@ -130,7 +130,7 @@ class Failure(enum.IntFlag):
     THROUGH_WALL = 8
     """A particle is inside a solid, or has left the tank."""
     CHAMBER_OVERFLOW = 16
-    """More particles feel a chamber's air than its table holds."""
+    """More particles feel a chamber's air than its table has entries for."""
     TOO_FAST = 32
     """A particle is faster than the scheme allows."""
     NOT_CONVERGED = 64
@@ -206,13 +206,13 @@ class Search(eqx.Module):
     method: AbstractSearch
     """Neighbour search that fills the tables."""
     capacity: int = eqx.field(static=True)
-    """Number of slots per fluid particle."""
+    """Number of neighbour slots per fluid particle."""
     node_capacity: int = eqx.field(static=True)
-    """Number of slots per interpolation node."""
+    """Number of neighbour slots per interpolation node."""
     chamber_capacity: int = eqx.field(static=True)
     """Largest number of particles that feel a chamber's air."""
     rebuild_every: int = eqx.field(static=True)
-    """Number of steps between searches."""
+    """Number of steps between two searches."""
     regularise_every: int = eqx.field(static=True)
     """Number of steps between two regularisations of the particles.
 
@@ -222,7 +222,7 @@ class Search(eqx.Module):
     skin: float = eqx.field(static=True)
     """Difference between the search radius and the kernel's support radius, m."""
     slabs: Slabs = eqx.field(default=ONE)
-    """Devices that share the particles."""
+    """Devices among which the particles are divided."""
 
 
 class Pressures(eqx.Module):
@@ -266,7 +266,8 @@ class Tables(eqx.Module):
     """Particles around the ghosts of every moving wall and body, by the solid's name, for the force on the
     solid."""
     chambers: dict[str, Int[Array, " C"]]
-    """Particles that may feel a chamber's air, by the chamber's name; N marks an unused entry."""
+    """Indices of the particles that may feel a chamber's air, by the chamber's name; N marks an unused
+    entry."""
     x: Float[Array, "N D"]
     """Positions of the particles at the search, m."""
     responses: dict[str, Response] = eqx.field(default_factory=dict)

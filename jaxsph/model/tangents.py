@@ -40,11 +40,11 @@ class TangentFilter(AbstractTangents):
 
     The filter must act faster than exact tangents grow. Under pressure the rows of the square lattice slide
     over each other, and exact tangents grow. At the bed of still water 0.4 m deep, with dx = 0.02 m, they
-    grow by a factor of e in 0.23 s (`python -m experiments run lattice_growth`). Higher orders preserve the
-    chamber's flow better: order 3 at every step lost a fifth of the response, while order 1 at every fifth
-    step loses half. But order 3 left slow modes of the sliding rows, which grew thirtyfold per period in a
-    tank of 4 m. Tangents of the densities need no filter, since they follow the tangents of positions and
-    velocities.
+    grow by a factor of e in 0.23 s (`python -m experiments run lattice_growth`). Higher orders preserve more
+    of the response of a chamber's flow: order 3 at every step lost a fifth of this response, while order 1 at
+    every fifth step loses half. But order 3 did not suppress slow modes of the sliding rows, which grew
+    thirtyfold per period in a tank of 4 m. Tangents of the densities need no filter, since they follow the
+    tangents of positions and velocities.
     """
 
     order: int = eqx.field(static=True, default=1)
@@ -77,8 +77,8 @@ class TangentFilter(AbstractTangents):
 class Average(NamedTuple):
     """Average over neighbours, a linear map of vector fields.
 
-    A linear function is fitted around every particle with the kernel's weights; the average is its value at
-    the particle.
+    A linear function is fitted around every particle with the kernel's weights; the average is the value of
+    this function at the particle.
     """
 
     x: Components
@@ -164,8 +164,8 @@ number will do."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:
-    """Twice the covariance, upper triangle, with stiffness added in the directions of suppressed
-    gradients."""
+    """Upper triangle of twice the covariance `spread`, with a stiffness added in the directions of suppressed
+    gradients (-)."""
     found, count = [], 0
     for row in range(dim):
         for column in range(row, dim):

@@ -15,7 +15,7 @@ from jaxsph.model import laws
 
 
 class AbstractViscosity(eqx.Module):
-    """A viscosity: the pair law of the viscous sum (Eq. 4 and 6), and its coefficient."""
+    """Viscosity of a scheme: pair law of the viscous sum (Eq. 4 and 6), and coefficient of this sum."""
 
     @abc.abstractmethod
     def coefficient(self, h: Scalar | float, c0: Scalar | float, dim: int) -> Scalar:

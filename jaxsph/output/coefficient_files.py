@@ -1,4 +1,4 @@
-"""Files of added mass, damping and excitation: Capytaine's dataset in netCDF, and WEC-Sim's BEMIO in HDF5."""
+"""Files of added mass, damping and excitation, in Capytaine's layout (netCDF) or WEC-Sim's BEMIO (HDF5)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from jaxsph.output.hdf5 import put_file, replace_file, tell_write_errors, versio
 PER_WIDTH = "two-dimensional: all forces, masses and stiffnesses are per metre of width"
 """Remark in every file."""
 SPREAD = "standard deviation from period to period of the run; discretisation errors are not included"
-"""Meaning of the spreads in every file."""
+"""Description of the spreads in every file."""
 
 
 class AbstractCoefficientFile(abc.ABC):
@@ -32,8 +32,8 @@ class AbstractCoefficientFile(abc.ABC):
 
     @abc.abstractmethod
     def check(self, modes: Sequence[Mode], bodies: Mapping[str, BodyAtRest]) -> None:
-        """**Raises** CaseError if the layout has no place for these modes, or FileError if a library is
-        missing."""
+        """**Raises** CaseError if the layout cannot store the coefficients of these modes, or FileError if a
+        library is missing."""
 
     @abc.abstractmethod
     def write(self, found: Coefficients) -> None:
@@ -41,7 +41,7 @@ class AbstractCoefficientFile(abc.ABC):
 
 
 def file_at(path: str | Path) -> AbstractCoefficientFile:
-    """File of coefficients in the layout for the path's suffix. **Raises** CaseError for other suffixes."""
+    """File of coefficients in the layout that the suffix selects. **Raises** CaseError for other suffixes."""
     found = {".nc": CapytaineFile, ".h5": BEMIOFile}.get(Path(path).suffix)
     if found is None:
         raise CaseError(
@@ -55,7 +55,7 @@ class CapytaineFile(AbstractCoefficientFile):
     """netCDF file in the layout of Capytaine's datasets.
 
     The dimensions are omega, radiating_dof, influenced_dof, wave_direction and, for complex values, complex.
-    Motions and forces oscillate as exp(-i omega t) in it, so that the excitation is the conjugate of
+    In this layout motions and forces oscillate as exp(-i omega t), so that the excitation is the conjugate of
     `Coefficients.X`. Positions are measured from the reference position in the still water surface.
     """
 
@@ -141,12 +141,12 @@ SIX = {"surge": 0, "heave": 2, "pitch": 4}
 class BEMIOFile(AbstractCoefficientFile):
     """HDF5 file in the layout of BEMIO, which WEC-Sim reads.
 
-    Every body has 6 x 6 N matrices, with zeros for motions that do not exist in two dimensions or were not
-    asked for. Added mass is divided by rho, damping by rho omega, excitation and stiffness by rho g. Motions
-    oscillate as exp(i omega t). WEC-Sim takes moments about the centre of mass, so the coefficients are
-    transformed from the pivot to that point. The added mass at infinite frequency is NaN, and the impulse
-    responses are left out, because a few periods do not determine them. A simulation in regular waves does
-    not need this added mass.
+    With N bodies, every body has matrices of 6 x 6 N elements, which are zero for motions that do not exist
+    in two dimensions or were not requested. Added mass is divided by rho, damping by rho omega, excitation
+    and stiffness by rho g. Motions oscillate as exp(i omega t). WEC-Sim takes moments about the centre of
+    mass, so the coefficients are transformed from the pivot to the centre of mass. The added mass at infinite
+    frequency is NaN, and the impulse responses are left out, because a few periods do not determine them. A
+    simulation in regular waves does not need this added mass.
     """
 
     def check(self, modes, bodies):
@@ -157,7 +157,7 @@ class BEMIOFile(AbstractCoefficientFile):
             if off and "pitch" in has and has != set(MOTIONS):
                 raise CaseError(
                     f"{self.path}: WEC-Sim takes moments about the centre of mass, and the pivot of {name} "
-                    "is another point: find all of surge, heave and pitch, or give a name that ends in .nc"
+                    "is another point: compute surge, heave and pitch, or give a name that ends in .nc"
                 )
 
     def write(self, found):
@@ -222,7 +222,7 @@ class BEMIOFile(AbstractCoefficientFile):
 
 
 def _in_six(found: Coefficients) -> dict[str, NDArray]:
-    """Coefficients over the six motions of every body about its centre of mass, frequencies last.
+    """Coefficients over the six motions of every body about its centre of mass; the last axis is frequency.
 
     A motion xi of the centre of mass moves the pivot by T xi, where T contains the pivot's position r
     relative to the centre of mass. Matrices become T^T A T. The spreads are not transformed: they refer to

@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 
 def read(path: str | Path) -> xarray.Dataset:
-    """Reads the readings and results of a run, or of the members of a sweep, with their units and names.
+    """Loads the readings and results of a run, or of the members of a sweep, with their units and names.
 
-    For a run: every series over `time` (s), gauges and sensors over their positions; the attributes hold the
-    results, the notices and the case's text. The run may still be in progress. For a sweep: results and
-    series over the parameters; a series with the name of a result is called `..._series`.
+    The dataset of a run contains every series over `time` (s), for gauges and sensors also over their
+    positions. Its attributes are the results, the notices and the case's text. The run may still be in
+    progress. The dataset of a sweep contains results and series over the parameters; a series with the name
+    of a result is called `..._series`.
     **Raises** FileError if the file was not written by jaxsph, or if xarray or h5netcdf is missing.
     """
     with wanted("js.read", "xarray and h5netcdf"):

@@ -59,7 +59,7 @@ class Variable:
     dim: str | None = None
     """Name of the second dimension, e.g. "gauge"; None for a series `[T]`."""
     group: str = "series"
-    """Group of a run's file that keeps the series: "series" or "energy"."""
+    """Group of a run's file that contains the series: "series" or "energy"."""
 
 
 @contextlib.contextmanager

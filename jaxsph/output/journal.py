@@ -9,7 +9,7 @@ checkpoint replaces the previous checkpoint, because the journal is read only up
 checkpoint. A kill at any moment therefore leaves all earlier chunks intact, and the next append overwrites a
 chunk that was only partly written.
 
-Both files belong to one `Owner`: the run's file at one stage. When they are folded into the run's file, its
+Both files belong to one `Owner`: the run's file at one stage. When they are folded into the run's file, the
 stage is increased in the same atomic step, and then the two files are removed. After a kill in between, the
 remaining files have no owner and are ignored.
 """
@@ -30,7 +30,7 @@ from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
-    """Owner of a journal: a run and its stage, the number of times the run's file was folded or amended."""
+    """Owner of a journal: a run, and its stage (how often the run's file has been folded or amended)."""
 
     run: str
     stage: int

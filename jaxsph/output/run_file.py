@@ -175,8 +175,8 @@ class RunFile(RunReader):
     ) -> None:
         """Replaces the case for the time after the checkpoint and removes results and notices, atomically.
 
-        **Arguments**: as for `create`; `since`: time from which results are taken, s; `checkpoint`: arrays of
-        the changed checkpoint, by name.
+        **Arguments**: as for `create`; `since`: time from which results are computed, s; `checkpoint`: arrays
+        of the changed checkpoint, by name.
         """
 
         def change(file: h5py.File) -> None:
@@ -222,8 +222,8 @@ class RunFile(RunReader):
         if self._own not in (None, owner_of(file)):
             raise FileError(
                 f"{self.path}: was replaced, changed or continued by another program, which may still write "
-                f"to it. Stop one of the two programs; `jaxsph resume {self.path}` continues from what the "
-                "file holds"
+                f"to it. Stop one of the two programs; `jaxsph resume {self.path}` continues from the "
+                "state in the file"
             )
 
     def _continues(self, view: View, series: Mapping[str, np.ndarray]) -> str:
@@ -236,7 +236,7 @@ class RunFile(RunReader):
             return ""
         if not t[0] > stored:
             raise FileError(
-                f"{self.path}: holds samples up to t = {stored:g} s, and this run is at {t[0]:g} s: "
+                f"{self.path}: has samples up to t = {stored:g} s, and this run is at {t[0]:g} s: "
                 "another run writes to the same file. Stop one of them, then `jaxsph resume` the file"
             )
         names = set(view.variables())

@@ -71,7 +71,7 @@ class RunReader:
             yield View(file, beside if ours else None)
 
     def _attributes(self, group: str) -> dict[str, Any]:
-        """Attributes of a group, "/" for the file's own."""
+        """Attributes of a group, or of the file for "/"."""
         with open_file(self.path) as file:
             return attributes(file[group])
 
@@ -119,7 +119,7 @@ class RunReader:
 
     @property
     def since(self) -> float:
-        """Time of the last change of the case during the run, s; results are taken from this time on."""
+        """Time of the last change of the case during the run, s; results are computed from this time on."""
         return float(self._attributes("/").get("since", 0.0))
 
     def progress(self) -> dict[str, float]:
@@ -189,7 +189,7 @@ class RunReader:
         """
         count = self.snapshot_count
         if not -count <= i < count:
-            raise IndexError(f"snapshot {i}: {self.path} holds {count} snapshots")
+            raise IndexError(f"snapshot {i}: {self.path} has {count} snapshots")
         i %= count
         with self._view() as view:
             folded, more = len(view.file["snapshots"]), self._snapshots(view)
@@ -208,7 +208,7 @@ class RunReader:
             return np.asarray(times, np.float64)
 
     def _snapshots(self, view: View) -> list[Head]:
-        """Heads of the journal's chunks that hold a snapshot."""
+        """Heads of the journal's chunks that contain a snapshot."""
         if view.journal is None:
             return []
         key = (view.owner, view.journal.about["end"])

@@ -87,7 +87,7 @@ class SweepFile:
         self.path = Path(path)
 
     def is_one(self) -> bool:
-        """Whether the file holds a sweep. **Raises** FileError if it is missing, damaged or not HDF5."""
+        """Whether the file is that of a sweep. **Raises** FileError if it is missing, damaged or not HDF5."""
         check_signature(self.path)
         with open_file(self.path) as file:
             return file.attrs.get("kind") == "sweep"
@@ -104,10 +104,11 @@ class SweepFile:
         """Writes a whole sweep, and replaces an existing file.
 
         **Arguments**: `axes`: values of every parameter, in the order of the dimensions of `shape` (for a
-        list of members, each parameter has one value per member); `members`: by flat index, "results"
-        (scalars), "series" (arrays `[T]` or `[T, k]` by name, including "time") and "failure" (text, empty
-        after success); `meanings`: meanings of series and results; `about`: further settings that identify
-        the study, as numbers, texts and lists by name. **Raises** FileError if the file cannot be written.
+        list of members, each parameter has one value per member); `members`: mappings by flat index,
+        with "results" (scalars), "series" (arrays `[T]` or `[T, k]` by name, including "time") and "failure"
+        (text, empty after success); `meanings`: meanings of series and results; `about`: further settings
+        that identify the study, as numbers, texts and lists by name. **Raises** FileError if the file cannot
+        be written.
         """
         with tell_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
 """Laws of the air between a chamber's water and its power take-off: incompressible or isentropic.
 
 Signs and flows are defined in `parts.pto`. The water does work on the air at the rate P_a q, where q is the
-flow by which the water's surface rises. The power take-off takes the power `head` (Pa) times the
-flow through the take-off, and the air stores the remainder.
+flow by which the water's surface rises. The power take-off absorbs the power `head` (Pa) times
+the flow through the take-off, and the air stores the remainder.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Confined(eqx.Module):
     """State of compressible air in a chamber."""
 
     excess: Tally
-    """Volume of the air at ambient pressure minus the volume that the water leaves to it, m2."""
+    """Volume that the air would have at ambient pressure, minus the volume that it has, m2."""
     passed: Scalar
     """Flow through the power take-off in the last step, m2/s."""
 
@@ -165,21 +165,21 @@ class IsentropicAir(AbstractAirLaw):
         return {"flow_pto": air.confined.passed}
 
     def pressure(self, air: Air) -> Scalar:
-        """Gauge pressure of the air, Pa, from its amount and the volume left to it."""
+        """Gauge pressure of the air, Pa, from the amount of air and its volume."""
         share = air.confined.excess.total / self._room(air)
         # a small pressure is a small difference of volumes: expm1 and log1p resolve it in single precision
         return self.p0 * jnp.expm1(self.gamma * jnp.log1p(jnp.maximum(share, -0.9)))
 
     def _room(self, air: Air) -> Scalar:
-        """Volume that the water leaves to the air, m2: at least 2 % of the volume over still water."""
+        """Volume of the air above the water, m2: at least 2 % of the volume over still water."""
         return jnp.maximum(self.volume - air.driven.total, 0.02 * self.volume)
 
     def press(self, pto, air, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`.
 
-        For soft air the flow at the surface is taken in the middle of the step, so that the spring neither
-        gains nor loses energy. The larger omega^2 dt^2 = dt compliance / give is, the nearer to the end of
-        the step the flow is taken. This damps oscillations between steps where the air is too stiff for dt.
+        For soft air the flow at the surface is evaluated in the middle of the step, so that the spring
+        neither gains nor loses energy. With increasing omega^2 dt^2 = dt compliance / give, this point moves
+        towards the end of the step. This damps oscillations between steps where the air is too stiff for dt.
         """
         P_n = self.pressure(air)
         give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a

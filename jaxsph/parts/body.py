@@ -57,13 +57,13 @@ class RigidBody(PosedSolid, AbstractBody):
     inertia: Scalar
     """Moment of inertia about the centre of mass, kg m2 (kg m in 2-D)."""
     pivot: Float[Array, "2"]
-    """Point (x, z) at rest at which the joint holds the body, and about which moments are taken, m."""
+    """Point (x, z) of the joint at rest, about which moments are taken, m."""
     centre: Float[Array, "2"]
     """Centre of mass (x, z) at rest, m."""
     joint: AbstractJoint
     """Joint to the tank or to another body."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Index of the body's first ghost, and of the ghost after its last: an entry of `Ghosts.dummies`."""
+    """Index of the body's first ghost, and index after its last ghost; an entry of `Ghosts.dummies`."""
     name: str = eqx.field(static=True, default="body", kw_only=True)
     usual_name: ClassVar[str] = "body"
 

@@ -27,7 +27,7 @@ from jaxsph.core.roots import increasing_root
 __all__ = ["AbstractCatenary", "EndForces", "GroundedCatenary", "HangingCatenary"]
 
 STEEPEST = 30.0
-"""Largest q; the horizontal force is then 1e-13 of the line's weight."""
+"""Largest q (-); the ratio of the horizontal force to the line's weight is then 1e-13."""
 SMALLEST = 1e-6
 """Smallest ratio of span or height to length for which the equations are solved (-)."""
 STRAIN = 10.0
@@ -108,7 +108,7 @@ class AbstractCatenary(eqx.Module):
 
 
 class HangingCatenary(AbstractCatenary):
-    """Catenary that touches nothing between its ends."""
+    """Catenary that hangs freely between its ends."""
 
     def vertical(self, up, below):
         """See `AbstractCatenary`."""
@@ -151,7 +151,7 @@ class GroundedCatenary(AbstractCatenary):
 
 
 def _hanging(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
-    """Residual of the equation for q = exp(y) (-): half the logarithm of its left-hand side over L^2."""
+    """Residual of the equation for q = exp(y) (-): half the logarithm of (left-hand side / L^2)."""
     x, h, e = parameters
     q = jnp.exp(y)
     return 0.5 * jnp.log((h * jnp.tanh(q) / (jnp.tanh(q) + e)) ** 2 + (x * jnp.sinh(q) / (q + e)) ** 2)

@@ -1,7 +1,7 @@
 """Chamber of an oscillating water column, where air trapped above the water drives a power take-off.
 
 Signs: `P_a` is the gauge pressure of the chamber's air, positive when compressed; `q` is the volume flow of
-air out of the chamber, positive when the water column rises; the PTO takes the power P_a q.
+air out of the chamber, positive when the water column rises; the PTO absorbs the power P_a q.
 """
 
 from __future__ import annotations
@@ -65,12 +65,12 @@ class BodyForceGrip(AbstractGrip):
 
 
 class Chamber(AbstractChamber):
-    """Water column below trapped air between two walls, upright or leaning, and the air's power take-off.
+    """Water column below trapped air between two walls, upright or inclined, and the air's power take-off.
 
     A smooth function chi of position weights the air's pressure: it is 1 in the upper part of the column and
     fades to 0 towards the level of the front wall's tip. The flow q = -sum_i f_i.u_i, where f_i is the force
     on particle i per unit of P_a, is the volume flux averaged over the fading zone. P_a q is then exactly the
-    power that the air's force takes from the particles.
+    power that the air's force extracts from the particles.
     """
 
     pto: AbstractPTO
@@ -223,7 +223,7 @@ class Chamber(AbstractChamber):
         mean = 0.5 * (before + after)
         passed, ducted = self.air.divided(pressed, mean)
         left, head = passed + ducted, self.air.head(pressed.P_a)
-        # force times mean velocity times dt is exactly the kinetic energy that the force takes in the step
+        # force times mean velocity times dt is exactly the kinetic energy that the force removes in the step
         amounts = {name: dt * head * q for name, q in pressed.pto.flows(pressed.P_a, passed).items()}
         amounts |= {name: dt * (pressed.P_a * mean - head * left) for name in self.air.entries("")}
         kept = self.air.finish(air, passed, left, mean, dt)
@@ -238,7 +238,7 @@ class Chamber(AbstractChamber):
         """Volume of water in the chamber above the middle of the fading zone, m3 (m2 in 2-D).
 
         **Arguments**: `x`, `V`: positions (m) and volumes (m3; m2 in 2-D) of the particles; `smooth`: half
-        the height (m) of the layer in which particles count in part.
+        the height (m) of the layer around this level in which particles are counted in part.
         """
         level = self.sides.z[self.sides.start]
         s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)

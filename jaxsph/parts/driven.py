@@ -48,7 +48,7 @@ class DrivenSolid(PosedSolid, AbstractWall):
     pivot: Float[Array, "2"]
     """Point (x, z) at rest about which the solid turns, m."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Indices of the solid's first ghost and of the one after its last: an entry of `Ghosts.dummies`."""
+    """Index of the solid's first ghost, and index after its last ghost; an entry of `Ghosts.dummies`."""
     name: str = eqx.field(static=True, default="driven", kw_only=True)
 
     def start(self, dtype: Any) -> Motion:

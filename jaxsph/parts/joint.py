@@ -22,7 +22,7 @@ class PlanarJoint(AbstractJoint):
     """Joint with the coordinates surge (m), heave (m) and pitch (rad), any of which may be free.
 
     With all three free the body floats, with pitch alone it is hinged, with surge or heave alone it slides,
-    and with none it is fixed. Surge and heave are along axes of the parent, which `angle` turns. A coordinate
+    and with none it is fixed. Surge and heave are along the parent's axes, rotated by `angle`. A coordinate
     that is not free keeps its velocity. The coordinates are added to the `path`, a given motion.
     """
 
@@ -38,7 +38,7 @@ class PlanarJoint(AbstractJoint):
     position: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
     """Surge (m), heave (m) and pitch (rad) at t = 0."""
     path: tuple[AbstractPath, ...] = ()
-    """Given motion of the body relative to its parent, at most one."""
+    """Given motion of the body relative to its parent: one path, or an empty tuple for none."""
 
     @classmethod
     def of(cls, free: Sequence[str] = (), *, dtype: Any = jnp.float32, **options: Any) -> PlanarJoint:

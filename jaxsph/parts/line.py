@@ -1,8 +1,9 @@
 """Mooring line of lumped masses in still water: axial stiffness and damping, drag, added mass and the bed.
 
 The equations are those of Hall and Goupee 2015: half of the mass, weight and forces of each segment acts on
-the node at each end. The line takes several short steps in each step of the water. In each short step the
-nodes drift for half the step, the forces change their velocities, and the nodes drift for the other half.
+the node at each end. Each step of the water is divided into several short steps of the line. In each short
+step the nodes drift for half the step, the forces change the nodes' velocities, and the nodes drift for the
+other half.
 Drag and the damping of the bed are integrated implicitly.
 """
 
@@ -66,18 +67,18 @@ class LineMotion(NamedTuple):
     end: Float[Array, "2"]
     """Position of the fairlead, m."""
     dt: Scalar
-    """Last step of the water, s; 0 at the start."""
+    """Duration of the last step of the water, s; 0 at the start."""
 
 
 class Forces(NamedTuple):
     """Forces on the nodes of a line, anchor and fairlead included, at given positions and velocities."""
 
     constant: Float[Array, "N 2"]
-    """Tension, weight and the spring of the bed, N (N/m in 2-D)."""
+    """Sum of tension, weight and the elastic force of the bed, N (N/m in 2-D)."""
     mass: Float[Array, "N 2 2"]
     """Mass of the nodes with the water's added mass, kg."""
     damping: Float[Array, "N 2 2"]
-    """Damping matrices of drag and bed: force against the velocity per unit velocity, N s/m."""
+    """Damping matrices of drag and bed: force opposite to the velocity, per unit velocity, N s/m."""
 
 
 class LumpedLine(AbstractMooringLaw):
@@ -85,7 +86,7 @@ class LumpedLine(AbstractMooringLaw):
     to the anchor."""
 
     at_rest: AbstractCatenary
-    """Catenary in which the line starts at rest; holds its length, weight and axial stiffness."""
+    """Catenary in which the line starts at rest, with the line's length, weight and axial stiffness."""
     mass: Scalar
     """Mass per length in air, kg/m."""
     damping: Scalar
@@ -166,7 +167,7 @@ class LumpedLine(AbstractMooringLaw):
         return dataclasses.replace(self, substeps=int(np.ceil(dt / (COURANT * self.stable_step()))))
 
     def _moved(self, own: LineMotion, end: Array, v: Array, dt: Scalar) -> tuple[LineMotion, Array]:
-        """State of the line after its fairlead has moved to `end` (m) at the rate v (m/s) in a step of dt
+        """State of the line after its fairlead has moved to `end` (m) at the velocity v (m/s) in a step of dt
         (s), and the mean force on the fairlead (N)."""
         h, path = dt / self.substeps, end - own.end
 
@@ -203,7 +204,7 @@ class LumpedLine(AbstractMooringLaw):
         return (elastic + self.damping * rate)[:, None] * along
 
     def _shares(self, dtype: np.dtype) -> Array:
-        """Length of line that each node carries, m."""
+        """Length of line lumped at each node, m."""
         ends = jnp.full(self.segments + 1, 1.0, dtype).at[jnp.array([0, -1])].set(0.5)
         return self.size * ends
 
@@ -241,8 +242,8 @@ def hung_chain(line: AbstractCatenary, count: int, span: Scalar, height: Scalar)
     """Inner nodes (m, relative to the anchor) of a chain of equal straight segments in static equilibrium.
 
     Half of the weight of each segment acts at each of its ends. As for the catenary, the span increases with
-    the horizontal force, and the height at a given horizontal force with the vertical force. Slack that lies
-    on the bed is spread evenly.
+    the horizontal force, and at a given horizontal force the height increases with the vertical force. Slack
+    that lies on the bed is spread evenly.
     """
     below = line.length * (jnp.arange(count, 0, -1, dtype=span.dtype) - 0.5) / count
     weight = line.weight * line.length

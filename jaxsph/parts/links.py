@@ -75,7 +75,7 @@ class AlongJoint(AbstractEnds):
 
     @classmethod
     def of(cls, body: AbstractBody, coordinate: int) -> AlongJoint:
-        """Builds the ends for a coordinate of a body's joint, by its index; the joint gives its unit.
+        """Builds the ends for the coordinate of this index of a body's joint, with the coordinate's unit.
 
         **Raises** ValueError if the joint has no such coordinate.
         """
@@ -198,7 +198,7 @@ class EndStops(AbstractLaw):
 
 
 class Latch(AbstractLaw):
-    """Latch that holds the link for some time whenever its rate changes sign (latching control)."""
+    """Latch that holds the link for a given time whenever the rate changes sign (latching control)."""
 
     hold: Scalar
     """Time for which the latch holds, s."""
@@ -241,22 +241,22 @@ class Controlled(AbstractLaw):
 
 
 FULL = 0.99
-"""Share of a full accumulator's volume that is oil (-)."""
+"""Fraction of the accumulator's volume V0 that oil fills at most (-)."""
 
 
 class HydraulicTakeOff(AbstractLaw):
     """Cylinder with check valves, a gas accumulator and a hydraulic motor.
 
     The cylinder pumps oil into the accumulator in both directions of motion, against the gas pressure p. The
-    gas follows p V^gamma = p0 V0^gamma, with gamma = 1 for constant temperature, and the motor takes oil in
-    proportion to p - p0. When oil fills the share `FULL` of the volume V0, a relief valve discharges any
-    further oil.
+    gas follows p V^gamma = p0 V0^gamma, with gamma = 1 for constant temperature, and the flow through the
+    motor is proportional to p - p0. When oil fills the fraction `FULL` of the volume V0, a relief valve
+    discharges any further oil.
     """
 
     area: Scalar
     """Area of the piston, m2."""
     pressure: Scalar
-    """Pressure p0 of the gas and of the return line, Pa."""
+    """Pressure p0 of the gas without oil, and of the return line, Pa."""
     volume: Scalar
     """Volume V0 of the gas without oil, m3."""
     motor: Scalar
@@ -264,7 +264,7 @@ class HydraulicTakeOff(AbstractLaw):
     gamma: Scalar
     """Exponent of the gas (-)."""
     scale: Scalar
-    """Rate at which the force reaches 76 % of its value with open valves, m/s."""
+    """Rate at which the force reaches 76 % of its value with fully open valves, m/s."""
 
     def start(self, s):
         """See `AbstractLaw`: the volume of oil in the accumulator, m3."""
@@ -294,7 +294,7 @@ class HydraulicTakeOff(AbstractLaw):
 
 
 class Laws(AbstractLaw):
-    """Sum of several laws that act side by side."""
+    """Sum of several laws that act in parallel."""
 
     laws: tuple[AbstractLaw, ...]
     """The laws."""

@@ -36,7 +36,7 @@ class Piston(eqx.Module):
     U: Scalar
     """Velocity, m/s."""
     error: Scalar
-    """Filtered error of the elevation at the gauge, m, for active absorption; zero without absorption."""
+    """Filtered error of the elevation at the gauge, expected minus measured, m; zero without absorption."""
     mean: Scalar
     """Slowly varying mean of `error`, m."""
 
@@ -116,7 +116,7 @@ class Paddle(AbstractWall):
     motion: AbstractMotion
     """Law of the piston's motion."""
     rows: tuple[int, int] = eqx.field(static=True)
-    """Index of the paddle's first ghost, and of the ghost after its last."""
+    """Index of the paddle's first ghost, and index after its last ghost."""
     face: float = eqx.field(static=True, default=0.0)
     """Position x of the paddle's face at rest, m."""
     name: str = eqx.field(static=True, default="paddle", kw_only=True)
@@ -188,12 +188,12 @@ class Paddle(AbstractWall):
         return self.gap(motion, x) < TOUCH * dx
 
     def cover(self, motion, x, dx):
-        """See `AbstractWall`: ghosts of the bed behind the paddle bound no water."""
+        """See `AbstractWall`: the paddle hides all other ghosts behind its face."""
         return jnp.clip(self.gap(motion, x) / dx + 0.5, 0.0, 1.0).at[slice(*self.rows)].set(1.0)
 
 
 def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar) -> Scalar:
-    """Depth of water (m) at x = `at` (m), from the volume of water in a column around it.
+    """Depth of water (m) at x = `at` (m), from the volume of water in a column around this position.
 
     A cosine bell of half-width `width` (m) weights the particles' volumes V per metre of the tank's width
     (m2). The depth is smooth in the positions `x` and conserves volume. If `width` is a whole number of

@@ -1,8 +1,8 @@
 """Power take-offs of a chamber's air: laws between pressure and flow.
 
 Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
-out of the chamber, at the density of the ambient air, positive when the water column rises. The PTO takes the
-power P_a q, which for a turbine is never negative.
+out of the chamber, at the density of the ambient air, positive when the water column rises. The PTO absorbs
+the power P_a q, which for a turbine is never negative.
 
 A law is solved in closed form together with the response of water and air over the step, q = q_free -
 compliance P_a, and is therefore stable for every damping.
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class AbstractTurbine(AbstractPTO):
-    """Power take-off whose flow and pressure each follow from the other."""
+    """Power take-off whose flow follows from the pressure, and whose pressure follows from the flow."""
 
     @abc.abstractmethod
     def flow(self, P_a: Scalar) -> Scalar:
@@ -142,7 +142,7 @@ class PhasedPTO(AbstractPTO):
     K_dm: Scalar
     """Geometric mean of the damping over a wave period, kg^0.5 m^-2.5."""
     phase: Float[Array, " 2n"]
-    """Fourier coefficients a_1, b_1, a_2, b_2, ..."""
+    """Fourier coefficients a_1, b_1, a_2, b_2, ... (-)."""
     omega: Scalar
     """Angular frequency of the waves, rad/s."""
 
@@ -199,14 +199,14 @@ class ControlledPTO(AbstractPTO):
 
 
 class ReliefValve(AbstractPTO):
-    """Relief valve beside a turbine; the valve keeps the air pressure between two limits.
+    """Relief valve in parallel with a turbine; the valve keeps the air pressure between two limits.
 
-    The valve lets air out or in at the rate that this requires. In the ledger the energy of the valve's flow
-    has a separate entry from the turbine's energy.
+    The valve lets air out or in at the rate that this requires. The ledger has separate entries
+    for the energy of the valve's flow and the energy of the turbine.
     """
 
     turbine: AbstractTurbine | PhasedPTO
-    """Turbine beside the valve; the turbine for a step (`at`) must be an `AbstractTurbine`."""
+    """Turbine in parallel with the valve; the turbine for a step (`at`) must be an `AbstractTurbine`."""
     over: Scalar
     """Upper limit of the gauge pressure, Pa; inf for no limit."""
     under: Scalar
@@ -237,9 +237,9 @@ class ReliefValve(AbstractPTO):
 
 
 def _turbine(pto: AbstractPTO) -> AbstractTurbine:
-    """Turbine beside a valve. **Raises** TypeError if its flow does not follow from the pressure."""
+    """Turbine in parallel with a valve. **Raises** TypeError if it is not an `AbstractTurbine`."""
     if not isinstance(pto, AbstractTurbine):
-        raise TypeError(f"turbine = {type(pto).__name__}: beside a valve, use an AbstractTurbine")
+        raise TypeError(f"turbine = {type(pto).__name__}: in parallel with a valve, use an AbstractTurbine")
     return pto
 
 

@@ -53,7 +53,7 @@ class RelaxationZone(AbstractDamper):
         return {self.name: Entry("energy given by the relaxation zone", Exchange.GIVEN)}
 
     def weight(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Weight of the rate at x (m), from 1 at the near end to 0 at the zone's end (-)."""
+        """Ratio of the rate at x (m) to `strength`, from 1 at the near end to 0 at the zone's end (-)."""
         s = jnp.clip(1.0 - x / self.length, 0.0, 1.0)
         return s * s * (3.0 - 2.0 * s)
 

@@ -12,15 +12,15 @@ from jaxsph.model.probe import AbstractProbe
 __all__ = ["OvertoppingProbe", "RunUpProbe"]
 
 HALF_WIDTH = 2.0
-"""Half-width, in spacings, of the stretch in which the flow over a crest is measured."""
+"""Half-width along x, in spacings, of the zone in which the flow over a crest is measured."""
 
 
 class OvertoppingProbe(AbstractProbe):
     """Probe of the water that overtops the crest of a solid, per metre of crest.
 
-    `overtopped` is the increase of the water behind the crest since the start: the water that has gone over
-    the crest, less the water that has come back or left the tank. `overtopping` is the flow above the crest
-    at the time of the sample.
+    `overtopped` (m2) is the increase of the volume of water behind the crest since the start: the water that
+    has passed over the crest, less the water that has come back or left the tank. `overtopping` (m2/s) is the
+    flow above the crest at the time of the sample.
     """
 
     crest: Scalar
@@ -28,7 +28,7 @@ class OvertoppingProbe(AbstractProbe):
     top: Scalar
     """Level of the crest, m."""
     still: Scalar
-    """Water behind the crest at the start, m2."""
+    """Volume of water behind the crest at the start, m2."""
     solid: str = eqx.field(static=True)
     """Name of the solid."""
 

@@ -17,7 +17,7 @@ __all__ = ["EnergyProbe", "per_metre"]
 class EnergyProbe(AbstractProbe):
     """Probe of energies, powers, largest speed and active limiters.
 
-    Potential and compression energy are relative to the initial state, kinetic energy is not.
+    Potential and compression energy are relative to the initial state, but kinetic energy is not.
     Powers from the ledger are means over all steps since the last sample. The powers of viscosity and density
     diffusion are values at the sample. `PartProbe` gives the power of a power take-off.
     """
@@ -27,11 +27,11 @@ class EnergyProbe(AbstractProbe):
     compression0: Scalar
     """Compression energy of the initial state, J (J/m in 2-D)."""
     potential0: Scalar
-    """Potential energy of the initial state: of water in the body forces, and of bodies, J (J/m in 2-D)."""
+    """Potential energy of water (in the body forces), bodies and links at the start, J (J/m in 2-D)."""
     entries: tuple[tuple[str, Entry], ...] = eqx.field(static=True)
-    """Energies in the model's ledger: names and meanings."""
+    """Names and meanings of the energies in the model's ledger."""
     limiters: tuple[tuple[str, str], ...] = eqx.field(static=True)
-    """Limiters of the model's scheme: names, and what each does to a particle."""
+    """Names of the limiters of the model's scheme, and the effect of each limiter on a particle."""
     dim: int = eqx.field(static=True, default=2)
     """Number of dimensions."""
 

@@ -45,7 +45,7 @@ class InterpolatedGauge(AbstractProbe):
     """Gauge of the surface elevation (m), from the density along a vertical line of points.
 
     The surface is at the highest level at which the density is half the water's (Yeylaghi et al. 2016,
-    section 4.3.2, which does not specify this share).
+    section 4.3.2, which does not specify this ratio).
     """
 
     x: Float[Array, "k H"]
@@ -92,11 +92,12 @@ class WireGauge(AbstractProbe):
     """Gauge of the surface elevation (m) at points, from the wet length of a vertical wire.
 
     A resistance gauge measures this length. A splash adds only the length that it wets, whatever its height,
-    and over a dry bed the depth is zero. The share of water along the wire is sum_j V_j W(x - x_j). The
-    integral of this share over the height is sum_j V_j W'(x - x_j), where W' is a Gaussian of the horizontal
-    distance with a smoothing length of 1.2 dx. The reading of a plane surface is exact. In a wave of
-    wavenumber k the reading is too low by the share 0.36 (k dx)^2. Beside a wall the wire reads the elevation
-    at up to 0.7 dx from the wall. Within 2.5 dx of a plate the wire also measures the water behind the plate.
+    and over a dry bed the depth is zero. The volume fraction of water along the wire is
+    sum_j V_j W(x - x_j). The integral of this fraction over the height is sum_j V_j W'(x - x_j), where W' is
+    a Gaussian of the horizontal distance with a smoothing length of 1.2 dx. The reading of a plane surface is
+    exact. In a wave of wavenumber k the reading is too low by the fraction 0.36 (k dx)^2. Next to a wall the
+    wire reads the elevation at up to 0.7 dx from the wall. Within 2.5 dx of a plate the wire also measures
+    the water behind the plate.
     """
 
     x: Float[Array, "k H"]

@@ -20,7 +20,7 @@ V = TypeVar("V")
 def measured(
     probes: Sequence[AbstractProbe], model: Model, state: State, tables: Tables
 ) -> dict[str, jax.Array]:
-    """Readings of all probes, by name, with "time" (s). **Raises** ValueError if two share a name."""
+    """Readings of all probes, by name, with "time" (s). **Raises** ValueError if two names are equal."""
     found = (probe.measure(model, state, tables) for probe in probes)
     return _joined({"time": model.time(state)}, probes, found)
 
@@ -39,7 +39,7 @@ def _joined(
             if name in joined:
                 raise ValueError(
                     f"the reading {name!r} belongs to two probes, {owner[name]} and {type(probe).__name__}: "
-                    "give the parts that they read different names, or leave out one of the probes"
+                    "rename one of the parts that they read, or leave out one of the probes"
                 )
             joined[name], owner[name] = value, type(probe).__name__
     return joined

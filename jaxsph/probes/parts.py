@@ -21,7 +21,7 @@ class PartProbe(AbstractProbe):
     part: str = eqx.field(static=True)
     """Name of the part in the model."""
     meanings: tuple[tuple[str, Reading], ...] = eqx.field(static=True)
-    """Readings of the part: names and meanings."""
+    """Names and meanings of the part's readings."""
     harvest: tuple[str, ...] = eqx.field(static=True)
     """Ledger names of the energies that the part's power take-off absorbs."""
     dim: int = eqx.field(static=True)

@@ -34,9 +34,9 @@ from jaxsph.problem.trouble import Remedies
 
 
 class Problem:
-    """Problem to run: a model, its initial state, its probes, when they sample, and the results to compute.
+    """Problem to run: a model, its initial state and probes, the sampling interval, and results to compute.
 
-    `Case.problem()` builds a problem, and so can a function of your own: `jaxsph run FILE:FUNCTION` runs the
+    A problem is built by `Case.problem()` or by a function of your own. `jaxsph run FILE:FUNCTION` runs the
     function like a case, and writes a file and a page. `resume` and `sweep` accept the function too.
     """
 
@@ -52,14 +52,14 @@ class Problem:
         **more: Any,
     ) -> None:
         """**Arguments**: `model` and `state`, from `assemble` with the same `sample_dt`; `sample_dt`: time
-        between samples, s; `t1`: end of the run, s; `probes`: by default those of energies, noise and
+        between samples, s; `t1`: end of the run, s; `probes`: by default probes of energies, noise and
         parts; `results`: results to compute in addition to the energy balance and noise. Also, by name:
         `snapshot_dt`, time between snapshots, s, by default five samples; `name`, used for names of files;
         `description`; `averaging`, part of the record over which means are taken; `mean_of_power`, function
         that takes the name of a differentiable result and returns its `MeanOfRecord`; `remedies`, what to
         change if a run fails.
         **Raises** CaseError for a time that is not positive, if `sample_dt` is not a whole number of time
-        steps, and if two probes have a reading of the same name.
+        steps, or if two probes have a reading of the same name.
         """
         self.model, self.state = model, state
         self.sample_dt, self.t1 = float(sample_dt), float(t1)
@@ -101,7 +101,7 @@ class Problem:
     ) -> Problem:
         """Copy of the problem with some parts of its model replaced, and with further probes and results.
 
-        **Arguments**: `parts`: new values of whole fields of `Model`, by name, for example `chambers`,
+        **Arguments**: `parts`: complete new values of fields of `Model`, by name, for example `chambers`,
         `dampers`, `moving` or `scheme`; the water keeps its initial pressures. `t1`: new end of the run, s.
         **Raises** CaseError for an unknown field, parts that do not fit together, or a scheme that is not
         stable at the model's time step.
@@ -215,8 +215,8 @@ def summary_of(
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Scalar results of a completed run, and notices about their meaning and about results that failed.
 
-    **Arguments**: wall time `seconds` (s) of the last `steps` steps; `since`: see `Record`. A result that
-    fails is left out, so that nothing here can prevent a run from completing.
+    **Arguments**: wall time `seconds` (s) of the last `steps` steps; `since`: see `Record`. A result whose
+    computation fails is left out, so that the failure cannot prevent the run from completing.
     """
     series = solution.series
     results = {

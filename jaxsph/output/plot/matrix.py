@@ -29,7 +29,7 @@ class MeanPower(Protocol):
 
     @property
     def P(self) -> Table:
-        """Mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run of the sea state ended."""
+        """Mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run of the sea state was completed."""
         ...
 
     @property

@@ -26,7 +26,7 @@ from jaxsph.output.plot.tank import Outline, Tank, cut_in_plane, pick_snapshots
 from jaxsph.output.run_file import RunFile
 
 MOST_FRAMES = 200
-"""Largest number of frames of an animation; longer runs skip snapshots."""
+"""Largest number of frames of an animation; in longer runs snapshots are skipped."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _limits(field: Field, snapshots: Sequence[dict[str, Any]]) -> tuple[float, f
 def animate(run: RunFile, stem: str | Path, field: Field = PRESSURE) -> list[Path]:
     """Animates the snapshots in real time as STEM.gif, and as STEM.mp4 if ffmpeg is found.
 
-    The rate is limited to 2 to 25 frames per second.
+    The frame rate is at least 2 and at most 25 frames per second.
 
     **Returns** the files written; none for a run with fewer than two snapshots.
     """

@@ -1,4 +1,4 @@
-"""`plot_run`: every picture that a run has data for, as PNG files, and its animation."""
+"""Every picture that a run has data for, as PNG files, and the animation of the run (`plot_run`)."""
 
 from __future__ import annotations
 

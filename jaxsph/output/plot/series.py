@@ -67,7 +67,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     """Figure of level, flow, pressure and power of the chambers over time.
 
     With `linear`, dashed lines show linear theory: the extremes of level, flow and pressure, and the mean
-    power. They span the periods over which the efficiency was averaged, or else the last period.
+    power. The lines span the periods over which the efficiency was averaged, or else the last period.
     """
     panels = [
         ("chamber_level", "level (m)", "mean level above still water, positive when risen", BLUE),
@@ -173,7 +173,8 @@ def pressures(run: RunFile) -> Figure | None:
 
 @in_style
 def energy(run: RunFile) -> Figure | None:
-    """Figure of the energy budget (J; J/m in 2-D) over time: the paddle's work and how it is spent."""
+    """Figure of the energy budget (J; J/m in 2-D) over time: the paddle's work, the losses, and the stored
+    energy."""
     series = run.series()
     if not all(has_samples(series, name) for name in ("kinetic", "potential", "compression")):
         return None
@@ -208,9 +209,9 @@ LOSSES = {
     "contact": ("lost in contact with solids", BLUE),
     "projection": ("lost in the projection", RED),
 }
-"""Labels and colours of the energies lost by the water, by the names of their powers."""
+"""Labels and colours of the energies lost by the water, by the names of their powers without "power_"."""
 LEAST = 3.0e-3
-"""Share of the largest energy in a budget below which an energy is drawn as part of "the rest"."""
+"""Ratio of an energy to the largest in a budget (-), below which the energy is drawn in "the rest"."""
 
 
 def harvested(variables: Mapping[str, Variable]) -> list[str]:

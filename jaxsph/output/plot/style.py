@@ -1,4 +1,4 @@
-"""Style of all pictures: colours, widths, columns of axes over time."""
+"""Style of all pictures: colours, widths, and columns of axes with a common time axis."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 Overlay = Callable[[np.ndarray, float], np.ndarray]
-"""Elevation (m) expected at times t (s) and position x (m)."""
+"""Function that returns the expected elevation (m) at times t (s) and a position x (m)."""
 
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish.
@@ -56,7 +56,7 @@ WIDTH = 11.0
 
 
 def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
-    """Whether a series exists and has at least two samples, as a line needs."""
+    """Whether a series exists and has at least two samples, the minimum for a line."""
     return name in series and series[name].size > 0 and len(series["time"]) > 1
 
 

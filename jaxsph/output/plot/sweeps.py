@@ -26,7 +26,7 @@ def plot_sweep(
 
     With one parameter the picture shows the members with error bars; for a search it shows the path, with
     short lines for the slopes. With two parameters it shows contours over a grid, or the path of a search.
-    **Returns** the files written; none for more parameters, or if no member has the result.
+    **Returns** the files written; none for more than two parameters, or if no member has the result.
     **Raises** FileError if the file cannot be read.
     """
     sweep = sweep if isinstance(sweep, SweepFile) else SweepFile(sweep)

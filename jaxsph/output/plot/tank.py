@@ -11,7 +11,7 @@ import numpy as np
 from jaxsph.output.run_reader import RunReader
 
 ROOF = 1.6
-"""Largest ratio of a solid's height to the water's at which pictures show the whole solid (-)."""
+"""Ratio of a solid's highest level to the water's (-), below which pictures show the whole solid."""
 
 
 @dataclass(frozen=True)
