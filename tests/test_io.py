@@ -99,7 +99,7 @@ def test_snapshots_are_read_back(run):
         assert found.keys() == expected.keys()
         for name in expected:
             np.testing.assert_array_equal(found[name], expected[name])
-    with pytest.raises(IndexError, match="holds 3"):
+    with pytest.raises(IndexError, match="has 3"):
         run.snapshot(3)
 
 
