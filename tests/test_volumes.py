@@ -148,6 +148,7 @@ def test_impossible_shapes_are_refused(sections, message):
         Case.from_dict(TANK | sections)
 
 
+@pytest.mark.slow
 def test_water_and_solids_fill_the_tank():
     """The water's volume is that of the tank less the wet parts of a sphere and a post, in both schemes."""
     case = Case.from_dict(TANK | {"body": BUOY, "solid": {"post": POST}})
