@@ -1,8 +1,8 @@
 """Mooring lines without water: the catenary against MoorPy, the line of lumped masses against MoorDyn.
 
 A chain of 2.87 m joins an anchor on the bed to a fairlead 2.8 m away and 0.4 m higher, whose motion is
-prescribed in the comparison with MoorDyn. Both programs are in the extra `test`; without them the comparison
-is left out, and the report says so.
+prescribed in the comparison with MoorDyn. Both programs are in the extra `test`. If they are not installed,
+the report omits the comparison and notes this.
 """
 
 from __future__ import annotations

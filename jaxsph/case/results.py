@@ -251,7 +251,7 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
 
 def _device_x(case: Sections) -> float:
     """Position at which waves meet a case's device, m from the paddle: the nearest of the plate, the front
-    walls of chambers and the bodies, or the end of the tank if there is none of these."""
+    walls of chambers and the bodies, or the end of the tank if the case has no device."""
     geometry = Geometry.of(case)
     fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
     if geometry.plate is not None:

@@ -206,22 +206,27 @@ class Polygon(AbstractShape):
         return shapely.Polygon(np.asarray(self.vertices))
 
 
-class Disc(AbstractShape):
-    """Disc in the x-z plane, the cross-section of a circular cylinder."""
+class AbstractBall(AbstractShape):
+    """All points up to a distance from a centre: a disc in the x-z plane, a sphere in three dimensions."""
 
-    centre: Float[Array, "2"] = eqx.field(converter=plain_numbers)
-    """Centre (x, z), m."""
+    centre: Float[Array, " D"] = eqx.field(converter=plain_numbers)
+    """Centre, (x, z) or (x, y, z), m."""
     radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
     """Radius, m."""
 
     def distance(self, x):
         """See `AbstractShape`."""
         away = x - jnp.asarray(self.centre, x.dtype)
+        # the guard keeps the derivative finite at the centre
         return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - jnp.asarray(self.radius, x.dtype)
 
     def bounds(self):
         """See `AbstractShape`."""
         return np.asarray(self.centre) - float(self.radius), np.asarray(self.centre) + float(self.radius)
+
+
+class Disc(AbstractBall):
+    """Disc in the x-z plane, the cross-section of a circular cylinder."""
 
     def region(self):
         """See `AbstractShape`. The area is a polygon with a thousand corners, for unions and differences."""

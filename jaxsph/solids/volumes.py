@@ -7,29 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float
-from jaxsph.solids.shapes import AbstractShape, box_distance, plain_numbers
+from jaxsph.solids.shapes import AbstractBall, AbstractShape, box_distance, plain_numbers
 
 RIM = 64
 """Number of points around an end of a cylinder."""
 
 
-class Sphere(AbstractShape):
+class Sphere(AbstractBall):
     """Sphere."""
-
-    centre: Float[Array, "3"] = eqx.field(converter=plain_numbers)
-    """Centre (x, y, z), m."""
-    radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
-    """Radius, m."""
-
-    def distance(self, x):
-        """See `AbstractShape`."""
-        away = x - jnp.asarray(self.centre, x.dtype)
-        # the guard keeps the derivative finite at the centre
-        return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - jnp.asarray(self.radius, x.dtype)
-
-    def bounds(self):
-        """See `AbstractShape`."""
-        return np.asarray(self.centre) - float(self.radius), np.asarray(self.centre) + float(self.radius)
 
     def moments(self):
         """See `AbstractShape`."""
