@@ -128,7 +128,7 @@ def _sent(report: Report, scheme: str, slabs: int) -> None:
 
 
 def messages(case: js.Case, devices: int, turns: int) -> dict:
-    """Messages to a device in a step and in an iteration of the pressure solver, counted without running."""
+    """Messages to a device per step and per iteration of the pressure solver, in the compiled program."""
     del turns
     model, state = js.build(case)
     model, state = share(model, state, devices)

@@ -1,4 +1,4 @@
-"""Part of the noise measured near the OWC that is due to the flow itself, from the finest run.
+"""How much of the noise measured near the OWC is due to the flow, from the finest run.
 
 The noise of a particle is the difference between its velocity and a linear fit to its neighbours within three
 spacings. Around the lip of the front wall the flow turns within a few spacings, and no linear fit can follow

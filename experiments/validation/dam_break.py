@@ -245,7 +245,7 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
 
 
 def _energy_rows(report: Report, label: str, file: RunFile, length: float, height: float) -> None:
-    """Reports the energy. Stored energy may only fall, because no gate, paddle or air works on the water."""
+    """Reports the energy. Stored energy may only fall, because no gate, paddle or air does work on water."""
     grown, share = energy_growth(file.series(), length, height)
     report.row(
         f"{label}: energy's largest rise / potential", grown, theory=0.0, bar="< 1e-3", passes=grown < 1e-3

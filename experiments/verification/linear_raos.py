@@ -60,7 +60,7 @@ class Box:
 
     @property
     def outline(self) -> Points:
-        """Outline about the middle of the waterline, m."""
+        """Outline relative to the middle of the waterline, m."""
         return box_outline(0.3, 0.1, 0.2, self.bilge)
 
     @property

@@ -174,7 +174,7 @@ class DuctSection(Section):
     between: tuple[Name, Name]
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
-    """Narrowest area of the duct, m2 per metre of width; the air loses its kinetic energy downstream."""
+    """Smallest cross-section of the duct, m2 per metre of width; air loses its kinetic energy downstream."""
     discharge: Discharge = 0.6
     """Discharge coefficient of the duct's narrowest area (-)."""
     density: Density = 1.2

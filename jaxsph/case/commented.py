@@ -36,7 +36,7 @@ class Key(NamedTuple):
 
 
 def keys_of(section: type[Section]) -> list[Key]:
-    """Keys of a section whose values are not sections; `kind` comes first."""
+    """Keys of a section, without its subsections; `kind` comes first."""
     held = [name for name, field in section.model_fields.items() if section_in(field.annotation) is None]
     return [_key(name, section.model_fields[name]) for name in sorted(held, key=lambda name: name != "kind")]
 

@@ -118,7 +118,7 @@ class _File:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise self.error(number, "expected a number; tables and several stiffnesses are not available")
+            raise self.error(number, "expected one number; tables and lists of stiffnesses are not supported")
         return value
 
     def rows(self, table: str, least: int) -> Iterator[tuple[int, list[str]]]:

@@ -1,4 +1,4 @@
-"""Interfaces of schemes, tangent filters, damping zones, outlets and chambers, and the model of all parts.
+"""Interfaces of schemes, tangent filters, damping zones, outlets and chambers; `Model` holds all parts.
 
 A step loops over tuples of parts. An empty tuple costs nothing, because these loops run only while JAX traces
 the step. A part stores its evolving state in `state.parts` under its `name` and adds its energies to
@@ -248,8 +248,9 @@ class AbstractChamber(AbstractPart):
         tables: Tables,
         parts: Mapping[str, Any],
     ) -> AirCoupling:
-        """Coupling of the chamber's air to the water at its present positions; `parts`: states of the parts
-        by name."""
+        """Coupling of the chamber's air to the particles at their present positions.
+
+        `parts`: states of the parts by name."""
 
     @abc.abstractmethod
     def press(

@@ -209,8 +209,8 @@ class Link(AbstractPart):
     ) -> Pull:
         """Force of the link at the time t (s).
 
-        **Arguments**: the state `motion`; the extension s (m), its derivatives `way` with respect to the
-        coordinates, and its `rate` (m/s).
+        **Arguments**: the state `motion`; the extension s (m or rad), its derivatives `way` with respect to
+        the coordinates, and its `rate` (m/s or rad/s).
         """
 
         def slope(flat):

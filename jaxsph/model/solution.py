@@ -29,7 +29,7 @@ class Solution(eqx.Module):
     results: dict[str, float] | None = None
     """Scalar results computed from the series, by name, such as the efficiency (`jaxsph.analysis`)."""
     notices: tuple[str, ...] = eqx.field(static=True, default=())
-    """Notices about results that could not be computed, with the reason."""
+    """Notices about the averaging of the results, and about results that could not be computed."""
     labels: Mapping[str, Label] = eqx.field(static=True, default_factory=dict)
     """Labels of the results that the package itself does not define, by name."""
 

@@ -88,7 +88,7 @@ def beside(run: Path) -> Iterator[Journal | None]:
             yield _open(run, stack)
         except Damage as error:
             raise FileError(
-                f"{journal_path(run)} or {checkpoint_path(run)}: is damaged ({error}). Restore both from a "
+                f"{journal_path(run)} or {checkpoint_path(run)} is damaged ({error}). Restore both from a "
                 "copy, or run the case again with --overwrite. If you remove both, the run's file still "
                 "gives the series up to its last update"
             ) from None

@@ -188,7 +188,7 @@ class ControlledPTO(AbstractPTO):
         return self.control(air, t).at(air, t)
 
     def pressure(self, q_free, compliance, t):
-        """See `AbstractPTO`; the control sees air at rest."""
+        """See `AbstractPTO`; the control is evaluated for air at rest."""
         return self._at_rest(t).pressure(q_free, compliance, t)
 
     def _at_rest(self, t: Scalar | float) -> AbstractPTO:

@@ -21,7 +21,7 @@ class Duration(NamedTuple):
     compilation: float
     """Time until the first step, s; close to 0 once JAX has cached the compiled steps."""
     step: float
-    """Time of one time step, s."""
+    """Wall time per time step, s."""
     steps: int
     """Number of time steps to the run's end."""
     devices: int

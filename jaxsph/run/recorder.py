@@ -184,8 +184,8 @@ def restored_state(like: State, saved: dict[str, np.ndarray], path: Any) -> Stat
         name = jax.tree_util.keystr(key).lstrip(".")
         if name not in saved or saved[name].shape != leaf.shape or saved[name].dtype != leaf.dtype:
             raise FileError(
-                f"{path}: the checkpoint does not fit the case ({name} is missing or of another "
-                "shape): it was made by another version; run the case again"
+                f"{path}: the checkpoint does not fit the case ({name} is missing, or its shape or type "
+                "differs), because another version made it; run the case again"
             )
         found.append(jnp.asarray(saved[name]))
     return jax.tree_util.tree_unflatten(tree, found)

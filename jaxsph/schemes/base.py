@@ -207,7 +207,7 @@ class AbstractParticleScheme(AbstractScheme):
     def ghost_velocity(
         self, model: Model, parts: Mapping[str, Any], tables: Tables, ghosts: GhostFields
     ) -> GhostFields:
-        """Ghosts with their velocities (m/s), which follow from the velocities of the water that they see.
+        """Ghosts with their velocities (m/s), which follow from those of the water around their nodes.
 
         The states in `parts` give the velocities of moving solids.
         """

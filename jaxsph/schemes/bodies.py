@@ -86,7 +86,7 @@ class BodiesCoupling(NamedTuple):
 
     @property
     def driving(self) -> Float[Array, " n"]:
-        """Generalised force without the water's pressure but with the air's, N or N m (per metre in 2-D)."""
+        """Generalised force of all loads except the water's pressure, N or N m (per metre in 2-D)."""
         return self.outside + sum(self.holds[name].ways.T @ force for name, force in self.air.items())
 
     def response(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
@@ -97,7 +97,7 @@ class BodiesCoupling(NamedTuple):
         return self.inverse @ sum(h.ways.T @ h.force(p, p_ghosts) for h in self.holds.values())
 
     def acceleration(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " n"]:
-        """Accelerations (m/s2 or rad/s2) due to pressures (Pa), as in `response`, and other forces."""
+        """Accelerations (m/s2 or rad/s2) due to all forces, with the pressures (Pa) of `response`."""
         return self.response(p, p_ghosts) + self.inverse @ self.driving
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, " n"]) -> Float[Array, " G"]:

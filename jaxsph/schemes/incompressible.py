@@ -298,7 +298,7 @@ class ISPH(AbstractParticleScheme):
         return parts, book(state.ledger, amounts)
 
     def _sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
-        """Sources of the pair sums: ghosts with velocities `u_ghosts` (m/s), and the water that they see."""
+        """Sources of the pair sums: the water, and the ghosts with velocities `u_ghosts` (m/s)."""
         return ghosts.water.behind({"x": columns(ghosts.x), "V": -ghosts.V, "u": columns(u_ghosts)})
 
     def _sum(self, law, sources: Sources, tables: Tables):

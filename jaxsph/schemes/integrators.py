@@ -56,7 +56,7 @@ class AbstractRateScheme(AbstractParticleScheme):
 
     @abc.abstractmethod
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
-        """Sources of the pair sums: ghosts with velocities `u_ghosts` (m/s), and the water that they see."""
+        """Sources of the pair sums: the water, and the ghosts with velocities `u_ghosts` (m/s)."""
 
     @abc.abstractmethod
     def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:

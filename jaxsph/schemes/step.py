@@ -54,10 +54,10 @@ class GhostFields(NamedTuple):
     fit: NodeFit
     """Interpolation coefficients at the nodes."""
     water: Sources
-    """Fields of the water that the ghosts see, as sources."""
+    """Fields of the water, from which the values of the ghosts are interpolated."""
 
     def seeing(self, tables: Tables, **changed: Any) -> GhostFields:
-        """Ghosts that see water with new values of some fields, given in `changed` by name."""
+        """Ghosts interpolated from water with new values of the fields in `changed`, given by name."""
         water = self.water
         for name, field in changed.items():
             water = water.changing(name, field)

@@ -176,7 +176,7 @@ class DeltaSPH(AbstractRateScheme):
         return {"level_p": p}
 
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:
-        """Sources of the pair sums: the ghosts with velocities `u_ghosts` (m/s), and the water that they see.
+        """Sources of the pair sums: the water, and the ghosts with velocities `u_ghosts` (m/s).
 
         The pressure p (Pa) is the excess over the background pressure.
         """

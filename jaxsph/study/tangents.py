@@ -229,7 +229,7 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
 
 CURVED = 0.1
 """Difference of the two one-sided slopes of a number in the model, relative to their sum, above which the
-number counts as discontinuous. For a smooth number this ratio is about the parameter's relative step."""
+number counts as discontinuous. For a smooth dependence this ratio is about the parameter's relative step."""
 
 
 def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None:
