@@ -48,6 +48,7 @@ SMALL = {
     "owc": {"dx": 0.04, "tank.length": 2.4, "device.wall_thickness": 0.04, "probes": {}},
     "vessel": {"dx": 0.04, "device.wall_thickness": 0.04},
     "sphere_decay": {"dx": 0.075, "tank.depth": 0.6, "body.sphere.centre": [0.8, 0.8, 0.63]},
+    "hull": {"dx": 0.075},
     "wave_tank": {"dx": 0.05},
     "wave_tank_3d": {"dx": 0.1, "tank.height": 1.0},
     "wedge_entry": {"dx": 0.05},

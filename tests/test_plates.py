@@ -100,7 +100,7 @@ def test_a_plate_s_dummies_go_on_where_it_is_held(model):
         ({"solid.screen.plate.head": [1.7, 0.4]}, "solid.screen: extends outside the tank"),
         (
             {"solid.screen.disc": {"centre": [1.0, 0.2], "radius": 0.1}},
-            "block, polygon, disc, sphere, cylinder and plate",
+            "block, polygon, disc, sphere, .* mesh and plate",
         ),
         (
             {"solid.step.block": {"low": [0.6, 0.0], "high": [1.2, 0.4]}},

@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import TANK, Sections
-from jaxsph.case.shape_sections import BodySection, LinkSection, MotionSection
 from jaxsph.case.shapes import inertia_of
 from jaxsph.errors import CaseError
 from jaxsph.model.links import AbstractEnds, AbstractLaw, Link

@@ -60,26 +60,35 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
     return found
 
 
-def read_text(path: Path, kind: str, remedy: str) -> str:
-    """Text of a file in UTF-8, of at most `MOST_BYTES`.
+def read_bytes(path: Path, kind: str, remedy: str, most: int) -> bytes:
+    """Content of a file of at most `most` bytes.
 
     **Arguments**: `kind` of the file, in words; `remedy`: what to do if there is no such file.
-    **Raises** CaseError if the file is not a regular file, is too large, or is not text.
+    **Raises** CaseError if the file is not a regular file, or is too large.
     """
     try:
         # without O_NONBLOCK, opening a pipe that has no writer would block for ever
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise CaseError(f"{path}: is a folder, a pipe or a device, not a {kind}; {remedy}")
-            data = file.read(MOST_BYTES + 1)  # some files, for example those in /proc, report no size
+            data = file.read(most + 1)  # some files, for example those in /proc, report no size
     except FileNotFoundError:
         raise CaseError(f"no {kind} {str(path)!r}: {remedy}") from None
     except OSError as error:
         raise CaseError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:  # an invalid file name
         raise CaseError(f"{str(path)!r}: cannot be read: {error}") from None
-    if len(data) > MOST_BYTES:
-        raise CaseError(f"{path}: is too large for a {kind}, which has at most {MOST_BYTES:.0e} bytes")
+    if len(data) > most:
+        raise CaseError(f"{path}: is too large for a {kind}, which has at most {most:.0e} bytes")
+    return data
+
+
+def read_text(path: Path, kind: str, remedy: str) -> str:
+    """Text of a file in UTF-8, of at most `MOST_BYTES`; see `read_bytes`.
+
+    **Raises** CaseError if the file cannot be read, or is not text.
+    """
+    data = read_bytes(path, kind, remedy, MOST_BYTES)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -124,5 +133,5 @@ def _column(place: str, title: str, units: dict[str, str]) -> str:
     name = max(known, key=len, default=title)
     unit = title.removeprefix(name).strip(" _()[]")
     if name in units and re.fullmatch(r"[\w/%^*.-]+", unit) and unit != units[name]:
-        raise CaseError(f"{place}: {name} must be in {units[name]}; convert the column and its title")
+        raise CaseError(f"{place}: {name} must be in {units[name]}; convert the values and correct the title")
     return name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsph.case.data_files import read_text
+from jaxsph.case.extras import library
 from jaxsph.errors import CaseError
 
 Corners = NDArray[np.float64]
@@ -72,15 +72,15 @@ def _svg(text: str) -> tuple[list[Corners], float | None]:
 
     Positions are relative to the lower left corner. The length is None if the drawing's size has no unit.
     """
-    library = _library("svgelements")
-    drawing = library.SVG.parse(io.StringIO(text))
+    svg = _library("svgelements")
+    drawing = svg.SVG.parse(io.StringIO(text))
     outlines = []
     for element in drawing.elements():
-        if isinstance(element, library.Shape):
-            path = library.Path(element)
+        if isinstance(element, svg.Shape):
+            path = svg.Path(element)
             path.reify()
             for part in path.as_subpaths():
-                outlines += _closed(library, library.Path(part))
+                outlines += _closed(svg, svg.Path(part))
     if drawing.viewbox is None and "height" not in drawing.values:
         raise CaseError(
             "an SVG drawing needs a height or a viewBox, because its lower left corner is the origin"
@@ -90,15 +90,15 @@ def _svg(text: str) -> tuple[list[Corners], float | None]:
     return [np.array([0.0, float(drawing.height)]) + one * [1.0, -1.0] for one in outlines], unit
 
 
-def _closed(library: ModuleType, path) -> Iterator[Corners]:
+def _closed(svg: ModuleType, path) -> Iterator[Corners]:
     """Yields the corners of an SVG path if the path is closed; chords replace the curves."""
     box = path.bbox()
-    if box is None or not (isinstance(path[-1], library.Close) or path.first_point == path.current_point):
+    if box is None or not (isinstance(path[-1], svg.Close) or path.first_point == path.current_point):
         return
     close = FINE * max(box[2] - box[0], box[3] - box[1])
     corners = [np.array([path.first_point])]
     for part in path[1:]:
-        straight = isinstance(part, library.Line | library.Close)
+        straight = isinstance(part, svg.Line | svg.Close)
         corners.append(np.array([part.end]) if straight else _chords(part.npoint, close)[1:])
     yield _without_repeats(np.concatenate(corners).astype(float))
 
@@ -126,13 +126,8 @@ def _without_repeats(corners: Corners) -> Corners:
 
 
 def _library(name: str) -> ModuleType:
-    """Imports a library of the extra `drawings`. **Raises** CaseError if the library is not installed."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise CaseError(
-            f"a drawing needs {name.split('.')[0]}, which is not installed: pip install 'jaxsph[drawings]'"
-        ) from None
+    """Imports a library of the extra `drawings`; see `library`."""
+    return library(name, "drawings", "a drawing")
 
 
 _DRAWINGS = {".dxf": _dxf, ".svg": _svg}

@@ -16,6 +16,7 @@ import numpy as np
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.case.drawings import DRAWINGS, read_outline
+from jaxsph.case.meshes import MESHES, Triangles, read_mesh
 from jaxsph.case.moordyn import read_moordyn
 from jaxsph.case.sections import BODY_KEYS
 from jaxsph.errors import CaseError
@@ -60,8 +61,9 @@ def load_case(name: str | Path) -> Case:
             f"no built-in case {str(name)!r}{hint} (the built-in cases are {', '.join(names)}; "
             "the name of a case file ends in .toml)"
         )
-    resource = importlib.resources.files("jaxsph").joinpath("cases", f"{name}.toml")
-    return Case.from_dict({"name": str(name)} | _parsed(path, resource.read_text(encoding="utf-8")))
+    with importlib.resources.as_file(importlib.resources.files("jaxsph").joinpath("cases")) as folder:
+        data = _parsed(path, (folder / f"{name}.toml").read_text(encoding="utf-8"))
+        return Case.from_dict({"name": str(name)} | _with_files(data, folder))
 
 
 def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -117,23 +119,28 @@ def _read_motion(path: Path) -> dict[str, Any]:
     return read_columns(path, units, wanted)
 
 
-def _read_polygon(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
-    """Reads the corners of a shape, in order along its outline, from columns x and z (m) or from a drawing.
+def _read_shape(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
+    """Reads a mesh; or the corners of a shape, in order along its outline, from columns x and z (m) or from a
+    drawing.
 
-    `scale` multiplies the corners, and `at` is the position (m) of the file's origin in the tank.
+    `scale` multiplies the lengths, and `at` is the position (m) of the file's origin in the tank.
     **Raises** ValueError if `scale` or `at` is not valid.
     """
-    at = [0.0, 0.0] if at is None else at
+    solid = path.suffix.lower() in MESHES
+    at = [0.0] * (3 if solid else 2) if at is None else at
     if scale is not None and not (_is_number(scale) and scale > 0.0):
         raise ValueError(f"scale = {scale!r}: must be a positive number")
-    if not (isinstance(at, list) and len(at) == 2 and all(map(_is_number, at))):
-        raise ValueError(f"at = {at!r}: must be a position [x, z], m")
+    if not (isinstance(at, list) and len(at) == (3 if solid else 2) and all(map(_is_number, at))):
+        raise ValueError(f"at = {at!r}: must be a position [x, {'y, ' if solid else ''}z], m")
+    if solid:
+        surface = read_mesh(path, 1.0 if scale is None else scale)
+        return {"mesh": {"packed": Triangles(surface.vertices + at, surface.faces).packed()}}
     if path.suffix.lower() in DRAWINGS:
         corners = read_outline(path, scale)
     elif path.suffix.lower() != ".csv":
         raise CaseError(
-            f"{path}: must be a CSV file whose name ends in .csv, or a drawing whose name ends in "
-            f"{' or '.join(DRAWINGS)}"
+            f"{path}: must be a CSV file whose name ends in .csv, a drawing whose name ends in "
+            f"{' or '.join(DRAWINGS)}, or a mesh whose name ends in {' or '.join(MESHES)}"
         )
     else:
         columns = read_columns(path, {"x": "m", "z": "m"}, [{"x", "z"}])
@@ -150,9 +157,9 @@ READ: dict[str, Reader] = {
     "pto": Reader(_read_curve),
     "chamber.NAME.pto": Reader(_read_curve),
     "duct.NAME.pto": Reader(_read_curve),
-    **{body: Reader(_read_polygon, ("scale", "at")) for body in BODY_KEYS},
+    **{body: Reader(_read_shape, ("scale", "at")) for body in BODY_KEYS},
     **{f"{body}.motion": Reader(_read_motion) for body in BODY_KEYS},
-    "solid.NAME": Reader(_read_polygon, ("scale", "at")),
+    "solid.NAME": Reader(_read_shape, ("scale", "at")),
     "mooring": Reader(read_moordyn, ("body", "at", "kind", "lines")),
 }
 """Sections that may name a file, with the reader of their keys; `NAME` stands for every name."""

@@ -19,11 +19,9 @@ from jaxsph.case.shapes import (
     carriers,
     check_apart,
     check_inside,
-    corners_of,
     in_order,
     inertia_of,
-    initial_area,
-    off_lattice,
+    initial_shape,
     shape_of,
     turned,
 )
@@ -270,14 +268,13 @@ class Geometry:
                     )
             self.bodies[name] = shape_of(section, key, case.dim, self.dx)
             inertia_of(section, self.bodies[name], key)  # raises an error if the inertia is impossible
-            corners, carried_by = corners_of(section), carriers(sections, name)
+            corners, carried_by = section.corners(), carriers(sections, name)
             for carrier in carried_by:
                 corners = turned(corners, carrier)
             self._heightened(case, corners)
             # a body's dummy particles are half a spacing inside its surface, and must be in the tank
             check_inside(corners, key, self.upper, 0.5 * self.dx)
-            if section.block is not None and not any(carrier.angle for carrier in carried_by):
-                self.notices += off_lattice(section.block, key, self.dx)
+            self.notices += section.notices(key, self.dx, any(carrier.angle for carrier in carried_by))
 
     def _solids(self, case: Sections) -> None:
         """Sets the shapes of the fixed solids, which must be inside the tank and must not overlap."""
@@ -287,15 +284,16 @@ class Geometry:
         solids = {name: self._solid_with_walls(name, one, walls) for name, one in case.solid.items()}
         for name, section in solids.items():
             self.solids[name] = shape_of(section, f"solid.{name}", case.dim, self.dx)
-            self._heightened(case, corners_of(section))
+            self._heightened(case, section.corners())
         for name, section in solids.items():
-            check_inside(corners_of(section), f"solid.{name}", self.upper, 1e-6)
-            if section.block is not None:
-                self.notices += off_lattice(section.block, f"solid.{name}", self.dx)
+            check_inside(section.corners(), f"solid.{name}", self.upper, 1e-6)
+            self.notices += section.notices(f"solid.{name}", self.dx, False)
         bodies = case.every_body
         carried = {key: carriers(bodies, name) for name, key in self.keys.items()}
-        shapes = self.named_shapes()
-        self.areas = {name: initial_area(shape, carried.get(name, ())) for name, shape in shapes.items()}
+        shapes = {
+            name: initial_shape(one, carried.get(name, ())) for name, one in self.named_shapes().items()
+        }
+        self.areas = {name: shape.region() for name, shape in shapes.items()}
         check_apart(shapes, self.areas, self.dx)
         self._check_regions(case)
 
@@ -335,7 +333,7 @@ class Geometry:
         check_apart_chambers(self.stretches)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
-        """Section of a solid, whose corners on a wall that rounding moved are moved with the wall."""
+        """Section of a solid; its corners on walls that rounding has shifted are shifted with them."""
         if section.polygon is not None:
             corners = (
                 self._with_walls(f"solid.{name}.polygon[{index}]", corner, walls)

@@ -19,6 +19,7 @@ Density = Annotated[float, Field(ge=1e-3, le=1e5)]
 Speed = Annotated[float, Field(ge=1e-6, le=1e6)]
 Velocity = Annotated[float, Field(ge=-1e4, le=1e4)]
 Coefficient = Annotated[float, Field(ge=0, le=1e15)]
+Angle = Annotated[float, Field(ge=-6.3, le=6.3)]
 Harmonic = Annotated[float, Field(ge=-10, le=10)]
 Point = Annotated[tuple[Coordinate, ...], Field(max_length=3)]
 

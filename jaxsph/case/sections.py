@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from jaxsph.case.air_sections import DEVICE_WALLS, AirSection, ChamberSection, DuctSection, PTOSection
+from jaxsph.case.body_sections import BodySection, LinkSection
 from jaxsph.case.mooring_sections import MooringSection
 from jaxsph.case.section import (
     MOST_POINTS,
@@ -25,7 +26,7 @@ from jaxsph.case.section import (
     Time,
     kind_of,
 )
-from jaxsph.case.shape_sections import BodySection, LinkSection, SolidSection
+from jaxsph.case.shape_sections import SolidSection
 from jaxsph.case.wave_sections import WAVES, WavesSection
 from jaxsph.core.kernels import AbstractKernel, Gaussian
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.sections import Sections
-from jaxsph.case.shapes import corners_of
 from jaxsph.waves import theory
 
 LEAST = 1e-3
@@ -37,7 +36,7 @@ def _driven_speed(case: Sections) -> float:
     speeds = [0.0]
     for section in case.every_body.values():
         if section.motion is not None:
-            corners = corners_of(section)[:, [0, -1]]
+            corners = section.corners()[:, [0, -1]]
             pivot = corners.mean(axis=0) if section.pivot is None else section.pivot
             arm = float(np.hypot(*(corners - pivot).T).max())
             speeds.append(2.0 * section.motion.top_speed(arm))
@@ -64,7 +63,7 @@ def _speed_scale(case: Sections) -> float:
     height = case.waves.highest(depth, case.g)
     surface = height * np.pi / T / np.tanh(k * depth)
     speed = float(surface * (2.5 if case.device is not None or case.chambers else 1.5))
-    if any(corners_of(solid)[:, -1].max() > depth - 2.0 * height for solid in case.solid.values()):
+    if any(solid.corners()[:, -1].max() > depth - 2.0 * height for solid in case.solid.values()):
         # the tips of waves 0.05 m high that break on a slope of 1:10 reach 2.3 sqrt(g H)
         speed = max(speed, 2.5 * float(np.sqrt(case.g * height)))
     return speed

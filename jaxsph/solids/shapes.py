@@ -13,7 +13,7 @@ import shapely
 from scipy.spatial import KDTree, Voronoi
 from shapely.validation import explain_validity
 
-from jaxsph.core.arrays import Array, Float
+from jaxsph.core.arrays import Array, Bool, Float
 from jaxsph.core.points import at_points
 from jaxsph.solids.box import LeaningPlate
 from jaxsph.solids.cells import SLIVER, area_inside, cell_dummies, cells_of, silhouette, solid_moments
@@ -184,17 +184,7 @@ class Polygon(AbstractShape):
 
     def distance(self, x):
         """See `AbstractShape`."""
-        a = jnp.asarray(self.vertices, x.dtype)
-        b = jnp.roll(a, -1, axis=0)
-        edge, there = b - a, x[:, None, :] - a
-        along = jnp.clip(jnp.sum(there * edge, -1) / jnp.sum(edge**2, -1), 0.0, 1.0)
-        nearest = jnp.min(jnp.sum((there - along[..., None] * edge) ** 2, -1), axis=1)
-        above = a[:, 1] > x[:, None, 1]
-        across = above != (b[:, 1] > x[:, None, 1])
-        rise = jnp.where(edge[:, 1] == 0, 1.0, edge[:, 1])
-        crossing = a[:, 0] + (x[:, None, 1] - a[:, 1]) / rise * edge[:, 0]
-        inside = jnp.sum(across & (x[:, None, 0] < crossing), axis=1) % 2 == 1
-        return jnp.where(inside, -1.0, 1.0) * jnp.sqrt(nearest + 1e-20)
+        return outline_distance(x, jnp.asarray(self.vertices, x.dtype))
 
     def bounds(self):
         """See `AbstractShape`."""
@@ -240,6 +230,27 @@ class Disc(AbstractBall):
         return area, (float(x), float(z)), 0.5 * area * float(self.radius) ** 2
 
 
+def outline_distance(
+    x: Float[Array, "N 2"], corners: Float[Array, "K 2"], counted: Bool[Array, " K"] | bool = True
+) -> Float[Array, " N"]:
+    """Distance of points x (m) in a plane from an outline, m; negative inside.
+
+    `corners`: corners of the outline in order, m; `counted`: which of its sides, each from one corner to the
+    next, belong to the surface. All sides together bound the inside.
+    """
+    b = jnp.roll(corners, -1, axis=0)
+    edge, there = b - corners, x[:, None, :] - corners
+    along = jnp.clip(jnp.sum(there * edge, -1) / jnp.sum(edge**2, -1), 0.0, 1.0)
+    squares = jnp.sum((there - along[..., None] * edge) ** 2, -1)
+    nearest = jnp.min(jnp.where(counted, squares, jnp.inf), axis=1)
+    above = corners[:, 1] > x[:, None, 1]
+    across = above != (b[:, 1] > x[:, None, 1])
+    rise = jnp.where(edge[:, 1] == 0, 1.0, edge[:, 1])
+    crossing = corners[:, 0] + (x[:, None, 1] - corners[:, 1]) / rise * edge[:, 0]
+    inside = jnp.sum(across & (x[:, None, 0] < crossing), axis=1) % 2 == 1
+    return jnp.where(inside, -1.0, 1.0) * jnp.sqrt(nearest + 1e-20)
+
+
 def box_distance(beyond: Float[Array, "N D"]) -> Float[Array, " N"]:
     """Distance of points from a box's surface, m, negative inside.
 
@@ -254,6 +265,11 @@ def box_corners(low: tuple[float, float], high: tuple[float, float]) -> np.ndarr
     """Corners `[4, 2]` (m) of a box in the x-z plane."""
     (x0, z0), (x1, z1) = low, high
     return np.array([[x0, z0], [x1, z0], [x1, z1], [x0, z1]])
+
+
+def box_corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Corners `[2^D, D]` (m) of the box between two opposite corners (m)."""
+    return np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), -1).reshape(-1, len(low))
 
 
 def _circle(angle: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Shapes in three dimensions: sphere and cylinder."""
+"""Round shapes in three dimensions: sphere, cylinder and capsule."""
 
 from __future__ import annotations
 
@@ -69,3 +69,40 @@ class Cylinder(AbstractShape):
         """Unit vector from the foot to the head."""
         along = np.asarray(self.head) - np.asarray(self.foot)
         return along / np.linalg.norm(along)
+
+
+class Capsule(AbstractShape):
+    """Circular cylinder in any direction, with hemispherical ends."""
+
+    foot: Float[Array, "3"] = eqx.field(converter=plain_numbers)
+    """Centre (x, y, z) of the hemisphere at one end, m."""
+    head: Float[Array, "3"] = eqx.field(converter=plain_numbers)
+    """Centre (x, y, z) of the hemisphere at the other end, m."""
+    radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
+    """Radius, m."""
+
+    def distance(self, x):
+        """See `AbstractShape`."""
+        foot, head = jnp.asarray(self.foot, x.dtype), jnp.asarray(self.head, x.dtype)
+        axis = head - foot
+        along = jnp.clip(jnp.sum((x - foot) * axis, axis=1) / jnp.sum(axis**2), 0.0, 1.0)
+        away = x - foot - along[:, None] * axis
+        return jnp.sqrt(jnp.sum(away**2, axis=1) + 1e-20) - jnp.asarray(self.radius, x.dtype)
+
+    def bounds(self):
+        """See `AbstractShape`."""
+        ends, r = np.stack([np.asarray(self.foot), np.asarray(self.head)]), float(self.radius)
+        return ends.min(axis=0) - r, ends.max(axis=0) + r
+
+    def moments(self):
+        """See `AbstractShape`."""
+        r, axis = float(self.radius), np.asarray(self.head) - np.asarray(self.foot)
+        length = float(np.linalg.norm(axis))
+        x, _, z = 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
+        side, ends = np.pi * r**2 * length, 4.0 / 3.0 * np.pi * r**3
+        about_axis = 0.5 * side * r**2 + 0.4 * ends * r**2
+        # the centroid of a hemisphere is 3/8 of the radius beyond its flat face
+        beyond = 0.5 * length * (0.5 * length + 0.75 * r)
+        across = side * (0.25 * r**2 + length**2 / 12.0) + ends * (0.4 * r**2 + beyond)
+        share = float(axis[1] / length) ** 2  # of the axis of rotation, y, along the capsule's axis
+        return side + ends, (float(x), float(z)), share * about_axis + (1.0 - share) * across

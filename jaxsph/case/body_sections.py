@@ -1,0 +1,220 @@
+"""Sections of rigid bodies with their links, take-offs and given motions."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from jaxsph.case.section import (
+    MOST_POINTS,
+    Coefficient,
+    Coordinate,
+    Density,
+    Duration,
+    Inertia,
+    Length,
+    Name,
+    Point,
+    Section,
+    Time,
+    Velocity,
+)
+from jaxsph.case.shape_sections import ShapeSection
+
+
+class RotationalPTOSection(Section):
+    """Power take-off on a body's pitch; in two dimensions all values are per metre of width."""
+
+    damping: Coefficient = 0.0
+    """Linear damping, N m s/rad."""
+    coulomb: Coefficient = 0.0
+    """Moment of the Coulomb friction, N m."""
+    spring: Coefficient = 0.0
+    """Stiffness of a spring that pulls the body back to zero pitch, N m/rad."""
+    stop: float = Field(math.pi, ge=1e-6, le=1e3)
+    """Pitch angle, to either side, at which the end stops engage, rad."""
+    stop_stiffness: Coefficient = 0.0
+    """Stiffness of the end stops, N m/rad."""
+
+
+class LinkSection(Section):
+    """A force between two points of bodies or the tank, or along one motion of a body's joint. The forces of
+    all keys add up; in two dimensions they are per metre of width."""
+
+    body: Name | None = None
+    """Name of the body along whose joint the link acts; give it together with `motion`."""
+    motion: Literal["surge", "heave", "pitch"] | None = None
+    """Motion of the body, relative to the body or tank that it is joined to, along which the link acts. With
+    "pitch", forces are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
+    between: tuple[Name, Name] | None = None
+    """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
+    at: tuple[tuple[Coordinate, Coordinate], tuple[Coordinate, Coordinate]] | None = None
+    """Positions (x, z) of the link's ends with all bodies at rest, m."""
+    rest: Length | None = None
+    """Length at which the link between two points is not extended, m; by default its length at rest."""
+    stiffness: Coefficient = 0.0
+    """Stiffness of a spring, N/m."""
+    pretension: float = Field(0.0, ge=-1e12, le=1e12)
+    """Tension of the spring without extension, N."""
+    damping: Coefficient = 0.0
+    """Linear damping, N s/m."""
+    quadratic: Coefficient = 0.0
+    """Quadratic damping, N s2/m2."""
+    friction: Coefficient = 0.0
+    """Force of Coulomb friction, N."""
+    slack: bool = False
+    """Whether the link is a rope, which becomes slack and does not push; its damping acts while it is
+    taut."""
+    stops: tuple[Coordinate, Coordinate] | None = None
+    """Least and largest extension before the end stops act, m; give it together with `stop_stiffness`."""
+    stop_stiffness: Coefficient = 0.0
+    """Stiffness of the end stops, N/m."""
+    latch: Duration | None = None
+    """Time for which a latch holds the link whenever its motion reverses, s; needs `latch_damping`."""
+    latch_damping: Coefficient = 0.0
+    """Linear damping by which the latch holds, N s/m; choose it much larger than mass over time step."""
+    take_off: bool = False
+    """Whether the link is a power take-off, whose power counts as power of the device."""
+
+    @model_validator(mode="after")
+    def _whole_link(self) -> LinkSection:
+        along = self.body is not None and self.motion is not None
+        between = self.between is not None and self.at is not None
+        parts = (self.body, self.motion), (self.between, self.at)
+        if along == between or any((a is None) != (b is None) for a, b in parts):
+            raise ValueError("give either body and motion, or between and at")
+        if self.rest is not None and not between:
+            raise ValueError("rest needs between and at: a link along a joint has no length")
+        if self.between is not None and self.between[0] == self.between[1]:
+            raise ValueError("between: the two ends must be on different bodies, or one on the tank")
+        if (self.stops is None) != (self.stop_stiffness == 0.0) or (
+            self.stops is not None and self.stops[0] >= self.stops[1]
+        ):
+            raise ValueError("give both stops (an increasing pair) and stop_stiffness")
+        if (self.latch is None) != (self.latch_damping == 0.0):
+            raise ValueError("a latch needs both latch (its holding time) and latch_damping")
+        others = (self.quadratic, self.friction, self.stop_stiffness, self.latch_damping)
+        if self.slack and (not between or not self.stiffness or any(others)):
+            raise ValueError(
+                "slack needs between, at and stiffness; apart from stiffness it allows only pretension and "
+                "damping"
+            )
+        if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
+            raise ValueError("the link has no force: give stiffness, damping, friction or another key")
+        if self.take_off and not any(self.losses):
+            raise ValueError("take_off needs a force that absorbs energy, such as damping")
+        return self
+
+    @property
+    def losses(self) -> tuple[float, ...]:
+        """Coefficients of all forces that absorb energy."""
+        return self.damping, self.quadratic, self.friction, self.latch_damping
+
+
+class MotionSection(Section):
+    """A given motion of a body: harmonic, or the columns t, surge, heave and pitch of a CSV file."""
+
+    amplitude: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion."""
+    period: Time | None = None
+    """Period of the harmonic motion, s."""
+    phase: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Phases of surge, heave and pitch in amplitude sin(2 pi t / period + phase), rad."""
+    ramp: Duration | None = None
+    """Time over which a harmonic motion grows to its amplitude, s; by default one period."""
+    t: tuple[Duration, ...] = Field((), max_length=50_000)
+    """Times of a sampled motion, s, from 0 on; between them the motion is interpolated by cubic splines, and
+    after the last time the body keeps its position."""
+    surge: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the surge, m."""
+    heave: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the heave, m."""
+    pitch: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the pitch, rad."""
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> MotionSection:
+        harmonic = self.amplitude is not None and self.period is not None
+        if harmonic == bool(self.t) or (self.amplitude is None) != (self.period is None):
+            raise ValueError(
+                "give either amplitude and period, or a file with the columns t, surge, heave, pitch"
+            )
+        sampled = any((self.surge, self.heave, self.pitch))
+        if (harmonic and sampled) or (self.t and (any(self.phase) or self.ramp is not None)):
+            raise ValueError("phase and ramp belong to amplitude and period; surge, heave and pitch to t")
+        if self.t:
+            given = [one for one in (self.surge, self.heave, self.pitch) if one]
+            if not given or any(len(one) != len(self.t) for one in given):
+                raise ValueError("surge, heave and pitch: give at least one, with as many values as t")
+            if len(self.t) < 4 or self.t[0] != 0.0 or any(a >= b for a, b in itertools.pairwise(self.t)):
+                raise ValueError("t must have at least 4 values that begin with 0 and increase")
+        return self
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Samples `[K, 3]` of surge (m), heave (m) and pitch (rad); zero where they are not given."""
+        still = (0.0,) * len(self.t)
+        return np.stack([one or still for one in (self.surge, self.heave, self.pitch)], axis=1)
+
+    def top_speed(self, arm: float) -> float:
+        """Largest speed of a point of the body at the distance `arm` (m) from its pivot, m/s (estimate)."""
+        if self.amplitude is not None and self.period is not None:
+            rates = 2.0 * np.pi / self.period * np.abs(self.amplitude)
+        else:
+            rates = np.abs(np.diff(self.samples, axis=0) / np.diff(self.t)[:, None]).max(axis=0)
+        return float(np.hypot(rates[0], rates[1]) + arm * rates[2])
+
+
+class BodySection(ShapeSection):
+    """A rigid body. It has exactly one shape."""
+
+    free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
+    """Motions that follow the forces: all three for a floating body, "pitch" alone for a hinge, "surge" or
+    "heave" alone for a slider. In its other motions the body keeps its initial `velocity`."""
+    joined_to: Name | None = None
+    """Name of the body to which this body is joined; by default the tank. All motions are then relative to
+    that body."""
+    incline: float = Field(0.0, ge=-1.6, le=1.6)
+    """Upward inclination of the axis of surge, rad; heave is at right angles to it."""
+    motion: MotionSection | None = None
+    """Given motion, which is added to the free motions."""
+    mass: Inertia | None = None
+    """Mass, kg (kg/m in 2-D)."""
+    inertia: Inertia | None = None
+    """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
+    density: Density | None = None
+    """Density of the body, kg/m3; give it instead of mass and inertia, which then follow from the shape."""
+    pivot: tuple[Coordinate, Coordinate] | None = None
+    """Position (x, z) of the hinge or joint, m; by default the centre of mass."""
+    centre: tuple[Coordinate, Coordinate] | None = None
+    """Centre of mass (x, z), m; by default the centroid of the shape."""
+    velocity: tuple[Velocity, Velocity, Velocity] = (0.0, 0.0, 0.0)
+    """Initial velocities in surge (m/s), heave (m/s) and pitch (rad/s)."""
+    angle: float = Field(0.0, ge=-1.6, le=1.6)
+    """Initial pitch, rad."""
+    release: Duration = 0.0
+    """Time until which the body is held at rest while the water settles around it, s."""
+    pto: RotationalPTOSection | None = None
+    sensors: tuple[Point, ...] = Field((), max_length=MOST_POINTS)
+    """Points of the pressure sensors on the body in its position at rest, m."""
+
+    @model_validator(mode="after")
+    def _whole(self) -> BodySection:
+        carried = bool(self.free) or self.joined_to is not None
+        if carried and (self.density is None) == (self.mass is None):
+            raise ValueError(
+                "a body that is free or joined to another needs either density, or mass and, if it turns, "
+                "inertia"
+            )
+        turns = "pitch" in self.free or self.joined_to is not None
+        if turns and self.density is None and self.inertia is None:
+            raise ValueError("a body that turns needs inertia or density: give one of them")
+        if self.release and (not self.free or any(self.velocity)):
+            raise ValueError("release needs a body with free motions and no initial velocity")
+        if self.pto is not None and "pitch" not in self.free:
+            raise ValueError("pto acts on the pitch: add pitch to free")
+        return self

@@ -1,0 +1,19 @@
+"""Imports of optional libraries."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from jaxsph.errors import CaseError
+
+
+def library(name: str, extra: str, what: str) -> ModuleType:
+    """Imports a library of an extra. **Raises** CaseError if the library is not installed; the message begins
+    with `what` needs it, for example "a drawing"."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise CaseError(
+            f"{what} needs {name.split('.')[0]}, which is not installed: pip install 'jaxsph[{extra}]'"
+        ) from None
