@@ -291,7 +291,7 @@ def test_snapping_says_what_became_of_each_length():
     assert any("device.draught = 0.15 m" in note and "becomes 0.16 m" in note for note in notes)
     # Every length of the default geometry fits: the faces of the plate are not rounded to the lattice.
     assert not [note for note in OWC.notices() if "becomes" in note]
-    assert Geometry.of(OWC).stretches["chamber"].length == 0.13
+    assert Geometry.of(OWC).stretches["chamber"].surface == 0.13
 
 
 def test_probes_on_a_wall_go_where_the_lattice_moved_it():

@@ -107,7 +107,7 @@ def test_the_faces_are_those_of_the_case_s_solids():
     inner, outer = 1.12 + 0.12 * 0.16 / 0.32, 1.48 + 0.32 * 0.4 / 0.56
     assert stretch.length == pytest.approx(outer - inner, abs=1e-9)
     (chamber,) = LEANING.problem().model.chambers
-    assert float(chamber.length) == pytest.approx(outer - inner, abs=1e-5)
+    assert float(chamber.surface) == pytest.approx(outer - inner, abs=1e-5)
 
 
 def test_flow_is_what_crosses_a_level_between_leaning_walls():

@@ -189,7 +189,7 @@ def test_flow_is_the_rise_times_the_chamber_s_length(vessel):
     air = chamber.coupling(model.scheme, p, sources, tables, state.parts)
     flow = float(air.flow(jnp.zeros_like(p.u).at[:, 1].set(rise), {}))
     # Second-order sums over a lattice of 8 particles across with a fading zone of 4 spacings.
-    assert flow == pytest.approx(rise * float(model.chambers[0].length), rel=0.05)
+    assert flow == pytest.approx(rise * float(model.chambers[0].surface), rel=0.05)
 
 
 def test_chamber_level_and_volume_of_water_at_rest(vessel):

@@ -64,7 +64,9 @@ class Hydrostatics:
         self.mass, inertia = density * surface.volume, density * surface.moment_inertia
         self.centre, self.inertia = surface.center_mass, float(inertia[0, 0])
         motions = capytaine.rigid_body_dofs(rotation_center=self.centre)
-        self.body = capytaine.FloatingBody(mesh=mesh, dofs=motions, center_of_mass=self.centre, mass=self.mass)
+        self.body = capytaine.FloatingBody(
+            mesh=mesh, dofs=motions, center_of_mass=self.centre, mass=self.mass
+        )
         stiffness = self.body.compute_hydrostatic_stiffness(rho=RHO, g=G)
         self.stiffness = float(stiffness.sel(influenced_dof="Roll", radiating_dof="Roll"))
         heave = float(stiffness.sel(influenced_dof="Heave", radiating_dof="Heave"))

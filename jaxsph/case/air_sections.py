@@ -154,16 +154,24 @@ class ChamberSection(Section):
     body: Name | None = None
     """Name of the body whose hollow contains the chamber; give it instead of `between`. The air moves with
     the body. The hollow is open below and closed by a roof."""
-    at: Coordinate | None = None
-    """Position x inside the hollow at the still water level, m; needed if the body has several hollows."""
+    at: Coordinate | tuple[Coordinate, Coordinate] | None = None
+    """Position x inside the hollow at the still water level, m; needed if the body has several hollows. In
+    three dimensions a point (x, y) in the chamber, m: the chamber is the water surface that solids, or the
+    `body`, enclose around it."""
     pto: PTOSection | None = None
     air: AirSection | None = None
 
     @model_validator(mode="after")
     def _one_place(self) -> ChamberSection:
-        if (self.between is None) == (self.body is None):
+        inside = isinstance(self.at, tuple)
+        if self.between is not None and (self.body is not None or inside):
             raise ValueError("give exactly one of between (two walls) and body (with a hollow)")
-        if self.at is not None and self.body is None:
+        if self.between is None and self.body is None and not inside:
+            raise ValueError(
+                "give exactly one of between (two walls) and body (with a hollow); in three dimensions give "
+                "at = [x, y], a point in the chamber"
+            )
+        if self.at is not None and self.body is None and not inside:
             raise ValueError("at: selects a hollow of a body: give it only together with body")
         return self
 

@@ -41,20 +41,41 @@ class Stretch(NamedTuple):
     """Position x of the back wall's inner face at the still water level, m."""
 
     @property
-    def length(self) -> float:
-        """Distance between the walls at the still water level, m."""
+    def surface(self) -> float:
+        """Distance between the walls at the still water level, m: the surface's area per metre of width."""
         return float(np.round(self.last - self.first, 12))
+
+    @property
+    def narrowest(self) -> float:
+        """Least width of the water surface, m."""
+        return self.surface
+
+    @property
+    def nearest(self) -> float:
+        """Smallest x of the front wall's inner face, m."""
+        return float(self.front[:, 0].min())
+
+    @property
+    def walls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Walls of the chamber, for `Chamber.of`."""
+        return self.front, self.back
 
 
 class Tank(NamedTuple):
-    """Size of the tank, and shapes of the solids that may be the walls of a chamber."""
+    """Size of the tank, and shapes of the solids that may enclose a chamber."""
 
     shapes: Mapping[str, AbstractShape]
     """Shapes of all solids, by their names in the case (`Geometry.named_shapes`)."""
+    bodies: Mapping[str, AbstractShape]
+    """Shapes of the bodies, by name."""
     length: float
+    """Length of the tank, m."""
+    width: float | None
+    """Width of the tank, m; None in two dimensions."""
     depth: float
+    """Depth of the still water, m."""
     height: float
-    """Length, still water depth and height of the tank, m."""
+    """Height of the tank, m."""
     dx: float
     """Spacing of the particles, m."""
 

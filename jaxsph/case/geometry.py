@@ -6,12 +6,14 @@ Lengths of the tank and the platform, and the plate's draught, are rounded to a 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between, stretch_in
+from jaxsph.case.chambers import Tank
+from jaxsph.case.pools import WaterSurface, water_surfaces
 from jaxsph.case.sections import DEVICE_CHAMBER, Device, Sections
 from jaxsph.case.shape_sections import SolidSection
 from jaxsph.case.shapes import (
@@ -66,7 +68,7 @@ class Geometry:
     depend on the wave height, so that the shapes of arrays do not depend on the wave height either."""
     plate: WallPlate | None
     platform: Platform | None
-    stretches: dict[str, Stretch]
+    stretches: dict[str, WaterSurface]
     """Stretches of the water surface below chambers, by the chambers' names."""
     bodies: dict[str, AbstractShape]
     """Shapes of the rigid bodies at rest, by name; a body comes after the body that it is joined to."""
@@ -78,8 +80,8 @@ class Geometry:
     velocity: Points
     """Positions of the probes, m. Probes on a wall that rounding moved are moved with the wall."""
     notices: list[str]
-    areas: dict[str, Any]
-    """Areas of all solids and bodies, at their initial angles, in the x-z plane, by name."""
+    initial: dict[str, AbstractShape]
+    """Shapes of all solids, and of the bodies at their initial angles, by name."""
     rounded: dict[str, float]
     """Lengths that are rounded to a whole number of spacings, by key, m."""
 
@@ -290,11 +292,10 @@ class Geometry:
             self.notices += section.notices(f"solid.{name}", self.dx, False)
         bodies = case.every_body
         carried = {key: carriers(bodies, name) for name, key in self.keys.items()}
-        shapes = {
+        self.initial = {
             name: initial_shape(one, carried.get(name, ())) for name, one in self.named_shapes().items()
         }
-        self.areas = {name: shape.region() for name, shape in shapes.items()}
-        check_apart(shapes, self.areas, self.dx)
+        check_apart(self.initial, self.dx)
         self._check_regions(case)
 
     def _check_regions(self, case: Sections) -> None:
@@ -313,24 +314,11 @@ class Geometry:
             raise CaseError(
                 f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give it another name"
             )
-        if case.chambers and self.width is not None:
-            raise CaseError("tank.width: a chamber needs a two-dimensional tank (no width)")
         if case.air is not None and case.pto is None:
             raise CaseError("air: compressible air needs a turbine: give [pto] with one, or remove [air]")
-        tank = Tank(self.named_shapes(), self.length, self.depth, self.height, self.dx)
-        for name, section in case.chambers.items():
-            key = f"chamber.{name}"
-            if section.between is not None:
-                self.stretches[name] = stretch_between(key, section.between, tank)
-                continue
-            if section.body not in self.bodies:
-                there = ", ".join(self.bodies) or "none"
-                raise CaseError(
-                    f"{key}.body = {section.body!r}: there is no such body; the bodies are {there}"
-                )
-            shape = self.bodies[section.body]
-            self.stretches[name] = stretch_in(key, section.body, section.at, shape, tank)
-        check_apart_chambers(self.stretches)
+        shapes = self.named_shapes()
+        tank = Tank(shapes, self.bodies, self.length, self.width, self.depth, self.height, self.dx)
+        self.stretches = water_surfaces(case, tank)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
         """Section of a solid; its corners on walls that rounding has shifted are shifted with them."""
@@ -351,6 +339,11 @@ class Geometry:
     def shapes(self) -> dict[str, AbstractShape]:
         """Shapes of the bodies and of the fixed solids, by name."""
         return self.bodies | self.solids
+
+    @functools.cached_property
+    def areas(self) -> dict[str, Any]:
+        """Areas of the `initial` shapes in the x-z plane, by name, as geometries of `shapely`."""
+        return {name: shape.region() for name, shape in self.initial.items()}
 
     def named_shapes(self) -> dict[str, AbstractShape]:
         """Shapes of all solids in the tank, by their names in a case."""

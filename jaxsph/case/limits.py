@@ -282,10 +282,12 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
             raise CaseError(
                 f"{key}air: compressible air needs a turbine: change [{key}pto], or remove [{key}air]"
             )
-        if section.air.volume < stretch.length * rise:
+        if section.air.volume < stretch.surface * rise:
+            of, volume = ("m", "m2") if case.dim == 2 else ("m2", "m3")
             raise CaseError(
-                f"{key}air.volume = {section.air.volume:g} m2: waves of {rise:.3g} m may fill it; at least "
-                f"{stretch.length * rise:.3g} m2 are needed in a chamber of {stretch.length:g} m"
+                f"{key}air.volume = {section.air.volume:g} {volume}: waves of {rise:.3g} m may fill it; at "
+                f"least {stretch.surface * rise:.3g} {volume} are needed in a chamber of "
+                f"{stretch.surface:g} {of}"
             )
     elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
         raise CaseError(
@@ -297,9 +299,10 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
         raise CaseError(f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure")
-    # the water that leaves one side raises the other; each change of level is inverse to the side's length
-    front = geometry.front if of_device else geometry.length - stretch.length
-    share = front / (front + stretch.length)
+    # the water that leaves one side raises the other; each change of level is inverse to the side's surface
+    whole = geometry.length * (1.0 if geometry.width is None else geometry.width)
+    front = geometry.front if of_device else whole - stretch.surface
+    share = front / (front + stretch.surface)
     fall = share * section.pto.P_a / (case.fluid.rho0 * case.g)
     draught = geometry.depth - stretch.tip
     if fall > draught:

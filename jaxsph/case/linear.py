@@ -101,7 +101,7 @@ def _chamber(case: Sections) -> ChamberGeometry:
     """Geometry of a case's chamber, with the depth and the draught rounded to whole spacings."""
     tank = Geometry.of(case)
     (stretch,) = tank.stretches.values()
-    lengths = (tank.depth, stretch.length, tank.depth - tank.plate.tip, tank.plate.thickness)
+    lengths = (tank.depth, stretch.surface, tank.depth - tank.plate.tip, tank.plate.thickness)
     return ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
 
 
@@ -159,6 +159,8 @@ def why_no_theory(case: Sections) -> str:
 
 def _missing(case: Sections, seas: bool = False) -> str | None:
     """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None if it does."""
+    if case.dim == 3:
+        return "tank.width: the tank has three dimensions"
     if len(case.chambers) > 1:
         return "there are several chambers"
     for name, chamber in case.chambers.items():

@@ -318,7 +318,7 @@ class _Response:
         """Amplitudes of pressure, flow and level of every chamber, by the names of their oscillations."""
         swings = {}
         for name, P_a, q in zip(self.case.chambers, found.P_a, found.q, strict=True):
-            level = 1j * q / (found.water.omega * self.resting.geometry.stretches[name].length)
+            level = 1j * q / (found.water.omega * self.resting.geometry.stretches[name].surface)
             values = zip(AIR, (P_a, q, level), strict=True)
             swings |= {_called(what, name): value for what, value in values}
         return swings

@@ -33,11 +33,11 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             f"{reference_speed(case):.3g} m/s: the run stops if water is faster than a third of fluid.c0"
         )
     for name, stretch in geometry.stretches.items():
-        if stretch.length < CHAMBER * case.dx:
+        if stretch.narrowest < CHAMBER * case.dx:
             key = "device.chamber_length" if case.is_device_chamber(name) else f"chamber.{name}"
             notes.append(
-                f"{key} = {stretch.length:g} m is only {stretch.length / case.dx:.1f} spacings long: expect "
-                f"an efficiency that is a tenth to a fifth too low ({CHAMBER} or more are usual)"
+                f"{key} = {stretch.narrowest:g} m is only {stretch.narrowest / case.dx:.1f} spacings long: "
+                f"expect an efficiency that is a tenth to a fifth too low ({CHAMBER} or more are usual)"
             )
     if geometry.plate is not None and geometry.plate.thickness < 0.99 * case.dx:
         notes.append(

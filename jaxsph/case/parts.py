@@ -87,7 +87,7 @@ def make_chambers(
         stretch = geometry.stretches[name]
         chamber = Chamber.of(
             ClosedPTO() if section.pto is None else make_pto(case, section.pto, leaf),
-            between=(stretch.front, stretch.back),
+            between=stretch.walls,
             tip=stretch.tip,
             level=geometry.depth,
             dx=case.dx,  # a particle deeper than half of dx in a wall ends the run

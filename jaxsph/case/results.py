@@ -253,7 +253,7 @@ def _device_x(case: Sections) -> float:
     """Position at which waves meet a case's device, m from the paddle: the nearest of the plate, the front
     walls of chambers and the bodies, or the end of the tank if the case has no device."""
     geometry = Geometry.of(case)
-    fronts = [stretch.front[:, 0].min() for stretch in geometry.stretches.values()]
+    fronts = [stretch.nearest for stretch in geometry.stretches.values()]
     if geometry.plate is not None:
         fronts.append(geometry.plate.x0)
     fronts += [shape.bounds()[0][0] for shape in geometry.bodies.values()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -45,16 +45,16 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
         )
 
 
-def check_apart(shapes: Mapping[str, AbstractShape], areas: Mapping[str, Any], dx: float) -> None:
-    """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume.
-
-    The shapes are those at the initial angles of the bodies; `areas`: their areas in the x-z plane, m2.
-    """
+def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
+    """**Raises** CaseError if two shapes, given by name, overlap by more than half a particle's volume; the
+    shapes are those at the initial angles of the bodies, and dx (m) is the spacing."""
     for a, b in itertools.combinations(shapes, 2):
         low, high = (np.stack(ends) for ends in zip(shapes[a].bounds(), shapes[b].bounds(), strict=True))
-        dim, common = low.shape[1], areas[a].intersection(areas[b]).area
-        if dim == 3 and common:
+        dim = low.shape[1]
+        if dim == 3:
             common = _common_volume(shapes[a], shapes[b], low.max(axis=0), high.min(axis=0), dx)
+        else:
+            common = shapes[a].region().intersection(shapes[b].region()).area
         if common > 0.5 * dx**dim:
             raise CaseError(
                 f"{a} and {b}: have {common:.3g} m{dim} in common: move one of them, or combine both in one "

@@ -23,7 +23,7 @@ from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Tally
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir
 from jaxsph.parts.frames import BodyFrame, TankFrame
-from jaxsph.parts.sides import Face, Sides
+from jaxsph.parts.sides import AbstractSides, Face, Plan, Sides
 
 __all__ = ["BodyForceGrip", "Chamber", "SurfaceGrip"]
 
@@ -65,7 +65,7 @@ class BodyForceGrip(AbstractGrip):
 
 
 class Chamber(AbstractChamber):
-    """Water column below trapped air between two walls, upright or inclined, and the air's power take-off.
+    """Water column below trapped air between walls, and the air's power take-off.
 
     A smooth function chi of position weights the air's pressure: it is 1 in the upper part of the column and
     fades to 0 towards the level of the front wall's tip. The flow q = -sum_i f_i.u_i, where f_i is the force
@@ -75,8 +75,8 @@ class Chamber(AbstractChamber):
 
     pto: AbstractPTO
     """Power take-off of the air."""
-    sides: Sides
-    """Inner faces of the front and back wall; `volume` counts water above the middle of the fading zone."""
+    sides: AbstractSides
+    """Inner faces of the walls; `volume` counts water above the middle of the fading zone."""
     fade_low: Scalar
     """Level up to which chi is 0, m."""
     fade_high: Scalar
@@ -98,7 +98,7 @@ class Chamber(AbstractChamber):
         cls,
         pto: AbstractPTO,
         *,
-        between: tuple[Face, Face],
+        between: tuple[Face, Face] | np.ndarray,
         tip: float,
         level: float,
         dx: float,
@@ -109,14 +109,18 @@ class Chamber(AbstractChamber):
         """Builds a chamber from plain numbers.
 
         **Arguments**: `between`: inner faces of the front and the back wall, each given by its x (m) if it is
-        upright, or by its corners (x, z) (m) from the bottom up; `tip`: level of the front wall's tip, below
-        which air would escape, m; `level`: still water level, m; `dx`: spacing, m; `air`: for example
-        `IsentropicAir`, by default incompressible.
+        upright, or by its corners (x, z) (m) from the bottom up; in three dimensions the three or more
+        corners `[K, 2]` (x, y) (m) of the water surface between upright walls; `tip`: level of the front
+        wall's tip, below which air would escape, m; `level`: still water level, m; `dx`: spacing, m; `air`:
+        for example `IsentropicAir`, by default incompressible.
         """
         fade_high = tip + 0.5 * (level - tip)
-        highest = [np.max(np.asarray(face)[:, 1]) for face in between if np.ndim(face)]
-        top = max(2.0 * level - tip, *highest, 0.0)
-        sides = Sides.of(*between, tip, 0.5 * (tip + fade_high), top, dtype)
+        base = 0.5 * (tip + fade_high)
+        if isinstance(between, np.ndarray):
+            sides: AbstractSides = Plan(jnp.asarray(between, dtype), jnp.asarray(base, dtype))
+        else:
+            highest = [np.max(np.asarray(face)[:, 1]) for face in between if np.ndim(face)]
+            sides = Sides.of(*between, tip, base, max(2.0 * level - tip, *highest, 0.0), dtype)
         numbers = {"fade_low": tip, "fade_high": fade_high, "still": level, "beyond": 0.5 * dx}
         leaves: dict[str, Any] = {key: jnp.asarray(value, dtype) for key, value in numbers.items()}
         air = IncompressibleAir() if air is None else air
@@ -173,10 +177,9 @@ class Chamber(AbstractChamber):
         return {self.called(name): value for name, value in found.items()}
 
     @property
-    def length(self) -> Scalar:
-        """Length of the chamber between its walls at the still level, m."""
-        x0, x1 = self.sides.at(self.still)
-        return x1 - x0
+    def surface(self) -> Scalar:
+        """Area of the water surface between the walls at the still level, m2; its length, m, in 2-D."""
+        return self.sides.surface(self.still)
 
     def inside(self, x: Components) -> Array:
         """Mask of points x (m) between the chamber's walls, True between them."""
@@ -240,8 +243,7 @@ class Chamber(AbstractChamber):
         **Arguments**: `x`, `V`: positions (m) and volumes (m3; m2 in 2-D) of the particles; `smooth`: half
         the height (m) of the layer around this level in which particles are counted in part.
         """
-        level = self.sides.z[self.sides.start]
-        s = jnp.clip((x[-1] - level) / (2.0 * smooth) + 0.5, 0.0, 1.0)
+        s = jnp.clip((x[-1] - self.sides.base) / (2.0 * smooth) + 0.5, 0.0, 1.0)
         return jnp.sum(jnp.where(self.inside(x), V * s, 0.0))
 
     def level(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:

@@ -1,7 +1,8 @@
-"""Inner faces of a chamber's front and back walls, upright or inclined, and the water between the walls."""
+"""Inner faces of a chamber's walls, and the water between them, in two and three dimensions."""
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,15 +11,79 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar
+from jaxsph.solids.shapes import outline_distance
 
-__all__ = ["Face", "Sides"]
+__all__ = ["AbstractSides", "Face", "Plan", "Sides"]
 
 Face = float | Sequence[Sequence[float]] | np.ndarray
 """Inner face of a wall, as the x (m) of an upright face or the corners (x, z) (m) from the bottom up."""
 
 
-class Sides(eqx.Module):
-    """Inner faces of a chamber's two walls, as straight lines between positions x at common levels.
+class AbstractSides(eqx.Module):
+    """Inner faces of a chamber's walls."""
+
+    @property
+    @abc.abstractmethod
+    def base(self) -> Scalar:
+        """Level above which water between the walls is counted, m."""
+
+    @abc.abstractmethod
+    def between(self, x: Components, before: Scalar | float, behind: Scalar) -> Array:
+        """Mask of points x (m) between the walls.
+
+        The mask includes points in the walls, less than `before` (m) from the face of the front wall of a
+        two-dimensional chamber, or `behind` (m) from any other face.
+        """
+
+    @abc.abstractmethod
+    def ends(self) -> tuple[Scalar, Scalar]:
+        """Smallest and largest x of the chamber, m."""
+
+    @abc.abstractmethod
+    def level(self, volume: Scalar) -> Scalar:
+        """Level (m) of a flat surface, from the `volume` of water (m3; m2 in 2-D) above `base`."""
+
+    @abc.abstractmethod
+    def surface(self, level: Scalar) -> Scalar:
+        """Area of a flat water surface at a level (m), m2; its length, m, in two dimensions."""
+
+
+class Plan(AbstractSides):
+    """Upright walls around a chamber in three dimensions."""
+
+    corners: Float[Array, "K 2"]
+    """Corners (x, y) of the water surface, m."""
+    start: Scalar
+    """Level above which water between the walls is counted, m."""
+
+    @property
+    def base(self):
+        """See `AbstractSides`."""
+        return self.start
+
+    def between(self, x, before, behind):
+        """See `AbstractSides`. All walls are alike: `before` is not used."""
+        del before
+        return outline_distance(jnp.stack([x[0], x[1]], axis=-1), self.corners) < behind
+
+    def ends(self):
+        """See `AbstractSides`."""
+        return jnp.min(self.corners[:, 0]), jnp.max(self.corners[:, 0])
+
+    def level(self, volume):
+        """See `AbstractSides`."""
+        return self.base + volume / self.surface(self.base)
+
+    def surface(self, level):
+        """See `AbstractSides`."""
+        del level
+        (x, y), (x1, y1) = self.corners.T, jnp.roll(self.corners, -1, axis=0).T
+        return 0.5 * jnp.abs(jnp.sum(x * y1 - x1 * y))
+
+
+class Sides(AbstractSides):
+    """Inner faces of the front and back wall of a chamber in two dimensions, upright or inclined: straight
+    lines between positions x at common levels.
 
     Below the lowest level and above the highest the faces are upright.
     """
@@ -55,17 +120,27 @@ class Sides(eqx.Module):
         x0, x1 = (x[0] + jnp.sum(share * jnp.diff(x), axis=-1) for x in (self.x0, self.x1))
         return x0, x1
 
-    def between(self, x: Components, before: Scalar | float, behind: Scalar) -> Array:
-        """Mask of points x from `before` (m) ahead of the front face to `behind` (m) past the back face."""
+    @property
+    def base(self):
+        """See `AbstractSides`."""
+        return self.z[self.start]
+
+    def between(self, x, before, behind):
+        """See `AbstractSides`."""
         x0, x1 = self.at(x[-1])
         return (x[0] > x0 - before) & (x[0] < x1 + behind)
 
-    def ends(self) -> tuple[Scalar, Scalar]:
-        """Smallest x (m) of the front wall's face, and largest x (m) of the back wall's face."""
+    def surface(self, level):
+        """See `AbstractSides`."""
+        x0, x1 = self.at(level)
+        return x1 - x0
+
+    def ends(self):
+        """See `AbstractSides`."""
         return jnp.min(self.x0), jnp.max(self.x1)
 
-    def level(self, volume: Scalar) -> Scalar:
-        """Level (m) of a flat surface, from the `volume` of water (m2) between level `start` and the surface.
+    def level(self, volume):
+        """See `AbstractSides`.
 
         Between two levels the walls are straight, and the volume is a quadratic function of the height.
         """
