@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import curve_fit
 
 import jaxsph as js
 from experiments.common import Report, solved
@@ -42,9 +43,24 @@ def main(dx: float = 0.025) -> None:
         _measured(report, times, heights / lift)
         _swings(report, heights / lift)
         _codes(report, times, heights / lift)
+        level = oscillation_level(t[t > times[1]], z[t > times[1]])
+        report.row(
+            "level about which the sphere oscillates after the first trough", level / dx, "dx", theory=0.0
+        )
         still = float(np.max(series["max_speed"][~free]))
         report.row("largest speed while the water settles", still, "m/s", theory=0.0)
         report.picture(_picture(t, z / lift))
+
+
+def oscillation_level(t: np.ndarray, z: np.ndarray) -> float:
+    """Level (m) about which a record z (m) at times t (s) oscillates, by a fit of a damped oscillation."""
+
+    def damped(t, level, c, s, decay, omega):
+        return level + np.exp(-decay * t) * (c * np.cos(omega * t) + s * np.sin(omega * t))
+
+    start = t - t[0]
+    guess = (0.0, z[0], 0.0, 0.5, 2.0 * np.pi / PERIOD)
+    return float(curve_fit(damped, start, z, guess)[0][0])
 
 
 def _measured(report: Report, times: np.ndarray, heights: np.ndarray) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, solved
+from experiments.common import Report, of_paddle, solved
 
 ACROSS = 5
 """Width of the flume, in spacings."""
@@ -58,8 +58,7 @@ def main(dx: float = 0.02) -> None:
             report.against(words, found[3][key], found[2][key], unit, bar=0.05)
         for dim, one in found.items():
             for key in ("residual", "projection", "hyperviscosity"):
-                share = one[f"whole_energy_{key}"] / one["whole_energy_paddle"]
-                report.row(f"{dim}-D: {key}, of the paddle's work", 100 * share, "%")
+                report.row(f"{dim}-D: {key}, of the paddle's work", of_paddle(one, key, "whole_"), "%")
         report.picture(_picture(records))
 
 

@@ -42,26 +42,30 @@ Reading = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 class PTOSection(Section):
     """Power take-off of a chamber's air: a quadratic damping, a linear turbine, an orifice, a characteristic
-    curve or a prescribed pressure. Give exactly one; all quantities are per metre of width."""
+    curve or a prescribed pressure. Give exactly one. In two dimensions all quantities are per metre of
+    width."""
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
-    """Damping coefficient, kg^0.5 m^-2.5; with 1e6 the chamber is practically closed."""
+    """Damping coefficient, kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D); with 1e6 the chamber is
+    practically closed."""
     phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
         None, min_length=2, max_length=100
     )
     """Fourier coefficients of ln(K_dm(t)/K_dm) over the wave phase, a cosine and a sine coefficient for each
     harmonic: [a1, b1, a2, b2]."""
     resistance: float | None = Field(None, ge=0, le=1e12)
-    """Resistance of a linear turbine, for example a Wells turbine, P_a = resistance q, Pa s/m2."""
+    """Resistance of a linear turbine, for example a Wells turbine, P_a = resistance q, Pa s/m2 (Pa s/m3
+    in 3-D)."""
     area: Area | None = None
-    """Area of an orifice, m2 per metre of width."""
+    """Area of an orifice, m2 (per metre of width in 2-D)."""
     discharge: Discharge = 0.6
     """Discharge coefficient of the orifice (-)."""
     density: Density = 1.2
     """Density of the ambient air, kg/m3; the damping of an orifice depends on it."""
     curve: tuple[tuple[Reading, Reading], ...] | None = Field(None, min_length=2, max_length=10_000)
-    """Characteristic curve: pairs of flow (m2/s) and pressure (Pa), both rising and through (0, 0). A curve
-    that begins at (0, 0) is mirrored for inhalation. Alternatively, `pto.file` names a CSV file."""
+    """Characteristic curve: pairs of flow (m2/s; m3/s in 3-D) and pressure (Pa), both rising and through
+    (0, 0). A curve that begins at (0, 0) is mirrored for inhalation. Alternatively, `pto.file` names a CSV
+    file."""
     P_a: float | None = Field(None, ge=-1e9, le=1e9)
     """Prescribed gauge pressure, Pa."""
     ramp: Duration = 0.0
@@ -134,7 +138,7 @@ class AirSection(Section):
     """Compressible, isentropic air of the chamber; without this section the air is incompressible."""
 
     volume: float = Field(ge=1e-6, le=1e9)
-    """Volume of air above still water in the chamber and its ducts, m2 (per metre of width)."""
+    """Volume of air above still water in the chamber and its ducts, m3 (m2 per metre of width in 2-D)."""
     pressure: float = Field(101_325.0, ge=1.0, le=1e9)
     """Ambient pressure, Pa."""
     gamma: float = Field(1.4, ge=1.01, le=2.0)
@@ -182,7 +186,8 @@ class DuctSection(Section):
     between: tuple[Name, Name]
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
-    """Smallest cross-section of the duct, m2 per metre of width; air loses its kinetic energy downstream."""
+    """Smallest cross-section of the duct, m2 (per metre of width in 2-D); the air then loses its kinetic
+    energy."""
     discharge: Discharge = 0.6
     """Discharge coefficient of the duct's narrowest area (-)."""
     density: Density = 1.2
