@@ -109,6 +109,7 @@ def test_unknown_side_and_impossible_slide_are_refused():
         _assembled(("periodic", "floor"), sliding={(1, 1): (1.0, 0.0)})
 
 
+@pytest.mark.slow
 def test_wall_that_slides_along_drags_the_fluid_and_nothing_else():
     """Fluid that moves with both walls stays at that speed; a free-slip wall does not drag the fluid."""
     both = {(1, 0): (0.5, 0.0), (1, 1): (0.5, 0.0)}

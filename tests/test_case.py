@@ -466,7 +466,13 @@ def test_built_in_cases_are_those_of_the_command_line():
     assert all(js.built_in_cases().values())
 
 
-@pytest.mark.parametrize("name", sorted(js.built_in_cases()))
+SPATIAL = ("flap_3d", "hull", "owc_3d", "owc_spar", "sphere_decay")
+"""Built-in cases in three dimensions that take ten seconds and more to build."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SPATIAL)) for n in sorted(js.built_in_cases())]
+)
 def test_built_in_cases_load_and_check(name):
     assert js.load_case(name).name == name
     case = coarse(name) if name in COARSE else js.load_case(name)

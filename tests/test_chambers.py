@@ -105,7 +105,7 @@ def test_the_faces_are_those_of_the_case_s_solids():
     stretch = Geometry.of(LEANING).stretches["column"]
     assert stretch.tip == pytest.approx(0.24) and stretch.top == pytest.approx(0.56)
     inner, outer = 1.12 + 0.12 * 0.16 / 0.32, 1.48 + 0.32 * 0.4 / 0.56
-    assert stretch.length == pytest.approx(outer - inner, abs=1e-9)
+    assert stretch.surface == pytest.approx(outer - inner, abs=1e-9)
     (chamber,) = LEANING.problem().model.chambers
     assert float(chamber.surface) == pytest.approx(outer - inner, abs=1e-5)
 

@@ -397,6 +397,7 @@ TINY = {
 }
 
 
+@pytest.mark.slow
 def test_a_study_runs_and_continues(tmp_path, monkeypatch):
     """On a lattice of 6 particles over the depth the numbers are rough: signs and sizes only."""
     monkeypatch.chdir(tmp_path)

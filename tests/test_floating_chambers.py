@@ -147,6 +147,7 @@ def test_water_and_hull_keep_their_momentum(channel):
     assert abs(float(state.parts["chamber"].P_a)) > 5.0  # Pa
 
 
+@pytest.mark.slow
 def test_energy_balance_and_law_of_a_floating_chamber():
     """P_a q is all that the air takes from water and hull, and the energy balance closes."""
     run = js.run(case(t1=0.6, **{"bodies.hull.velocity": [0.2, 0.1, 0.4]}))

@@ -119,6 +119,7 @@ def test_a_box_floats_in_weakly_compressible_water_too(advanced):
     assert np.abs(found["heave"]).max() < 0.02 * 0.15
 
 
+@pytest.mark.slow
 def test_energy_of_a_swinging_flap_is_accounted_for():
     """Projection, contact and damping account for all kinetic energy lost (0.02 % when this was written)."""
     case = js.Case.from_dict(TANK | {"body": FLAP, "t1": 0.3, "output": {"sample_dt": 0.02}})
@@ -462,6 +463,7 @@ def test_still_water_stays_at_its_level_from_the_first_step_on(width):
     assert abs(np.sum(run["power_projection"]) * 0.05) / weight < 1e-4
 
 
+@pytest.mark.slow
 def test_results_have_the_budget_of_the_whole_run_beside_that_of_settled_periods():
     """The results of a run with waves contain its whole energy, whatever part of the run has settled."""
     waves = {"H": 0.08, "T": 1.0}

@@ -173,6 +173,7 @@ def test_what_makes_no_matrix_is_refused(tmp_path):
         js.power_matrix(CASE, [0.04], [0.7], out)
 
 
+@pytest.mark.slow
 def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
     """Its arguments reach `power_matrix`; it prints the mean over the year and writes the picture."""
     asked = {}

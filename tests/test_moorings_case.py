@@ -146,7 +146,7 @@ def test_a_moordyn_file_gives_its_lines(tmp_path):
         ("2   Coupled", "2   Free", "line 16: the line must join a Fixed point and a Coupled point"),
         ("2   Coupled", "2   Body1", "points on bodies and rods, are not available"),
         ("-0.4      0 ", "-0.4      5 ", r"line 5: bending stiffness \(EI\) is not available"),
-        ("1e3 ", "file.txt ", "line 5: expected a number"),
+        ("1e3 ", "file.txt ", "line 5: expected one number"),
         ("1   chain ", "1   rope ", "line 16: the line's type is not among LINE TYPES"),
         ("4   Anchor  1.6   0  -0.5", "4   Anchor", "line 12: has 6 columns, expected at least 9"),
         (

@@ -321,6 +321,7 @@ def test_a_missing_jax_md_names_the_extra(monkeypatch):
         js.build(coarse("hydrostatic", {"search": "jax_md"}))
 
 
+@pytest.mark.slow
 def test_a_tank_at_rest_is_the_default_s():
     """Ten steps: pressures differ by the order of summation only, 1e-7 of each term in float32."""
     found = []

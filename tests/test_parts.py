@@ -53,6 +53,7 @@ def damped_vessel():
     return case, model, eqx.tree_at(lambda s: s.particles.u, state, jnp.float32(sinking))
 
 
+@pytest.mark.slow
 def test_work_is_that_of_all_steps_whatever_the_samples(damped_vessel):
     """The work must not be that of the last block only."""
     _, model, state = damped_vessel

@@ -137,6 +137,7 @@ def test_a_program_that_sweeps_when_it_is_imported_fails_as_a_member_only(tmp_pa
     assert found.arguments == {"amplitude": 0.05, "t1": 0.2}
 
 
+@pytest.mark.slow
 def test_a_function_inside_another_is_swept_in_this_process(tmp_path):
     def inner(amplitude: float = 0.03) -> js.Problem:
         return SWELL.replace({"start.amplitude": amplitude, "t1": 0.05}).problem()

@@ -23,7 +23,9 @@ def regularised(model, state):
     return ONE.apply(model.scheme, model, state.particles, tables, model.dt), state
 
 
-@pytest.fixture(scope="module", params=["hydrostatic", "hydrostatic_3d"])
+@pytest.fixture(
+    scope="module", params=["hydrostatic", pytest.param("hydrostatic_3d", marks=pytest.mark.slow)]
+)
 def tank(request):
     """(model, state) of a tank in two or three dimensions."""
     return request.getfixturevalue(request.param)[1:]

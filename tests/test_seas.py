@@ -214,6 +214,7 @@ FLUME = {
 }
 
 
+@pytest.mark.slow
 def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
     """Without an absorbing paddle the energy budget closes, to less than 1 % of the kinetic energy."""
     done = js.run(js.Case.from_dict(FLUME | {"t1": 1.0}), progress=False)

@@ -411,6 +411,7 @@ def test_what_is_refused_has_changed_nothing(whole, t1, devices, message):
     assert path.read_bytes() == before and len(os.listdir(path.parent)) == 1
 
 
+@pytest.mark.slow
 def test_another_interval_of_samples_keeps_powers_and_what_was_exchanged(whole, tmp_path):
     """The first sample after the change is a mean over the old interval, and the totals are unchanged."""
     path = shutil.copy(whole[0], tmp_path / "wider.h5")

@@ -44,7 +44,9 @@ def _run(swinging, changes, samples=20):
     return model, *advance(case, model, state, samples=samples)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    "law", [pytest.param(law, marks=[pytest.mark.slow] * (law in ("soft", "wells"))) for law in LAWS]
+)
 def test_pressure_and_flow_of_the_incompressible_scheme_obey_the_law(swinging, law):
     keys, pressure = LAWS[law]
     _, end, series = _run(swinging, {"pto": keys})

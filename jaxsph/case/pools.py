@@ -23,7 +23,7 @@ water surface, and for finding the levels of the walls' ends."""
 CLOSE = 0.01
 """Deviation of a chamber's outline from the section through the solids, in spacings."""
 SEAM = 0.1
-"""Width of a gap between two solids that does not connect the water on its sides, in spacings, halved."""
+"""Half the width of the widest gap between two solids that counts as closed, in spacings."""
 UPRIGHT = 0.02
 """Relative change of a chamber's area between its lower edge and still water that counts as upright walls."""
 NARROW = 3.0
@@ -203,7 +203,8 @@ def _last_level(cut: CutAt, level: float, end: float, dx: float) -> float:
     for _ in range(9):
         middle = 0.5 * (level + beyond)
         level, beyond = (middle, beyond) if cut(middle) is not None else (level, middle)
-    return float(np.round(0.5 * (level + beyond), 4))
+    resolved = 0.002 * dx
+    return float(resolved * np.round(0.5 * (level + beyond) / resolved))
 
 
 def _check(pool: Pool, cut: CutAt, tank: Tank) -> None:
