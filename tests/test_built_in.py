@@ -23,9 +23,12 @@ NAMES = (
     "breakwater",
     "buoy_heave",
     "flap_floating",
+    "hull",
+    "owc_3d",
     "owc_floating",
     "owc_ning",
     "owc_slope",
+    "owc_spar",
     "owc_two_chambers",
     "raft",
     "section_fixed",
@@ -58,7 +61,8 @@ def test_a_built_in_case_is_run_killed_resumed_and_swept(name, tmp_path):
     for reading, values in RunFile.open(whole).series().items():
         np.testing.assert_array_equal(series[reading][: len(values)], values, err_msg=reading)
 
-    height = case.waves.H
-    grid = f"waves.H={height:g},{1.2 * height:g}"
+    key = "body.density" if case.waves is None else "waves.H"
+    value = case.body.density if case.waves is None else case.waves.H
+    grid = f"{key}={value:g},{1.1 * value:g}"
     _command("sweep", toml, "--grid", grid, "--set", "t1=0.3", "--out", sweep, "--workers", 1)
     assert not js.read_sweep(sweep).failures and sweep.with_suffix(".html").exists()
