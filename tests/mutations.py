@@ -52,9 +52,9 @@ SMALL = {
     "owc_3d": {
         "dx": 0.1,
         "tank": {"length": 2.0, "width": 0.8, "depth": 0.5, "height": 1.0},
-        "solid.front.block": {"low": [1.4, 0.0, 0.2], "high": [1.6, 0.8, 1.0]},
-        "solid.left.block": {"low": [1.6, 0.0, 0.0], "high": [2.0, 0.2, 1.0]},
-        "solid.right.block": {"low": [1.6, 0.6, 0.0], "high": [2.0, 0.8, 1.0]},
+        "solid.front.block": {"low": [1.4, 0.2, 0.2], "high": [1.6, 0.6, 1.0]},
+        "solid.left.block": {"low": [1.4, 0.0, 0.0], "high": [2.0, 0.2, 1.0]},
+        "solid.right.block": {"low": [1.4, 0.6, 0.0], "high": [2.0, 0.8, 1.0]},
         "chamber.main.at": [1.8, 0.4],
     },
     "owc_spar": {

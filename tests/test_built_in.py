@@ -55,7 +55,7 @@ def test_a_built_in_case_is_run_killed_resumed_and_swept(name, tmp_path):
 
     command = [sys.executable, "-m", "jaxsph", "run", str(toml), "--out", str(killed), "--no-report", *quiet]
     kill_with_two_checkpoints(subprocess.Popen(command, env=AS_HERE), killed)
-    later = max(0.3, round(float(RunFile.open(killed).snapshot_times()[-1]) + 0.1, 2))
+    later = max(0.3, round(float(RunFile.open(killed).series()["time"][-1]) + 0.1, 2))
     _command("resume", killed, "--t1", later, "--no-report", *quiet)
     series = RunFile.open(killed).series()
     for reading, values in RunFile.open(whole).series().items():
