@@ -47,6 +47,7 @@ class Triangles(NamedTuple):
         return base64.b64encode(zlib.compress(data, 9)).decode()
 
     @classmethod
+    @functools.lru_cache(maxsize=16)  # a case is checked again after every change
     def unpacked(cls, text: str) -> Triangles:
         """Surface from a text made by `packed`. **Raises** ValueError if the text is not one."""
         most = 8 + 12 * 3 * MOST_TRIANGLES + 12 * MOST_TRIANGLES
@@ -144,9 +145,10 @@ def moments_of(surface: Triangles) -> tuple[float, tuple[float, float], float]:
     return float(mesh.volume), (float(x), float(z)), float(mesh.moment_inertia[1, 1])
 
 
-def thin_places(surface: Triangles, dx: float) -> np.ndarray:
-    """Points `[K, 3]` (m) of a surface behind which the solid is thinner than two spacings dx (m)."""
-    trimesh = library("trimesh", "geometry", "a mesh")
+@functools.lru_cache(maxsize=16)
+def thin_places(packed: str, dx: float) -> np.ndarray:
+    """Points `[K, 3]` (m) of a packed surface behind which the solid is thinner than two spacings dx (m)."""
+    surface, trimesh = Triangles.unpacked(packed), library("trimesh", "geometry", "a mesh")
     mesh = trimesh.Trimesh(*surface, process=False)
     normals, middles = np.asarray(mesh.face_normals), np.asarray(mesh.triangles_center)
     distance, facing = nearest(surface, middles - dx * normals)

@@ -83,10 +83,6 @@ class BlockSection(AbstractShapeSection):
         """See `AbstractShapeSection.shape`."""
         return Block(self.low, self.high)
 
-    def turned(self, angles: Place, dx: float) -> AbstractShape:
-        """Shape turned about the middle of its extent by three angles (rad); see `ShapeSection.turned`."""
-        return Placed.about_middle(self.shape(dx), angles)
-
     def notices(self, key, dx):
         """Notice if a face does not lie midway between two particles; the notice proposes a dx that fits all
         faces, if there is one."""
@@ -107,16 +103,20 @@ class BlockSection(AbstractShapeSection):
         ]
 
 
-class OutlineSection(AbstractShapeSection):
-    """Corners of a polygon in the x-z plane, in order along its outline."""
-
-    outline: Corners
-    """Corners (x, z), m."""
+class AbstractPlaneSection(AbstractShapeSection):
+    """Numbers of one shape in the x-z plane, in its position at rest."""
 
     @property
     def dim(self):
         """See `AbstractShapeSection.dim`."""
         return 2
+
+
+class OutlineSection(AbstractPlaneSection):
+    """Corners of a polygon in the x-z plane, in order along its outline."""
+
+    outline: Corners
+    """Corners (x, z), m."""
 
     def check(self, key, dx):
         """See `AbstractShapeSection.check`."""
@@ -131,18 +131,13 @@ class OutlineSection(AbstractShapeSection):
         return np.asarray(self.outline)
 
 
-class DiscSection(AbstractShapeSection):
+class DiscSection(AbstractPlaneSection):
     """A circular cylinder across a two-dimensional tank, in its position at rest."""
 
     centre: tuple[Coordinate, Coordinate]
     """Centre (x, z), m."""
     radius: Length
     """Radius, m."""
-
-    @property
-    def dim(self):
-        """See `AbstractShapeSection.dim`."""
-        return 2
 
     def check(self, key, dx):
         """See `AbstractShapeSection.check`."""
@@ -160,7 +155,7 @@ class DiscSection(AbstractShapeSection):
         return poles(self.centre, self.radius)
 
 
-class PlateSection(AbstractShapeSection):
+class PlateSection(AbstractPlaneSection):
     """A straight thin plate of any inclination; water on one side does not act on water on the other."""
 
     foot: tuple[Coordinate, Coordinate]
@@ -169,11 +164,6 @@ class PlateSection(AbstractShapeSection):
     """Midpoint (x, z) of the other end, m."""
     thickness: Length
     """Thickness, m; at least half a spacing."""
-
-    @property
-    def dim(self):
-        """See `AbstractShapeSection.dim`."""
-        return 2
 
     def check(self, key, dx):
         """See `AbstractShapeSection.check`. Ghosts on the faces must fit as well."""

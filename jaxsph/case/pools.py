@@ -221,9 +221,9 @@ def _check(pool: Pool, cut: CutAt, tank: Tank) -> None:
         )
     # closer to an edge than a spacing, the distances on the grid do not resolve the section
     for level in (pool.tip + tank.dx, min(2.0 * tank.depth - pool.tip, pool.top - tank.dx)):
-        there = cut(level)
-        if there is None or abs(there.area / pool.surface - 1.0) > UPRIGHT:
-            area = 0.0 if there is None else there.area
+        water = cut(level)
+        area = 0.0 if water is None else water.area
+        if abs(area / pool.surface - 1.0) > UPRIGHT:
             raise CaseError(
                 f"{pool.given}: the chamber's area is {pool.surface:.4g} m2 at still water and {area:.4g} m2 "
                 f"at z = {level:.4g} m: in three dimensions a chamber needs upright walls"

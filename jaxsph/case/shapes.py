@@ -50,9 +50,11 @@ def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
     shapes are those at the initial angles of the bodies, and dx (m) is the spacing."""
     for a, b in itertools.combinations(shapes, 2):
         low, high = (np.stack(ends) for ends in zip(shapes[a].bounds(), shapes[b].bounds(), strict=True))
-        dim = low.shape[1]
+        dim, low, high = low.shape[1], low.max(axis=0), high.min(axis=0)
+        if (high <= low).any():
+            continue
         if dim == 3:
-            common = _common_volume(shapes[a], shapes[b], low.max(axis=0), high.min(axis=0), dx)
+            common = _common_volume(shapes[a], shapes[b], low, high, dx)
         else:
             common = shapes[a].region().intersection(shapes[b].region()).area
         if common > 0.5 * dx**dim:
@@ -65,8 +67,6 @@ def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
 def _common_volume(a: AbstractShape, b: AbstractShape, low: np.ndarray, high: np.ndarray, dx: float) -> float:
     """Volume (m3) that two shapes have in common, counted in cells half as wide as dx (m) of the box between
     `low` and `high` (m)."""
-    if (high <= low).any():
-        return 0.0
     counts = np.ceil((high - low) / (0.5 * dx)).astype(int)
     axes = [
         start + (np.arange(n) + 0.5) * (end - start) / n

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
-from scipy.spatial.transform import Rotation
 
 from jaxsph.case.meshes import FINE, MOST_POINTS, Triangles, mesh_of, thin_places
 from jaxsph.case.plane_sections import AbstractShapeSection, Corners, Place, check_outline, poles
 from jaxsph.case.section import Coordinate, Length
 from jaxsph.errors import CaseError
+from jaxsph.solids.composed import Placed
 from jaxsph.solids.mesh import MARGIN
 from jaxsph.solids.swept import Extrusion, Revolution
 from jaxsph.solids.volumes import Capsule, Cylinder, Sphere
@@ -207,9 +207,8 @@ class MeshSection(AbstractShapeSection):
     def turned(self, angles, dx):
         """See `AbstractShapeSection.turned`. The corners of the triangles are turned."""
         vertices, faces = Triangles.unpacked(self.packed)
-        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        turn = Rotation.from_euler("xyz", angles)
-        return mesh_of(Triangles(turn.apply(vertices - middle) + middle, faces).packed(), dx)
+        turn = Placed.about_middle(self.shape(math.inf), angles)
+        return mesh_of(Triangles(turn.moved(vertices), faces).packed(), dx)
 
     def corners(self):
         """See `AbstractShapeSection.corners`."""
@@ -217,7 +216,7 @@ class MeshSection(AbstractShapeSection):
 
     def notices(self, key, dx):
         """See `AbstractShapeSection.notices`."""
-        thin = thin_places(Triangles.unpacked(self.packed), dx)
+        thin = thin_places(self.packed, dx)
         if not len(thin):
             return []
         place = ", ".join(f"{a:.3g}" for a in thin[0])
