@@ -24,6 +24,8 @@ import jaxsph as js
 from jaxsph.core import programs
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.simulate import simulate as simulate_
+from jaxsph.schemes.air import couple_airs
+from jaxsph.schemes.step import at_rest
 
 # no deadline: a test must not fail because the machine is loaded
 hypothesis.settings.register_profile("jaxsph", deadline=None)
@@ -73,6 +75,15 @@ def enable_x64():
 def coarse(name, changes=None):
     """A built-in case on a coarse lattice."""
     return js.load_case(name.removesuffix("_3d")).replace(COARSE[name] | (changes or {}))
+
+
+def airs_of(model, state):
+    """State prepared for a step, and the couplings of its chambers' air by name; to be jitted."""
+    scheme = model.scheme
+    state, tables = scheme.prepare(model, state)
+    ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
+    sources = scheme.sources(ghosts, ghosts.u) if isinstance(scheme, js.DeltaSPH) else ghosts.water
+    return state, couple_airs(scheme, model, state.particles, sources, tables, state.parts)
 
 
 _advance = jax.jit(simulate_, static_argnames=("n_steps", "sample_every"))

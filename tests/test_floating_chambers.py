@@ -4,12 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import enable_x64, exact_and_difference
+from conftest import airs_of, enable_x64, exact_and_difference
 
 import jaxsph as js
 from jaxsph.errors import CaseError
-from jaxsph.schemes.air import couple_airs
-from jaxsph.schemes.step import at_rest
 from jaxsph.solids.filling import DummyParticles
 from jaxsph.solids.placement import lattice
 
@@ -109,14 +107,11 @@ def channel(request):
 def test_air_pushes_water_and_hull_with_opposite_forces(channel):
     """Sum and moment vanish, and the flow is that through the hull, also when the hull is turned."""
     model, _, (state, _) = channel
-    scheme = model.scheme
 
     @jax.jit
     def coupled(state):
-        state, tables = scheme.prepare(model, state)
-        ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
-        sources = scheme.sources(ghosts, ghosts.u) if isinstance(scheme, js.DeltaSPH) else ghosts.water
-        (air,) = couple_airs(scheme, model, state.particles, sources, tables, state.parts).values()
+        state, airs = airs_of(model, state)
+        (air,) = airs.values()
         hull = state.parts["hull"]
         # water that moves with the hull lets no air out
         rigid = model.bodies[0].velocity(hull, state.particles.x)

@@ -1,6 +1,7 @@
 """Meshes as shapes: distances and moments, files that are not closed, thin walls, and the text in a case."""
 
 import tomllib
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 import trimesh
 
 import jaxsph as js
+from experiments.hull import hull
 from jaxsph.case.case import Case
 from jaxsph.case.meshes import Triangles, mesh_of, read_mesh, thin_places
 from jaxsph.errors import CaseError
@@ -78,6 +80,14 @@ def test_dummies_have_the_volume_of_the_mesh(capsule):
     x, volume = mesh.dummies(DX, 100)
     np.testing.assert_allclose(volume.sum(), mesh.moments()[0], rtol=1e-6)
     np.testing.assert_allclose(volume @ x / volume.sum(), [0.3, 0.3, 0.325], atol=2e-3 * DX)
+
+
+def test_the_built_in_hull_is_that_of_its_formula():
+    """In millimetres, to float32."""
+    read, made = read_mesh(Path(js.__file__).parent / "cases" / "hull.stl"), hull()
+    found = trimesh.Trimesh(*read)
+    assert len(read.faces) == len(made.faces) and found.volume == pytest.approx(made.volume, rel=1e-5)
+    np.testing.assert_allclose(found.bounds, made.bounds, atol=1e-3)
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj"])

@@ -1,17 +1,18 @@
 """Chambers in three dimensions: the water surface that solids enclose, and the air's force on it."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import airs_of
 
 import jaxsph as js
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 from jaxsph.parts.sides import Plan
-from jaxsph.schemes.air import couple_airs
-from jaxsph.schemes.step import at_rest
 
 DX = 0.05
 PIPE = {"revolution": {"profile": [[0.2, 0.3], [0.35, 0.3], [0.35, 0.8], [0.2, 0.8]], "axis": [1.0, 0.5]}}
@@ -132,16 +133,7 @@ def test_air_pushes_on_its_surface_and_on_nothing_else(kind, carried):
     """A pressure of 1 Pa pushes the water down by the area of the surface, and the body up by the same force.
     On a fading zone two spacings high the sum of the weight's slope is off by up to an eighth."""
     model, state = js.build(case(scheme={"kind": kind}, **(spar() if carried else {})))
-    scheme = model.scheme
-
-    @jax.jit
-    def coupled(state):
-        state, tables = scheme.prepare(model, state)
-        ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
-        sources = scheme.sources(ghosts, ghosts.u) if isinstance(scheme, js.DeltaSPH) else ghosts.water
-        return couple_airs(scheme, model, state.particles, sources, tables, state.parts)
-
-    (air,) = coupled(state).values()
+    (air,) = jax.jit(functools.partial(airs_of, model))(state)[1].values()
     down = -float(jnp.sum(air.force[-1]))
     assert down == pytest.approx(float(model.chambers[0].surface), rel=0.15)
     for across in air.force[:-1]:

@@ -15,7 +15,7 @@ from jaxsph.case.sections import Sections
 from jaxsph.case.shape_sections import ShapeSection
 from jaxsph.core.points import at_points
 from jaxsph.errors import CaseError
-from jaxsph.solids.composed import Placed
+from jaxsph.solids.composed import Placed, rotated
 from jaxsph.solids.shapes import AbstractShape
 
 Points = tuple[tuple[float, ...], ...]
@@ -79,17 +79,17 @@ def _common_volume(a: AbstractShape, b: AbstractShape, low: np.ndarray, high: np
 
 def initial_shape(shape: AbstractShape, carried_by: Sequence[BodySection]) -> AbstractShape:
     """A shape at the initial angles of the bodies that carry it."""
-    three = len(shape.bounds()[0]) == 3
+    dim = len(shape.bounds()[0])
     for carrier in carried_by:
         if carrier.angle:
-            x, z = pivot_of(carrier)
-            shape = Placed(shape, angle=carrier.angle, about=(x, 0.0, z) if three else (x, z))
+            shape = Placed(shape, angle=carrier.angle, about=_pivot(carrier, dim))
     return shape
 
 
-def pivot_of(body: BodySection) -> tuple[float, float]:
-    """Position (x, z) (m) of the joint of a body at rest; without a given one, its centre of mass."""
-    return body.pivot or body.centre or body.placed(math.inf).moments()[1]
+def _pivot(body: BodySection, dim: int) -> tuple[float, ...]:
+    """Position `[D]` (m) of the joint of a body at rest; without a given one, its centre of mass."""
+    x, z = body.pivot or body.centre or body.placed(math.inf).moments()[1]
+    return (x, z) if dim == 2 else (x, 0.0, z)
 
 
 def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
@@ -100,13 +100,7 @@ def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
     turns_in_place = (body.disc is not None or body.sphere is not None) and not (body.pivot or body.centre)
     if not body.angle or (turns_in_place and np.array_equal(corners, body.corners())):
         return corners
-    pivot = pivot_of(body)
-    c, s = math.cos(body.angle), math.sin(body.angle)
-    r = corners[:, [0, -1]] - pivot
-    found = corners.copy()
-    found[:, 0] = pivot[0] + c * r[:, 0] + s * r[:, 1]
-    found[:, -1] = pivot[1] + c * r[:, 1] - s * r[:, 0]
-    return found
+    return rotated(corners, body.angle, _pivot(body, corners.shape[1]))
 
 
 class Inertia(NamedTuple):

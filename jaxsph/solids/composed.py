@@ -105,9 +105,14 @@ class Placed(AbstractShape):
 
     def moved(self, points: np.ndarray) -> np.ndarray:
         """Positions `[K, D]` (m), after rotation and translation, of points (m) of the shape."""
-        by, about = np.asarray(self.by, float), np.asarray(self.about, float)
-        rotation = np.asarray(_rotation(np.asarray(self.angle, float), points.shape[1], np))
-        return (points - about) @ rotation.T + about + by
+        return rotated(points, self.angle, self.about) + np.asarray(self.by, float)
+
+
+def rotated(points: np.ndarray, angle: Any, about: Any) -> np.ndarray:
+    """Positions `[K, D]` (m) of points (m) after a rotation; `angle` (rad) and `about` (m) as in `Placed`."""
+    centre = np.asarray(about, float)
+    rotation = np.asarray(_rotation(np.asarray(angle, float), points.shape[1], np))
+    return (points - centre) @ rotation.T + centre
 
 
 def _rotation(angle: Any, dim: int, np: ModuleType = jnp) -> Any:

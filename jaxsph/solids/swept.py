@@ -12,11 +12,8 @@ from jaxsph.core.arrays import Array, Float
 from jaxsph.solids.shapes import AbstractShape, box_distance, outline_distance, plain_numbers
 from jaxsph.solids.volumes import RIM
 
-NODES, WEIGHTS = (
-    0.5 * np.polynomial.legendre.leggauss(3)[0] + 0.5,
-    0.5 * np.polynomial.legendre.leggauss(3)[1],
-)
-"""Gauss points on a side of unit length and their weights, exact for polynomials of fifth degree."""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)
+"""Gauss points between -1 and 1 and their weights, exact for polynomials of fifth degree."""
 
 
 class Extrusion(AbstractShape):
@@ -114,5 +111,6 @@ def _integral(corners: np.ndarray, primitive: Callable[[np.ndarray, np.ndarray],
     theorem).
     """
     ends = np.roll(corners, -1, axis=0)
-    a, b = (corners[:, None] + NODES[:, None] * (ends - corners)[:, None]).transpose(2, 0, 1)
-    return float(np.sum(primitive(a, b) * WEIGHTS * (ends - corners)[:, None, 1]))
+    middle, half = 0.5 * (ends + corners), 0.5 * (ends - corners)
+    a, b = (middle[:, None] + NODES[:, None] * half[:, None]).transpose(2, 0, 1)
+    return float(np.sum(primitive(a, b) * WEIGHTS * half[:, None, 1]))

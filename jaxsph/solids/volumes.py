@@ -23,15 +23,32 @@ class Sphere(AbstractBall):
         return volume, (float(x), float(z)), 0.4 * volume * r**2
 
 
-class Cylinder(AbstractShape):
-    """Circular cylinder in any direction, with flat ends."""
+class AbstractBar(AbstractShape):
+    """Circular cylinder in any direction, whose subclasses give its ends their form."""
 
     foot: Float[Array, "3"] = eqx.field(converter=plain_numbers)
-    """Middle (x, y, z) of one end, m."""
+    """Middle (x, y, z) of one end of the cylinder, m."""
     head: Float[Array, "3"] = eqx.field(converter=plain_numbers)
-    """Middle (x, y, z) of the other end, m."""
+    """Middle (x, y, z) of the other end of the cylinder, m."""
     radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
     """Radius, m."""
+
+    def _axis(self) -> tuple[np.ndarray, float]:
+        """Unit vector from the foot to the head, and the distance (m) between them."""
+        along = np.asarray(self.head) - np.asarray(self.foot)
+        length = float(np.linalg.norm(along))
+        return along / length, length
+
+    def _moments(self, volume: float, about_axis: float, across: float):
+        """Moments as in `AbstractShape.moments`, from the volume (m3) and its second moments (m5) about the
+        axis and about a line across the axis through the middle."""
+        x, _, z = 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
+        share = float(self._axis()[0][1]) ** 2  # of the axis of rotation, y, along the axis of the cylinder
+        return volume, (float(x), float(z)), share * about_axis + (1.0 - share) * across
+
+
+class Cylinder(AbstractBar):
+    """Circular cylinder in any direction, with flat ends."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -45,41 +62,27 @@ class Cylinder(AbstractShape):
 
     def bounds(self):
         """See `AbstractShape`."""
-        foot, head, axis = np.asarray(self.foot), np.asarray(self.head), self._axis()
+        foot, head, (axis, _) = np.asarray(self.foot), np.asarray(self.head), self._axis()
         rim = float(self.radius) * np.sqrt(np.maximum(1.0 - axis**2, 0.0))
         return np.minimum(foot, head) - rim, np.maximum(foot, head) + rim
 
     def moments(self):
         """See `AbstractShape`."""
-        r, length = float(self.radius), float(np.linalg.norm(np.asarray(self.head) - np.asarray(self.foot)))
-        volume, (x, _, z) = np.pi * r**2 * length, 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
-        share = float(self._axis()[1]) ** 2  # of the axis of rotation, y, along the cylinder's axis
-        second = share * 0.5 * r**2 + (1.0 - share) * (0.25 * r**2 + length**2 / 12.0)
-        return volume, (float(x), float(z)), volume * second
+        r, (_, length) = float(self.radius), self._axis()
+        volume = np.pi * r**2 * length
+        return self._moments(volume, 0.5 * volume * r**2, volume * (0.25 * r**2 + length**2 / 12.0))
 
     def rims(self) -> np.ndarray:
         """Points `[K, 3]` (m) around both ends."""
-        axis = self._axis()
+        axis, _ = self._axis()
         across = np.linalg.svd(axis[None])[2][1:]  # two unit vectors at right angles to the axis
         angle = np.linspace(0.0, 2.0 * np.pi, RIM, endpoint=False)
         ring = float(self.radius) * np.stack([np.cos(angle), np.sin(angle)], -1) @ across
         return np.concatenate([np.asarray(end) + ring for end in (self.foot, self.head)])
 
-    def _axis(self) -> np.ndarray:
-        """Unit vector from the foot to the head."""
-        along = np.asarray(self.head) - np.asarray(self.foot)
-        return along / np.linalg.norm(along)
 
-
-class Capsule(AbstractShape):
-    """Circular cylinder in any direction, with hemispherical ends."""
-
-    foot: Float[Array, "3"] = eqx.field(converter=plain_numbers)
-    """Centre (x, y, z) of the hemisphere at one end, m."""
-    head: Float[Array, "3"] = eqx.field(converter=plain_numbers)
-    """Centre (x, y, z) of the hemisphere at the other end, m."""
-    radius: Float[Array, ""] = eqx.field(converter=plain_numbers)
-    """Radius, m."""
+class Capsule(AbstractBar):
+    """Circular cylinder in any direction, with hemispherical ends around its foot and its head."""
 
     def distance(self, x):
         """See `AbstractShape`."""
@@ -96,13 +99,10 @@ class Capsule(AbstractShape):
 
     def moments(self):
         """See `AbstractShape`."""
-        r, axis = float(self.radius), np.asarray(self.head) - np.asarray(self.foot)
-        length = float(np.linalg.norm(axis))
-        x, _, z = 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
+        r, (_, length) = float(self.radius), self._axis()
         side, ends = np.pi * r**2 * length, 4.0 / 3.0 * np.pi * r**3
         about_axis = 0.5 * side * r**2 + 0.4 * ends * r**2
         # the centroid of a hemisphere is 3/8 of the radius beyond its flat face
         beyond = 0.5 * length * (0.5 * length + 0.75 * r)
         across = side * (0.25 * r**2 + length**2 / 12.0) + ends * (0.4 * r**2 + beyond)
-        share = float(axis[1] / length) ** 2  # of the axis of rotation, y, along the capsule's axis
-        return side + ends, (float(x), float(z)), share * about_axis + (1.0 - share) * across
+        return self._moments(side + ends, about_axis, across)
