@@ -35,7 +35,7 @@ from jaxsph.output.run_groups import replace_results
 from jaxsph.problem.problem import summary_of
 from jaxsph.problem.results import energy_result, noise_result
 from jaxsph.report.labels import label_of
-from jaxsph.run import chunks, host, simulate
+from jaxsph.run import chunks, host, remembered, simulate
 from jaxsph.run.amend import amend
 from jaxsph.waves import theory
 from jaxsph.waves.second_order import Harmonics, wavenumbers
@@ -815,8 +815,12 @@ def test_restore(whole):
         js.restore(path, OWC.replace({"pto.K_dm": 300.0}))
 
 
-def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
-    """From tables that are far too small, one replay gives the same run as from sufficient tables."""
+def test_overflow_is_regrown_and_replayed_once(whole, monkeypatch, tmp_path):
+    """From tables that are far too small, one replay gives the same run as from sufficient tables.
+
+    The next run of the case begins with the larger tables, needs no replay, and has the same results; a
+    damaged file of sizes is as good as none.
+    """
     good = _settings(whole[1].model)
     small = {name: good[name] // 2 for name in ("capacity", "node_capacity")}
     real, ran = js.build, []
@@ -830,12 +834,19 @@ def test_overflow_is_regrown_and_replayed(whole, monkeypatch):
 
     monkeypatch.setattr("jaxsph.case.case.build", build)
     monkeypatch.setattr(host, "simulate_chunk", chunk)
+    monkeypatch.setattr(remembered, "_folder", lambda: tmp_path)
     model, state = build(OWC)
     overflown, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     assert Failure.NEIGHBOUR_OVERFLOW in Failure(int(overflown.status.bits))
     solution = quiet(OWC, t1=CHUNK)
     assert len(ran) == 2 and all(ran[1][name] > ran[0][name] for name in small)
     _assert_same(solution.series, {name: values[:5] for name, values in whole[1].series.items()})
+    again = quiet(OWC, t1=CHUNK)
+    assert len(ran) == 3 and ran[2] == ran[1]
+    _assert_same(again.series, solution.series)
+    next(tmp_path.glob("sizes-*.json")).write_text("[")
+    quiet(OWC, t1=CHUNK)
+    assert len(ran) == 5 and ran[3] == ran[0]
 
 
 def test_a_value_gone_wrong_stops_the_run_and_spares_the_checkpoint(tmp_path, monkeypatch):

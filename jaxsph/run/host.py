@@ -42,6 +42,7 @@ from jaxsph.run.recorder import (
     new_file,
     restored_state,
 )
+from jaxsph.run.remembered import remember, with_remembered
 from jaxsph.run.simulate import simulate_chunk
 from jaxsph.run.stored import stored_source
 
@@ -67,8 +68,9 @@ def run(
     """
     find_devices(devices)  # before JAX is first used
     source = source_of(given)
-    start, processes = Start(source, source.problem()), Processes()
-    t1 = start.problem.t1 if t1 is None else t1
+    problem, processes = source.problem(), Processes()
+    start = Start(source, problem, with_remembered(source, problem.model))
+    t1 = problem.t1 if t1 is None else t1
     check_end(start, t1)
 
     def take(shared_by: int) -> RunFile | None:
@@ -206,6 +208,7 @@ def _drive(
             if processes.any(interrupt.asked):
                 interrupt.asked = True
             interrupt.chunk_is_saved()
+        remember(start.source, start.problem.model, own)
         return recorder.solution(own, unshare(state, count))
 
 
