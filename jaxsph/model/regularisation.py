@@ -80,8 +80,6 @@ class Terms(NamedTuple):
     """Weighted sum of the differences between the residuals of the two particles' polynomials, m/s."""
     apart: Components
     """Weighted sum of the unit vectors away from neighbours that are too near (-)."""
-    carried: Components
-    """Velocity gradient times `apart`, 1/s."""
 
 
 class Regularisation(eqx.Module):
@@ -101,13 +99,13 @@ class Regularisation(eqx.Module):
     spray and thin sheets, where the weights add up to less than `THIN`, the polynomial is of first degree.
 
     **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
-    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. The velocities change
-    with the displacement, u_i += (grad u_i + grad u_j)/2 . dr_ij, with the gradients of the polynomials.
-    Particles farther apart are not affected, either in a wave or at a surface. Separation therefore cannot
-    lift a surface.
+    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. Every particle keeps
+    its velocity. Particles farther apart are not affected, either in a wave or at a surface. Separation
+    therefore cannot lift a surface.
 
-    Hyperviscosity and separation conserve the momentum of every pair, and the ledger contains the energies
-    that they dissipate. Without gravity the rate sqrt(g/h) is zero, and neither has an effect.
+    Both conserve the momentum of every pair, and the ledger contains the energies that they dissipate; that
+    of separation is only potential energy. Without gravity the rate sqrt(g/h) is zero, and neither has an
+    effect.
     """
 
     hyperviscosity: Scalar = eqx.field(converter=real)
@@ -140,9 +138,7 @@ class Regularisation(eqx.Module):
         # particles without mass (copies that fill up a slab) are not separated, since they would jump away
         size = jnp.where(i["V"] > 0.0, laws.water_volume(j), 0.0) / dx ** len(pair.r)
         near = size * jnp.maximum(1.0 - r / (PAIR * dx), 0.0) / r
-        apart = tuple(near * component for component in pair.r)
-        slopes = ((P[: len(apart)], Q[: len(apart)]) for P, Q in zip(i["fit"], j["fit"], strict=True))
-        return Terms(jump, apart, tuple(0.5 / radius * (dot(p, apart) + dot(q, apart)) for p, q in slopes))
+        return Terms(jump, tuple(near * component for component in pair.r))
 
     def apply(
         self, scheme: AbstractScheme, model: Model, p: Particles, tables: Tables, t: Scalar
@@ -172,13 +168,14 @@ class Regularisation(eqx.Module):
         rate = smoothing.gravity_rate(model.g)
         smoothed = -jnp.expm1(-self.hyperviscosity * rate * t) * stack(terms.jump)
         share = -WHOLE * jnp.expm1(-self.separation * rate * t / WHOLE) * model.dx
-        moved, carried = share * stack(terms.apart), share * stack(terms.carried)
-        lifted = -jnp.sum(p.m * (moved @ model.g))
+        moved = share * stack(terms.apart)
+        # a velocity that followed the local gradient would add energy without bound to a pair in a thin sheet
+        # that gravity presses together again and again
         lost = {
             "hyperviscosity": kinetic_loss(p, p.u, smoothed),
-            "separation": kinetic_loss(p, p.u + smoothed, carried) - lifted,
+            "separation": jnp.sum(p.m * (moved @ model.g)),
         }
-        return Regularised(p.u + smoothed + carried, moved, lost)
+        return Regularised(p.u + smoothed, moved, lost)
 
 
 def regularisations(
