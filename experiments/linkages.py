@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxsph as js
-from jaxsph.model.solids import AbstractJoint, turned
+from jaxsph.model.rigid import PLANE
+from jaxsph.model.solids import AbstractJoint
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.joint import PlanarJoint
 
@@ -94,7 +95,7 @@ class Rod(AbstractJoint):
 
     def place(self, above, arm, q, t):
         """See `AbstractJoint`."""
-        pin = turned(arm, above[2])
+        pin = PLANE.rotated(above, arm)
         return jnp.stack([*(pin - arm), jnp.arcsin(pin[1] / ROD)])
 
     def movable(self, t):

@@ -53,7 +53,7 @@ _ROOMS = {
     "parts.frames": ("BodyFrame", "TankFrame"),
     "parts.driven": ("AbstractPath", "DrivenSolid"),
     "parts.catenary": ("GroundedCatenary", "HangingCatenary"),
-    "parts.joint": ("PlanarJoint",),
+    "parts.joint": ("PlanarJoint", "SpatialJoint"),
     "parts.line": ("Bed", "LumpedLine", "Morison"),
     "parts.moorings": ("FromAnchor", "Mooring", "QuasiStatic"),
     "parts.links": (

@@ -48,6 +48,12 @@ SMALL = {
     "owc": {"dx": 0.04, "tank.length": 2.4, "device.wall_thickness": 0.04, "probes": {}},
     "vessel": {"dx": 0.04, "device.wall_thickness": 0.04},
     "sphere_decay": {"dx": 0.075, "tank.depth": 0.6, "body.sphere.centre": [0.8, 0.8, 0.63]},
+    "buoy_3d": {
+        "dx": 0.1,
+        "tank": {"length": 2.8, "width": 1.4, "depth": 0.6, "height": 1.2},
+        "sponge.length": 0.8,
+        "body.cylinder": {"foot": [1.6, 0.7, 0.35], "head": [1.6, 0.7, 0.85], "radius": 0.24},
+    },
     "hull": {"dx": 0.075},
     "owc_3d": {
         "dx": 0.1,

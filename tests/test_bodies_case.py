@@ -129,9 +129,13 @@ def test_a_motion_is_read_from_a_file(tmp_path):
     np.testing.assert_allclose(case.bodies["plunger"].motion.samples, samples)
     assert case.bodies["plunger"].motion.t == (0.0, 0.1, 0.2, 0.3)
     assert Case.from_dict(tomllib.loads(case.to_toml())) == case
-    (tmp_path / "motion.csv").write_text("t,sway\n0,0\n")
-    with pytest.raises(CaseError, match=r"motion.csv, line 1 .*: must name the columns t \(s\), surge \(m\)"):
+    (tmp_path / "motion.csv").write_text("t,rise\n0,0\n")
+    names = r"must name the columns t \(s\) and at least one of surge \(m\), heave"
+    with pytest.raises(CaseError, match=r"motion.csv, line 1 .*: " + names):
         js.load_case(path)
+    (tmp_path / "motion.csv").write_text("t,sway\n0,0\n0.1,0.1\n0.2,0.1\n0.3,0.1\n")
+    with pytest.raises(CaseError, match="motion.sway: must have no values in two dimensions"):
+        js.load_case(path).problem()
 
 
 def test_a_joined_body_begins_turned_with_the_body_that_carries_it():

@@ -21,6 +21,7 @@ NAMES = (
     "box_in_waves",
     "box_moored",
     "breakwater",
+    "buoy_3d",
     "buoy_heave",
     "flap_floating",
     "hull",

@@ -199,7 +199,7 @@ def momentum(mechanism, parts):
     """Momentum (kg m/s) and angular momentum about the origin (kg m2/s) of all bodies."""
     kinematics = mechanism.kinematics(parts, jnp.zeros((), F))
     centre = jnp.stack([one.centre for one in mechanism.bodies]) + kinematics.poses[1, :, :2]
-    p = kinematics.mass * kinematics.velocities[1]
+    p = jnp.einsum("bkl,bl->bk", kinematics.mass, kinematics.velocities[1])
     about = centre[:, 1] * p[:, 0] - centre[:, 0] * p[:, 1] + p[:, 2]
     return jnp.stack([p[:, 0].sum(), p[:, 1].sum(), about.sum()])
 

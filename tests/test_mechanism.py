@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 import jaxsph as js
 from experiments.linkages import body, double_pendulum
 from experiments.verification import joints
+from jaxsph.case.body_sections import PLANAR as MOTIONS
 from jaxsph.model.mechanism import Mechanism
-from jaxsph.parts.joint import MOTIONS, PlanarJoint
+from jaxsph.parts.joint import PlanarJoint
 from jaxsph.parts.paths import SampledPath
 
 
@@ -70,7 +71,7 @@ def _kept(mechanism, parts):
     """Kinetic energy (J), momentum (kg m/s) and angular momentum about the origin (kg m2/s) of all bodies."""
     kinematics = mechanism.kinematics(parts, jnp.zeros(()))
     centre = jnp.stack([one.centre for one in mechanism.bodies]) + kinematics.poses[1, :, :2]
-    p = kinematics.mass * kinematics.velocities[1]
+    p = jnp.einsum("bkl,bl->bk", kinematics.mass, kinematics.velocities[1])
     about = centre[:, 1] * p[:, 0] - centre[:, 0] * p[:, 1] + p[:, 2]
     energy = sum(one.energy(parts[one.name], jnp.zeros(2))[0] for one in mechanism.bodies)
     return jnp.stack([energy, p[:, 0].sum(), p[:, 1].sum(), about.sum()])

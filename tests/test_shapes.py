@@ -9,12 +9,13 @@ from conftest import enable_x64
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxsph.case.body_sections import PLANAR as MOTIONS
 from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.state import Tally
 from jaxsph.output.plot.tank import move
 from jaxsph.parts.body import BodyMotion, RigidBody
-from jaxsph.parts.joint import MOTIONS, PlanarJoint
+from jaxsph.parts.joint import PlanarJoint
 from jaxsph.solids import brim
 from jaxsph.solids.composed import Difference, Placed, Union
 from jaxsph.solids.shapes import AbstractShape, Block, Disc, Polygon, _along, _apart

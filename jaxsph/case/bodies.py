@@ -8,16 +8,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # which imports its subpackages on first use
 
-from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection
+from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection, spatial
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import TANK, Sections
-from jaxsph.case.shapes import inertia_of
+from jaxsph.case.shapes import in_tank, inertia_of
 from jaxsph.errors import CaseError
 from jaxsph.model.links import AbstractEnds, AbstractLaw, Link
 from jaxsph.parts.body import RigidBody
 from jaxsph.parts.driven import AbstractPath
-from jaxsph.parts.joint import MOTIONS, PlanarJoint
+from jaxsph.parts.joint import joint_of
 from jaxsph.parts.links import (
     AlongJoint,
     BetweenPoints,
@@ -58,15 +59,17 @@ def _body(
     """Rigid body of a case."""
     dtype = np.dtype(case.precision)
     found = inertia_of(section, shape, case.body_key(name))
-    joint = PlanarJoint.of(
+    dim = len(found.pivot)
+    joint = joint_of(
+        dim,
         section.free,
         dtype=dtype,
         release=section.release,
         parent=section.joined_to or "",
         angle=section.incline,
-        velocity=section.velocity,
-        position=(0.0, 0.0, section.angle),
-        path=() if section.motion is None else (_path(section.motion, dtype),),
+        velocity=section.velocity if dim == 2 else spatial(section.velocity),
+        position=_position(section.angle, dim),
+        path=() if section.motion is None else (_path(section.motion, dim, dtype),),
     )
     return RigidBody(
         shape=jax.tree.map(leaf, shape),
@@ -78,6 +81,15 @@ def _body(
         rows=rows,
         name=name,
     )
+
+
+def _position(angle: Any, dim: int) -> tuple[float, ...]:
+    """Coordinates (m, rad) of a body at its initial angles (rad)."""
+    if dim == 2:
+        return 0.0, 0.0, angle
+    angles = (0.0, angle, 0.0) if isinstance(angle, float | int) else angle
+    turn = scipy.spatial.transform.Rotation.from_euler("xyz", angles)
+    return 0.0, 0.0, 0.0, *map(float, turn.as_rotvec())
 
 
 FRICTION_SCALE = 0.01
@@ -99,7 +111,7 @@ def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[
         laws.append(Spring(leaf(pto.spring), leaf(0.0)))
         laws.append(EndStops(leaf(-pto.stop), leaf(pto.stop), leaf(pto.stop_stiffness)))
         called = case.pto_names[name]
-        ends = AlongJoint.of(by_name[name], MOTIONS.index("pitch"))
+        ends = AlongJoint.of(by_name[name], _index(by_name[name], "pitch"))
         found.append(Link(ends, Laws(tuple(laws)), harvests=True, name=called))
     for name, section in case.link.items():
         ends = _ends(case, name, section, by_name, leaf)
@@ -124,12 +136,27 @@ def _ends(
                 f"link.{name}.motion = {section.motion!r}: the body {section.body} is not free in this "
                 f"motion; it is free in {', '.join(free) or 'no motion'}"
             )
-        return AlongJoint.of(bodies[section.body], MOTIONS.index(section.motion))
+        return AlongJoint.of(bodies[section.body], _index(bodies[section.body], section.motion))
     assert section.between is not None and section.at is not None
     first, second = ("" if one == TANK else one for one in section.between)
-    rest = float(np.hypot(*np.subtract(*section.at))) if section.rest is None else section.rest
-    a, b = section.at
+    # an end at the tank has no pivot beside it
+    pivots = [np.asarray(bodies[one or other].pivot) for one, other in ((first, second), (second, first))]
+    for point in section.at:
+        check_position(point, f"link.{name}.at", len(pivots[0]))
+    a, b = (in_tank(point, pivot) for point, pivot in zip(section.at, pivots, strict=True))
+    rest = float(np.linalg.norm(b - a)) if section.rest is None else section.rest
     return BetweenPoints(first, second, leaf(a), leaf(b), leaf(rest))
+
+
+def check_position(point: Sequence[float], key: str, dim: int) -> None:
+    """**Raises** CaseError for a point with more coordinates than the tank has dimensions, `dim`."""
+    if len(point) > dim:
+        raise CaseError(f"{key} = {list(point)}: must be a position (x, z), because the tank has no width")
+
+
+def _index(body: RigidBody, motion: str) -> int:
+    """Index of a motion among the coordinates of a body's joint."""
+    return body.space.motions.index(motion)
 
 
 def _laws(section: LinkSection, leaf: Any) -> Laws:
@@ -151,10 +178,15 @@ def _laws(section: LinkSection, leaf: Any) -> Laws:
     return Laws(tuple(laws))
 
 
-def _path(section: MotionSection, dtype: np.dtype) -> AbstractPath:
-    """Given motion of a body."""
+def _path(section: MotionSection, dim: int, dtype: np.dtype) -> AbstractPath:
+    """Given motion of a body in a tank of `dim` dimensions."""
+
+    def whole(values: Sequence[float]) -> tuple[float, ...]:
+        return tuple(values) if dim == 2 else spatial(values)
+
     if section.amplitude is None or section.period is None:
-        return SampledPath.of(np.asarray(section.t), section.samples, dtype)
+        samples = np.array([whole(tuple(one)) for one in section.samples])
+        return SampledPath.of(np.asarray(section.t), samples, dtype)
     ramp = section.period if section.ramp is None else section.ramp
-    numbers = (section.amplitude, 2.0 * np.pi / section.period, section.phase, ramp)
+    numbers = (whole(section.amplitude), 2.0 * np.pi / section.period, whole(section.phase), ramp)
     return HarmonicPath(*(jnp.asarray(a, dtype) for a in numbers))

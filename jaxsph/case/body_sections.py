@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Literal
+import typing
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from jaxsph.case.section import (
     MOST_POINTS,
@@ -24,6 +26,38 @@ from jaxsph.case.section import (
     Velocity,
 )
 from jaxsph.case.shape_sections import ShapeSection
+
+Motion = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
+"""Name of a motion of a body; in two dimensions only surge, heave and pitch."""
+Position = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
+"""Position (x, z) or (x, y, z), m."""
+Product = Annotated[float, Field(ge=-1e15, le=1e15)]
+Tilt = Annotated[float, Field(ge=-1.6, le=1.6)]
+MOTIONS = typing.get_args(Motion)
+"""Names of all motions."""
+PLANAR = ("surge", "heave", "pitch")
+"""Motions in the plane (x, z)."""
+ROTATIONS = ("roll", "pitch", "yaw")
+"""Motions about an axis."""
+
+
+def _three_or_six(values: tuple[float, ...]) -> tuple[float, ...]:
+    """The values, unchanged. **Raises** ValueError unless there are three or six."""
+    if len(values) not in (3, 6):
+        raise ValueError("must have three values (surge, heave, pitch), or six in three dimensions")
+    return values
+
+
+Motions = Annotated[tuple[Coordinate, ...], AfterValidator(_three_or_six)]
+"""Values of surge, heave and pitch, or of all six motions."""
+
+
+def spatial(values: Sequence[float]) -> tuple[float, ...]:
+    """Values of all six motions, from six, or from three values of surge, heave and pitch."""
+    if len(values) == 6:
+        return tuple(values)
+    surge, heave, pitch = values
+    return surge, 0.0, heave, 0.0, pitch, 0.0
 
 
 class RotationalPTOSection(Section):
@@ -47,13 +81,14 @@ class LinkSection(Section):
 
     body: Name | None = None
     """Name of the body along whose joint the link acts; give it together with `motion`."""
-    motion: Literal["surge", "heave", "pitch"] | None = None
+    motion: Motion | None = None
     """Motion of the body, relative to the body or tank that it is joined to, along which the link acts. With
-    "pitch", forces are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
+    a rotation, forces are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
     between: tuple[Name, Name] | None = None
     """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
-    at: tuple[tuple[Coordinate, Coordinate], tuple[Coordinate, Coordinate]] | None = None
-    """Positions (x, z) of the link's ends with all bodies at rest, m."""
+    at: tuple[Position, Position] | None = None
+    """Positions of the link's ends with all bodies at rest, m: (x, z), or in three dimensions (x, y, z);
+    without y an end is as far across the tank as the body's pivot."""
     rest: Length | None = None
     """Length at which the link between two points is not extended, m; by default its length at rest."""
     stiffness: Coefficient = 0.0
@@ -116,14 +151,16 @@ class LinkSection(Section):
 
 
 class MotionSection(Section):
-    """A given motion of a body: harmonic, or the columns t, surge, heave and pitch of a CSV file."""
+    """A given motion of a body: harmonic, or the columns t, surge, heave and pitch of a CSV file, in three
+    dimensions also sway, roll and yaw."""
 
-    amplitude: tuple[Coordinate, Coordinate, Coordinate] | None = None
-    """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion."""
+    amplitude: Motions | None = None
+    """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion, in three dimensions also of
+    all six motions in the order of `free`."""
     period: Time | None = None
     """Period of the harmonic motion, s."""
-    phase: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Phases of surge, heave and pitch in amplitude sin(2 pi t / period + phase), rad."""
+    phase: Motions = (0.0, 0.0, 0.0)
+    """Phases of these motions in amplitude sin(2 pi t / period + phase), rad."""
     ramp: Duration | None = None
     """Time over which a harmonic motion grows to its amplitude, s; by default one period."""
     t: tuple[Duration, ...] = Field((), max_length=50_000)
@@ -135,6 +172,12 @@ class MotionSection(Section):
     """Samples of the heave, m."""
     pitch: tuple[Coordinate, ...] = Field((), max_length=50_000)
     """Samples of the pitch, rad."""
+    sway: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the sway, m."""
+    roll: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the roll, rad."""
+    yaw: tuple[Coordinate, ...] = Field((), max_length=50_000)
+    """Samples of the yaw, rad."""
 
     @model_validator(mode="after")
     def _one_motion(self) -> MotionSection:
@@ -143,11 +186,11 @@ class MotionSection(Section):
             raise ValueError(
                 "give either amplitude and period, or a file with the columns t, surge, heave, pitch"
             )
-        sampled = any((self.surge, self.heave, self.pitch))
+        sampled = any(getattr(self, name) for name in MOTIONS)
         if (harmonic and sampled) or (self.t and (any(self.phase) or self.ramp is not None)):
-            raise ValueError("phase and ramp belong to amplitude and period; surge, heave and pitch to t")
+            raise ValueError("phase and ramp belong to amplitude and period; samples of motions to t")
         if self.t:
-            given = [one for one in (self.surge, self.heave, self.pitch) if one]
+            given = [one for one in (getattr(self, name) for name in MOTIONS) if one]
             if not given or any(len(one) != len(self.t) for one in given):
                 raise ValueError("surge, heave and pitch: give at least one, with as many values as t")
             if len(self.t) < 4 or self.t[0] != 0.0 or any(a >= b for a, b in itertools.pairwise(self.t)):
@@ -156,9 +199,11 @@ class MotionSection(Section):
 
     @property
     def samples(self) -> np.ndarray:
-        """Samples `[K, 3]` of surge (m), heave (m) and pitch (rad); zero where they are not given."""
-        still = (0.0,) * len(self.t)
-        return np.stack([one or still for one in (self.surge, self.heave, self.pitch)], axis=1)
+        """Samples `[K, 3]` of surge (m), heave (m) and pitch (rad), or `[K, 6]` of all motions if there are
+        samples of others; zero where they are not given."""
+        still, planar = (0.0,) * len(self.t), not (self.sway or self.roll or self.yaw)
+        names = PLANAR if planar else MOTIONS
+        return np.stack([getattr(self, name) or still for name in names], axis=1)
 
     def top_speed(self, arm: float) -> float:
         """Largest speed of a point of the body at the distance `arm` (m) from its pivot, m/s (estimate)."""
@@ -166,15 +211,17 @@ class MotionSection(Section):
             rates = 2.0 * np.pi / self.period * np.abs(self.amplitude)
         else:
             rates = np.abs(np.diff(self.samples, axis=0) / np.diff(self.t)[:, None]).max(axis=0)
-        return float(np.hypot(rates[0], rates[1]) + arm * rates[2])
+        rates = np.asarray(spatial(tuple(rates)))
+        return float(np.linalg.norm(rates[:3]) + arm * np.linalg.norm(rates[3:]))
 
 
 class BodySection(ShapeSection):
     """A rigid body. It has exactly one shape."""
 
-    free: tuple[Literal["surge", "heave", "pitch"], ...] = ()
-    """Motions that follow the forces: all three for a floating body, "pitch" alone for a hinge, "surge" or
-    "heave" alone for a slider. In its other motions the body keeps its initial `velocity`."""
+    free: tuple[Motion, ...] = ()
+    """Motions that follow the forces: surge, heave and pitch for a floating body, in three dimensions also
+    sway, roll and yaw; "pitch" alone for a hinge, "surge" or "heave" alone for a slider. In its other motions
+    the body keeps its initial `velocity`."""
     joined_to: Name | None = None
     """Name of the body to which this body is joined; by default the tank. All motions are then relative to
     that body."""
@@ -184,18 +231,22 @@ class BodySection(ShapeSection):
     """Given motion, which is added to the free motions."""
     mass: Inertia | None = None
     """Mass, kg (kg/m in 2-D)."""
-    inertia: Inertia | None = None
-    """Moment of inertia about the pivot, kg m2 (kg m in 2-D)."""
+    inertia: Inertia | Annotated[tuple[Product, ...], Field(min_length=3, max_length=6)] | None = None
+    """Moment of inertia about the pivot, kg m2 (kg m in 2-D). In three dimensions a single number is that of
+    the pitch; a body that also rolls or yaws needs [I_xx, I_yy, I_zz], or [I_xx, I_yy, I_zz, I_xy, I_xz,
+    I_yz] with the off-diagonal elements of the inertia tensor."""
     density: Density | None = None
     """Density of the body, kg/m3; give it instead of mass and inertia, which then follow from the shape."""
-    pivot: tuple[Coordinate, Coordinate] | None = None
-    """Position (x, z) of the hinge or joint, m; by default the centre of mass."""
-    centre: tuple[Coordinate, Coordinate] | None = None
-    """Centre of mass (x, z), m; by default the centroid of the shape."""
-    velocity: tuple[Velocity, Velocity, Velocity] = (0.0, 0.0, 0.0)
-    """Initial velocities in surge (m/s), heave (m/s) and pitch (rad/s)."""
-    angle: float = Field(0.0, ge=-1.6, le=1.6)
-    """Initial pitch, rad."""
+    pivot: Position | None = None
+    """Position (x, z) or (x, y, z) of the hinge or joint, m; by default the centre of mass."""
+    centre: Position | None = None
+    """Centre of mass (x, z) or (x, y, z), m; by default the centroid of the shape."""
+    velocity: Annotated[tuple[Velocity, ...], AfterValidator(_three_or_six)] = (0.0, 0.0, 0.0)
+    """Initial velocities in surge (m/s), heave (m/s) and pitch (rad/s), in three dimensions also of all six
+    motions in the order of `free`."""
+    angle: Tilt | tuple[Tilt, Tilt, Tilt] = 0.0
+    """Initial pitch, rad; in three dimensions also the angles of three rotations about the x-, y- and z-axis,
+    made in this order."""
     release: Duration = 0.0
     """Time until which the body is held at rest while the water settles around it, s."""
     pto: RotationalPTOSection | None = None
@@ -210,7 +261,7 @@ class BodySection(ShapeSection):
                 "a body that is free or joined to another needs either density, or mass and, if it turns, "
                 "inertia"
             )
-        turns = "pitch" in self.free or self.joined_to is not None
+        turns = any(one in self.free for one in ROTATIONS) or self.joined_to is not None
         if turns and self.density is None and self.inertia is None:
             raise ValueError("a body that turns needs inertia or density: give one of them")
         if self.release and (not self.free or any(self.velocity)):

@@ -44,10 +44,7 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
     alone = len(titles) < 2  # the columns are not separated by commas
     header = [] if alone else [_column(place, title, units) for title in titles]
     if set(header) not in wanted or len(set(header)) < len(header):
-        sets = " or ".join(
-            ", ".join(f"{name} ({units[name]})" for name in units if name in one) for one in wanted
-        )
-        raise CaseError(f"{place}: must name the columns {sets}, separated by commas")
+        raise CaseError(f"{place}: must name the columns {_listed(units, wanted)}, separated by commas")
     found: dict[str, list[float]] = {name: [] for name in header}
     for place, row in rows[1:]:
         values = [_number(cell) for cell in row]
@@ -98,6 +95,18 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
     if "\0" in text:
         raise CaseError(f"{path}: is not a text file: it has NUL bytes, from byte {data.index(0)} on")
     return text
+
+
+def _listed(units: dict[str, str], wanted: list[set[str]]) -> str:
+    """Allowed sets of columns in words; many sets are described by their common and their other columns."""
+
+    def words(names: set[str]) -> str:
+        return ", ".join(f"{name} ({units[name]})" for name in units if name in names)
+
+    if len(wanted) < 4:
+        return " or ".join(map(words, wanted))
+    common = set.intersection(*wanted)
+    return f"{words(common)} and at least one of {words(set.union(*wanted) - common)}"
 
 
 def _rows(path: Path, text: str) -> list[tuple[str, list[str]]]:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxsph.case.body_sections import MOTIONS, PLANAR, ROTATIONS
 from jaxsph.case.case import Case
 from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.case.drawings import DRAWINGS, read_outline
@@ -112,10 +113,11 @@ def _read_curve(path: Path) -> dict[str, Any]:
 
 
 def _read_motion(path: Path) -> dict[str, Any]:
-    """Reads the given motion of a body from the columns t (s), and surge (m), heave (m) and pitch (rad)."""
-    units = {"t": "s", "surge": "m", "heave": "m", "pitch": "rad"}
+    """Reads the given motion of a body from the column t (s) and columns of motions (m, rad)."""
+    units = {"t": "s"} | {name: "rad" if name in ROTATIONS else "m" for name in (*PLANAR, *MOTIONS)}
     motions = [name for name in units if name != "t"]
-    wanted = [{"t", *some} for count in (1, 2, 3) for some in itertools.combinations(motions, count)]
+    counts = range(1, len(motions) + 1)
+    wanted = [{"t", *some} for count in counts for some in itertools.combinations(motions, count)]
     return read_columns(path, units, wanted)
 
 

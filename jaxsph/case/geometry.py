@@ -276,7 +276,9 @@ class Geometry:
             self._heightened(case, corners)
             # a body's dummy particles are half a spacing inside its surface, and must be in the tank
             check_inside(corners, key, self.upper, 0.5 * self.dx)
-            self.notices += section.notices(key, self.dx, any(carrier.angle for carrier in carried_by))
+            self.notices += section.notices(
+                key, self.dx, any(np.any(carrier.angle) for carrier in carried_by)
+            )
 
     def _solids(self, case: Sections) -> None:
         """Sets the shapes of the fixed solids, which must be inside the tank and must not overlap."""

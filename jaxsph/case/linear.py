@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from jaxsph.case.air_sections import DEVICE_WALLS, PTOSection
+from jaxsph.case.body_sections import PLANAR as MOTIONS
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear_bodies import has_free_bodies, linear_motions, why_no_motions
 from jaxsph.case.sections import ONLY_BODY, Sections
 from jaxsph.errors import CaseError
-from jaxsph.parts.joint import MOTIONS
 from jaxsph.waves import second_order, theory
 from jaxsph.waves.linear_owc import LinearAir, LinearOWC, linear_response
 from jaxsph.waves.linear_sea import LinearSea, linear_sea_response

@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from jaxsph.case.body_sections import PLANAR as MOTIONS
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.resting import Resting
 from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, Sections
@@ -24,7 +25,6 @@ from jaxsph.case.settling import given_waves
 from jaxsph.errors import CaseError
 from jaxsph.model.links import Link
 from jaxsph.model.part import name_of
-from jaxsph.parts.joint import MOTIONS
 from jaxsph.problem.results import amplitude
 from jaxsph.waves.linear_bodies import Compliance, Damping, LinearBodies, SmallMotion, linear_motion
 from jaxsph.waves.panels import Chamber, Hull, Section, hydrodynamics

@@ -138,11 +138,11 @@ def nearest(surface: Triangles, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.asarray(distance), np.asarray(triangle)
 
 
-def moments_of(surface: Triangles) -> tuple[float, tuple[float, float], float]:
-    """Volume (m3), centre (x, z) (m) and second moment for rotation in the x-z plane (m5) of a surface."""
+def moments_of(surface: Triangles) -> tuple[float, tuple[float, ...], tuple[tuple[float, ...], ...]]:
+    """Volume (m3), centre (m) and inertia tensor (m5) of the inside of a surface."""
     mesh = library("trimesh", "geometry", "a mesh").Trimesh(*surface, process=False)
-    x, _, z = mesh.center_mass
-    return float(mesh.volume), (float(x), float(z)), float(mesh.moment_inertia[1, 1])
+    inertia = tuple(tuple(map(float, row)) for row in mesh.moment_inertia)
+    return float(mesh.volume), tuple(map(float, mesh.center_mass)), inertia
 
 
 @functools.lru_cache(maxsize=16)

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from jaxsph.case.section import Coordinate, Length, Name, Section
+from jaxsph.case.body_sections import Position
+from jaxsph.case.section import Length, Name, Section
 
 PerLength = Annotated[float, Field(ge=1e-6, le=1e7)]
 Shape = Annotated[float, Field(ge=0, le=100)]
@@ -22,10 +23,11 @@ class MooringSection(Section):
     """Model of the line: static equilibrium at every time, or lumped masses with inertia and drag."""
     body: Name = "body"
     """Name of the body with the fairlead."""
-    at: tuple[Coordinate, Coordinate]
-    """Position (x, z) of the fairlead with the body at rest, m."""
-    anchor: tuple[Coordinate, Coordinate]
-    """Position (x, z) of the anchor, m; with z = 0, a part of the line may lie on the bed."""
+    at: Position
+    """Position (x, z) or (x, y, z) of the fairlead with the body at rest, m."""
+    anchor: Position
+    """Position (x, z) or (x, y, z) of the anchor, m; with z = 0, a part of the line may lie on the bed.
+    Without y, fairlead and anchor are as far across the tank as the body's pivot."""
     length: Length
     """Length of the line without tension, m."""
     axial_stiffness: float = Field(ge=1e-3, le=1e13)

@@ -10,11 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import shapely
 
+from jaxsph.case.bodies import check_position
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.mooring_sections import MooringSection
 from jaxsph.case.scheme import stable_time_step
 from jaxsph.case.sections import Sections
-from jaxsph.case.shapes import carriers, initial_position
+from jaxsph.case.shapes import carriers, in_tank, initial_position, pivot_of
+from jaxsph.core.points import at_points
 from jaxsph.errors import CaseError
 from jaxsph.parts.catenary import AbstractCatenary, GroundedCatenary, HangingCatenary
 from jaxsph.parts.line import Bed, LumpedLine, Morison
@@ -33,7 +35,10 @@ def make_moorings(case: Sections, leaf: Any) -> tuple[Mooring, ...]:
     """Moorings of a case. `leaf` converts a number to an array of the case's precision."""
     found = []
     for name, section in case.mooring.items():
-        ends = FromAnchor(section.body, leaf(section.at), leaf(section.anchor))
+        beside = pivot_of(case.every_body[section.body])
+        ends = FromAnchor(
+            section.body, leaf(in_tank(section.at, beside)), leaf(in_tank(section.anchor, beside))
+        )
         static = section.kind == "catenary"
         law = QuasiStatic(_at_rest(case, section, leaf)) if static else _line(case, section, leaf)
         found.append(Mooring(ends, law, name=name))
@@ -42,7 +47,7 @@ def make_moorings(case: Sections, leaf: Any) -> tuple[Mooring, ...]:
 
 def _at_rest(case: Sections, section: MooringSection, leaf: Any) -> AbstractCatenary:
     """Catenary of all lines of a mooring (in 2-D, those per metre of width) in static equilibrium."""
-    kind = GroundedCatenary if section.anchor[1] <= ON_BED else HangingCatenary
+    kind = GroundedCatenary if section.anchor[-1] <= ON_BED else HangingCatenary
     weight = section.weight_in_water(case.fluid.rho0, case.g)
     return kind(
         leaf(section.length), leaf(section.lines * weight), leaf(section.lines * section.axial_stiffness)
@@ -62,7 +67,7 @@ def _line(case: Sections, section: MooringSection, leaf: Any) -> LumpedLine:
         damping=leaf(count * section.damping * size * math.sqrt(section.axial_stiffness * section.mass)),
         water=Morison(leaf(across), leaf(math.pi * along), *map(leaf, added)),
         bed=Bed(
-            leaf(-section.anchor[1]),
+            leaf(-section.anchor[-1]),
             leaf(count * d * section.bed_stiffness),
             leaf(count * d * section.bed_damping),
         ),
@@ -99,21 +104,23 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
     if section.body not in case.every_body:
         there = ", ".join(case.every_body) or "none"
         raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; there are {there}")
-    (length, height), slack = (geometry.length, geometry.height), 0.01 * case.dx
-    fairlead = _fairlead(case, section)
-    for key, (x, z) in (("at", fairlead), ("anchor", section.anchor)):
-        if not (0.0 <= x <= length and 0.0 <= z <= height):
+    slack = 0.01 * case.dx
+    for key in ("at", "anchor"):
+        check_position(getattr(section, key), f"mooring.{name}.{key}", case.dim)
+    fairlead, anchor = _ends(case, section)
+    for key, point in (("at", fairlead), ("anchor", anchor)):
+        if np.any(point < 0.0) or np.any(point > geometry.upper):
+            place, ends = (", ".join(f"{a:.4g}" for a in one) for one in (point, geometry.upper))
             raise CaseError(
-                f"mooring.{name}.{key}: ({x:.4g}, {z:.4g}) m is outside the tank, which extends "
-                f"from 0 to {length:g} m and from 0 to {height:g} m above the bed"
+                f"mooring.{name}.{key}: ({place}) m is outside the tank, which extends from 0 to ({ends}) m"
             )
-    for other, area in geometry.areas.items():
-        if _depth_in(area, [section.anchor]) > slack:
+    for other in geometry.initial:
+        if _depth_in(geometry, other, anchor[None]) > slack:
             raise CaseError(
                 f"mooring.{name}.anchor = {list(section.anchor)} m: is inside {other}: move it out, or onto "
                 "its surface"
             )
-    span = math.dist(fairlead, section.anchor)
+    span = math.dist(fairlead, anchor)
     if span > (1.0 + MOST_STRETCH) * section.length:
         raise CaseError(
             f"mooring.{name}.length = {section.length:g} m: the distance from the anchor to the fairlead is "
@@ -125,17 +132,17 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
 
 def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringSection) -> None:
     """**Raises** CaseError for a line through a solid, or below the bed, at the bodies' initial angles."""
-    line = _at_rest(case, section, np.float32)
-    ends = jnp.asarray(_fairlead(case, section) - section.anchor, jnp.float32)
-    points = np.asarray(section.anchor) + np.asarray(_shape(QuasiStatic(line), (), ends))
-    lowest = float(points[:, 1].min())
+    line, (fairlead, anchor) = _at_rest(case, section, np.float32), _ends(case, section)
+    ends = jnp.asarray(fairlead - anchor, jnp.float32)
+    points = anchor + np.asarray(_shape(QuasiStatic(line), (), ends))
+    lowest = float(points[:, -1].min())
     if lowest < -0.5 * case.dx:
         raise CaseError(
             f"mooring.{name}.anchor = {list(section.anchor)} m: is above the bed, and the line would sag "
             f"{-lowest:.3g} m below it: use an anchor on the bed (z = 0), or a shorter line"
         )
-    for other, area in geometry.areas.items():
-        depth = _depth_in(area, points)
+    for other in geometry.initial:
+        depth = _depth_in(geometry, other, points)
         if depth > case.dx:
             raise CaseError(
                 f"mooring.{name}: the line at rest passes {depth:.3g} m deep through {other}: move the "
@@ -143,14 +150,17 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
             )
 
 
-def _fairlead(case: Sections, section: MooringSection) -> np.ndarray:
-    """Initial position (x, z) of a mooring's fairlead, m."""
-    return initial_position(section.at, carriers(case.every_body, section.body))
+def _ends(case: Sections, section: MooringSection) -> tuple[np.ndarray, np.ndarray]:
+    """Initial positions `[D]` (m) of a mooring's fairlead and anchor."""
+    fairlead = initial_position(section.at, carriers(case.every_body, section.body))
+    return fairlead, in_tank(section.anchor, pivot_of(case.every_body[section.body]))
 
 
-def _depth_in(area: Any, points: Any) -> float:
-    """Largest depth (m) of points (x, z) inside an area of the x-z plane; 0 if all are outside."""
-    places = shapely.points(np.asarray(points, float))
+def _depth_in(geometry: Geometry, name: str, points: np.ndarray) -> float:
+    """Largest depth (m) of points `[K, D]` (m) inside a solid in its initial position; 0 outside."""
+    if points.shape[1] == 3:
+        return max(0.0, -float(at_points(geometry.initial[name].distance, points).min()))
+    area, places = geometry.areas[name], shapely.points(points)
     return float(np.max(np.where(area.contains(places), area.boundary.distance(places), 0.0)))
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 
-from jaxsph.case.body_sections import BodySection
+from jaxsph.case.body_sections import MOTIONS, PLANAR, BodySection
 from jaxsph.case.sections import Sections
 from jaxsph.case.shape_sections import ShapeSection
 from jaxsph.core.points import at_points
@@ -79,28 +79,63 @@ def _common_volume(a: AbstractShape, b: AbstractShape, low: np.ndarray, high: np
 
 def initial_shape(shape: AbstractShape, carried_by: Sequence[BodySection]) -> AbstractShape:
     """A shape at the initial angles of the bodies that carry it."""
-    dim = len(shape.bounds()[0])
     for carrier in carried_by:
-        if carrier.angle:
-            shape = Placed(shape, angle=carrier.angle, about=_pivot(carrier, dim))
+        if np.any(carrier.angle):
+            shape = Placed(shape, angle=carrier.angle, about=tuple(pivot_of(carrier)))
     return shape
 
 
-def _pivot(body: BodySection, dim: int) -> tuple[float, ...]:
+def pivot_of(body: BodySection) -> np.ndarray:
     """Position `[D]` (m) of the joint of a body at rest; without a given one, its centre of mass."""
-    x, z = body.pivot or body.centre or body.placed(math.inf).moments()[1]
-    return (x, z) if dim == 2 else (x, 0.0, z)
+    centroid = body.placed(math.inf).moments()[1]
+    return in_tank(body.pivot or body.centre or centroid, centroid)
+
+
+def in_tank(point: Any, beside: Any) -> np.ndarray:
+    """Position `[D]` (m) of a point (x, z) or (x, y, z); without y it is as far across as the point `beside`
+    `[D]` (m)."""
+    if len(point) == 2 and len(beside) == 3:
+        return np.array([point[0], beside[1], point[1]])
+    return np.asarray(point, float)
+
+
+def check_dimensions(section: BodySection, key: str, dim: int) -> None:
+    """**Raises** CaseError for motions, positions or inertia of a body that `dim` dimensions lack."""
+    if dim == 3:
+        return
+    beyond = [one for one in section.free if one not in PLANAR]
+    if beyond:
+        raise CaseError(
+            f"{key}.free: {', '.join(beyond)} need three dimensions: give tank.width, or leave them out; "
+            f"in two dimensions there are {', '.join(PLANAR)}"
+        )
+    motion = section.motion
+    values: dict[str, tuple[Any, int]] = {
+        "pivot": (section.pivot, 2),
+        "centre": (section.centre, 2),
+        "velocity": (section.velocity, 3),
+        "inertia": (section.inertia, 0),
+        "angle": (section.angle, 0),
+    }
+    if motion is not None:
+        values |= {"motion.amplitude": (motion.amplitude, 3), "motion.phase": (motion.phase, 3)}
+        for name in sorted(set(MOTIONS) - set(PLANAR)):
+            values[f"motion.{name}"] = getattr(motion, name) or None, -1
+    for name, (value, count) in values.items():
+        if value is not None and np.size(value) != (count or 1):
+            asked = f"{count} values" if count > 0 else "a single number" if count == 0 else "no values"
+            raise CaseError(f"{key}.{name}: must have {asked} in two dimensions; more need tank.width")
 
 
 def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
-    """Corners `[K, D]` (m), turned with a body to its initial angle about its pivot in the x-z plane.
+    """Corners `[K, D]` (m), turned with a body to its initial angle about its pivot.
 
     The corners are those of the body itself, or of a body that it carries.
     """
     turns_in_place = (body.disc is not None or body.sphere is not None) and not (body.pivot or body.centre)
-    if not body.angle or (turns_in_place and np.array_equal(corners, body.corners())):
+    if not np.any(body.angle) or (turns_in_place and np.array_equal(corners, body.corners())):
         return corners
-    return rotated(corners, body.angle, _pivot(body, corners.shape[1]))
+    return rotated(corners, body.angle, pivot_of(body))
 
 
 class Inertia(NamedTuple):
@@ -108,31 +143,68 @@ class Inertia(NamedTuple):
 
     mass: float
     """Mass, kg (kg/m in 2-D); 0 for a body that only follows a given motion."""
-    about_centre: float
-    """Moment of inertia about the centre of mass, kg m2 (kg m in 2-D)."""
+    about_centre: Any
+    """Inertia about the centre of mass: a number (kg m) in 2-D, a tensor `[3, 3]` (kg m2) in 3-D."""
     centre: np.ndarray
-    """Centre of mass (x, z), m."""
+    """Centre of mass, m."""
     pivot: np.ndarray
-    """Position of the joint (x, z), m."""
+    """Position of the joint, m."""
 
 
 def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
     """Inertia of the body of a section `key`. **Raises** CaseError if the given inertia is impossible."""
-    area, centroid, second = shape.moments()
-    centre = np.asarray(centroid if section.centre is None else section.centre)
-    pivot = centre if section.pivot is None else np.asarray(section.pivot)
+    check_dimensions(section, key, len(shape.bounds()[0]))
+    volume, centroid, second = shape.moments()
+    centre = in_tank(section.centre or centroid, centroid)
+    pivot = in_tank(section.pivot or centre, centroid)
     if section.density is not None:
-        return Inertia(section.density * area, section.density * second, centre, pivot)
-    mass, inertia = section.mass or 0.0, 0.0
-    if section.inertia is not None:
-        shifted = mass * float(np.sum((centre - pivot) ** 2))
-        inertia = section.inertia - shifted
-        if inertia <= 0.0:
+        return Inertia(section.density * volume, section.density * second, centre, pivot)
+    mass, arm = section.mass or 0.0, centre - pivot
+    if section.inertia is None:
+        return Inertia(mass, np.zeros_like(second), centre, pivot)
+    if np.ndim(second) == 0:
+        return Inertia(mass, _about_centre(section.inertia, float(mass * arm @ arm), key), centre, pivot)
+    shift: Any = mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Inertia(mass, _tensor_about_centre(section, shift, key), centre, pivot)
+
+
+def _about_centre(inertia: Any, shift: float, key: str) -> float:
+    """Moment of inertia (kg m) about the centre of mass, from that about the pivot and their difference."""
+    if inertia <= shift:
+        raise CaseError(
+            f"{key}.inertia = {inertia:g}: the moment of inertia about the pivot must be more "
+            f"than mass times the squared distance of the centre of mass from the pivot, {shift:.4g}"
+        )
+    return inertia - shift
+
+
+def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> np.ndarray:
+    """Inertia tensor (kg m2) about the centre of mass, from that about the pivot and their difference."""
+    given = section.inertia
+    if isinstance(given, float | int):
+        beyond = [one for one in section.free if one in ("roll", "yaw")]
+        if beyond:
             raise CaseError(
-                f"{key}.inertia = {section.inertia:g}: the moment of inertia about the pivot must be more "
-                f"than mass times the squared distance of the centre of mass from the pivot, {shifted:.4g}"
+                f"{key}.inertia = {given:g}: is that of the pitch, and the body is also free in "
+                f"{', '.join(beyond)}: give [I_xx, I_yy, I_zz]"
             )
-    return Inertia(mass, inertia, centre, pivot)
+        return _about_centre(given, float(shift[1, 1]), key) * np.eye(3)
+    assert given is not None
+    if len(given) not in (3, 6):
+        raise CaseError(f"{key}.inertia: must have 1, 3 or 6 numbers, and has {len(given)}")
+    tensor = np.diag(given[:3]).astype(float)
+    for (i, j), value in zip(((0, 1), (0, 2), (1, 2)), given[3:], strict=False):
+        tensor[i, j] = tensor[j, i] = value
+    about = tensor - shift
+    moments = np.linalg.eigvalsh(about)
+    # the sum of two principal moments is never less than the third one; a flat body has equality
+    if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
+        listed = ", ".join(f"{one:.4g}" for one in moments)
+        raise CaseError(
+            f"{key}.inertia = {list(given)}: no body has these moments of inertia: those about the centre of "
+            f"mass would be {listed}; each must be positive, and at most the sum of the other two"
+        )
+    return about
 
 
 def in_order(case: Sections) -> dict[str, BodySection]:
@@ -165,8 +237,8 @@ def in_order(case: Sections) -> dict[str, BodySection]:
 
 
 def initial_position(point: Sequence[float], carried_by: Sequence[BodySection]) -> np.ndarray:
-    """Position `[2]` (m) of a point (x, z) of a body at the initial angles of the bodies that carry it."""
-    place = np.array([point])
+    """Position `[D]` (m) of a point (m) of a body at the initial angles of the bodies that carry it."""
+    place = in_tank(point, pivot_of(carried_by[0]))[None]
     for carrier in carried_by:
         place = turned(place, carrier)
     return place[0]

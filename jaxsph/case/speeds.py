@@ -8,6 +8,7 @@ import functools
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.case.body_sections import spatial
 from jaxsph.case.sections import Sections
 from jaxsph.waves import theory
 
@@ -37,7 +38,7 @@ def _driven_speed(case: Sections) -> float:
     for section in case.every_body.values():
         if section.motion is not None:
             corners = section.corners()[:, [0, -1]]
-            pivot = corners.mean(axis=0) if section.pivot is None else section.pivot
+            pivot = corners.mean(axis=0) if section.pivot is None else (section.pivot[0], section.pivot[-1])
             arm = float(np.hypot(*(corners - pivot).T).max())
             speeds.append(2.0 * section.motion.top_speed(arm))
     return max(speeds)
@@ -47,7 +48,8 @@ def _speed_scale(case: Sections) -> float:
     shallow = float(np.sqrt(case.g * case.tank.depth))
     if case.tank.column is not None:
         return 2.0 * shallow  # the tip of a dam break in shallow water (Ritter 1892)
-    falling = max((float(np.hypot(*one.velocity[:2])) for one in case.every_body.values()), default=0.0)
+    velocities = (spatial(one.velocity)[:3] for one in case.every_body.values())
+    falling = max((float(np.linalg.norm(one)) for one in velocities), default=0.0)
     if falling:
         # the spray root of a wedge of 30 degrees has the speed pi/2 V/tan(30 degrees),
         # and the jet is twice as fast

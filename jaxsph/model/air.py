@@ -64,8 +64,8 @@ class AbstractFrame(eqx.Module):
     @abc.abstractmethod
     def reaction(
         self, parts: Mapping[str, Any], x: Components, force: Components
-    ) -> dict[str, Float[Array, "3"]]:
-        """Generalised forces (N, N, N m; per metre in 2-D), by name, on the body that carries the frame: the
+    ) -> dict[str, Float[Array, " V"]]:
+        """Generalised forces (N, N m; per metre in 2-D), by name, on the body that carries the frame: the
         reaction to the `force` (N) on points at x (m)."""
 
 
@@ -84,7 +84,7 @@ class AirCoupling(NamedTuple):
     """Masses of these particles, kg (kg/m in 2-D)."""
     slabs: Slabs
     """Devices that share the particles."""
-    reaction: dict[str, Float[Array, "3"]]
+    reaction: dict[str, Float[Array, " V"]]
     """Force on the body that carries the chamber per unit of P_a, opposite to that on the water, by the
     body's name: m, m, m2 in 2-D (m2, m2, m3 in 3-D). Empty if the walls are at rest."""
 
@@ -92,7 +92,7 @@ class AirCoupling(NamedTuple):
         """Velocities of the water (m/s) after an `impulse` of the air, the time integral of P_a (Pa s)."""
         return self.slabs.add(u, self.index, stack([impulse * f / self.m for f in self.force]))
 
-    def flow(self, u: Float[Array, "N D"], velocities: Mapping[str, Float[Array, "3"]]) -> Scalar:
+    def flow(self, u: Float[Array, "N D"], velocities: Mapping[str, Float[Array, " V"]]) -> Scalar:
         """Flow of air out of the chamber, m3/s (m2/s in 2-D).
 
         **Arguments**: the water's velocities u (m/s); `velocities` of the bodies' pivots and pitches by name,

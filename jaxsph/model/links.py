@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
 from jaxsph.model.part import AbstractPart
-from jaxsph.model.solids import turned
+from jaxsph.model.rigid import SPACES
 
 __all__ = ["AbstractEnds", "AbstractLaw", "Extension", "Link", "LinkMotion", "Places", "positive_part"]
 
@@ -27,20 +27,20 @@ __all__ = ["AbstractEnds", "AbstractLaw", "Extension", "Link", "LinkMotion", "Pl
 class Places(NamedTuple):
     """Positions and joint coordinates of all bodies at one time, by the body's name."""
 
-    poses: Mapping[str, Float[Array, "3"]]
-    """Displacements of the pivots along x and z (m), and pitch (rad)."""
-    pivots: Mapping[str, Float[Array, "2"]]
-    """Pivots (x, z) at rest, m."""
+    poses: Mapping[str, Float[Array, " P"]]
+    """Poses of the bodies (`model.rigid`)."""
+    pivots: Mapping[str, Float[Array, " D"]]
+    """Pivots at rest, m."""
     q: Mapping[str, Float[Array, " k"]]
     """Coordinates of the bodies' joints, m or rad."""
 
-    def point(self, body: str, x: Float[Array, "2"]) -> Float[Array, "2"]:
+    def point(self, body: str, x: Float[Array, " D"]) -> Float[Array, " D"]:
         """Present position (m) of a point of a body, or of the tank if `body` is empty, from the point's
         position x (m) at rest."""
         if not body:
             return x
-        pose, pivot = self.poses[body], self.pivots[body]
-        return pivot + pose[:2] + turned(x - pivot, pose[2])
+        pose, arm = self.poses[body], x - self.pivots[body]
+        return x + SPACES[len(x)].moved(pose, arm)[: len(x)]
 
 
 Extension: TypeAlias = Float[Array, "*components"]
@@ -60,7 +60,7 @@ class AbstractEnds(eqx.Module):
     def extension(self, places: Places) -> Extension:
         """Extension s, m or rad."""
 
-    def points(self, places: Places) -> Float[Array, "E 2"]:
+    def points(self, places: Places) -> Float[Array, "E D"]:
         """Positions (m) of the two ends, for pictures; none by default."""
         del places
         return jnp.zeros((0, 2))
@@ -172,7 +172,7 @@ class Link(AbstractPart):
         other = self.law.force(own, s, jnp.zeros_like(s), t)
         return LinkMotion(own, s, other - jax.grad(self.law.stored, argnums=1)(own, s))
 
-    def drawn(self, motion: LinkMotion, places: Places) -> Float[Array, "K 2"]:
+    def drawn(self, motion: LinkMotion, places: Places) -> Float[Array, "K D"]:
         """Points (m) of the line that pictures show, from end to end; none for a link along a joint."""
         del motion
         return self.ends.points(places)

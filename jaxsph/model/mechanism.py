@@ -6,8 +6,9 @@ not free also has a constant rate. The equations of motion are
 
     M q'' + c = sum over bodies of J^T F + forces along the joints,
 
-with the mass matrix M = sum J_c^T m J_c, the inertial forces c = sum J_c^T m (dJ_c/dt) q', and the Jacobians
-J of the bodies' poses and J_c of the poses of their centres of mass.
+with the mass matrix M = sum J_c^T m J_c and the inertial forces c = sum J_c^T (m (dJ_c/dt) q' + g). J and
+J_c map the coordinates' rates to the velocities of the bodies' pivots and centres of mass, and g is the
+gyroscopic moment. Velocities and forces of a body have V components (`model.rigid`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.links import Extension, Link, Places, Pull
-from jaxsph.model.solids import AbstractBody, turned
+from jaxsph.model.rigid import SPACES, AbstractSpace
+from jaxsph.model.solids import AbstractBody
 
 __all__ = ["Kinematics", "Mechanism", "inverse_where"]
 
@@ -39,37 +41,42 @@ class Kinematics(NamedTuple):
 
     rates: Float[Array, " n"]
     """Rates of the coordinates, m/s, rad/s, or s/s."""
-    poses: Float[Array, "2 B 3"]
-    """Displacements along x and z (m) and pitch (rad) from the positions at rest."""
-    ways: Float[Array, "2 B 3 n"]
-    """Derivatives of the poses with respect to the coordinates."""
-    bias: Float[Array, "2 B 3"]
-    """Accelerations at constant rates of the coordinates, m/s2, m/s2, rad/s2."""
-    mass: Float[Array, "B 3"]
-    """Equal masses for motion along x and z (kg; kg/m in 2-D), and moment of inertia about the centre of
-    mass (kg m2; kg m in 2-D)."""
+    poses: Float[Array, "2 B P"]
+    """Poses (`model.rigid`)."""
+    ways: Float[Array, "2 B V n"]
+    """Velocities per unit rate of every coordinate."""
+    bias: Float[Array, "2 B V"]
+    """Accelerations at constant rates of the coordinates, m/s2, rad/s2."""
+    mass: Float[Array, "B V V"]
+    """Mass matrices with respect to the centres of mass, kg, kg m2 (kg/m, kg m in 2-D)."""
+    gyroscopic: Float[Array, "B V"]
+    """Gyroscopic moments, N m."""
     movable: Float[Array, " n"]
     """Mask of the coordinates: 1 where the coordinate is free, 0 where its rate is constant."""
 
     @property
-    def velocities(self) -> Float[Array, "2 B 3"]:
-        """Velocities of pivots and centres of mass, m/s, m/s, rad/s."""
+    def velocities(self) -> Float[Array, "2 B V"]:
+        """Velocities of pivots and centres of mass, m/s, rad/s."""
         return self.ways @ self.rates
 
     @property
     def mass_matrix(self) -> Float[Array, "n n"]:
         """Mass matrix of the coordinates, in kg, kg m or kg m2 (per metre in 2-D)."""
         ways = self.ways[1]
-        return jnp.einsum("bki,bk,bkj->ij", ways, self.mass, ways)
+        return jnp.einsum("bki,bkl,blj->ij", ways, self.mass, ways)
 
     @property
     def coasting(self) -> Float[Array, " n"]:
         """Accelerations of the coordinates without any force on the bodies, m/s2 or rad/s2."""
-        inertial = jnp.einsum("bki,bk,bk->i", self.ways[1], self.mass, self.bias[1])
-        return -inverse_where(self.movable, self.mass_matrix) @ inertial
+        return -inverse_where(self.movable, self.mass_matrix) @ self.inertial(self.bias[1])
 
-    def accelerations(self, change: Float[Array, " n"]) -> Float[Array, "2 B 3"]:
-        """Accelerations of pivots and centres of mass, m/s2, m/s2, rad/s2.
+    def inertial(self, accelerations: Float[Array, "B V"]) -> Float[Array, " n"]:
+        """Generalised forces (N, N m) that give the centres of mass these `accelerations` (m/s2, rad/s2)."""
+        loads = jnp.einsum("bkl,bl->bk", self.mass, accelerations) + self.gyroscopic
+        return jnp.einsum("bki,bk->i", self.ways[1], loads)
+
+    def accelerations(self, change: Float[Array, " n"]) -> Float[Array, "2 B V"]:
+        """Accelerations of pivots and centres of mass, m/s2, rad/s2.
 
         `change`: accelerations (m/s2 or rad/s2) of the coordinates in addition to `coasting`.
         """
@@ -94,6 +101,11 @@ class Mechanism(NamedTuple):
     """All bodies."""
     links: Sequence[Link] = ()
     """Forces between bodies, or between a body and the tank."""
+
+    @property
+    def space(self) -> AbstractSpace:
+        """Space in which the bodies move."""
+        return SPACES[len(self.bodies[0].pivot)]
 
     def check(self) -> None:
         """Checks bodies and links. **Raises** ValueError if a body precedes the body that it is joined to, or
@@ -140,7 +152,7 @@ class Mechanism(NamedTuple):
         z, rates = self._gathered(parts, t)
         return self._spread(parts, z, rates)
 
-    def drawn(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, "K 2"]]:
+    def drawn(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, "K D"]]:
         """Points (m) of the lines by which pictures show the links at the time t (s), by the link's name.
 
         Links along a joint are not shown.
@@ -153,10 +165,10 @@ class Mechanism(NamedTuple):
         """Kinematics of the bodies at the time t (s); `parts`: states of the parts by name."""
         return self._at(*self._gathered(parts, t), self._movable(t))
 
-    def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, "3"]]:
-        """Accelerations (m/s2, m/s2, rad/s2), by name, of bodies on which no forces act; empty if all are 0.
+    def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, " V"]]:
+        """Accelerations (m/s2, rad/s2), by name, of bodies on which no forces act; empty if all are 0.
 
-        These are the accelerations of pivot and pitch due to given motions and the inertia of joined bodies.
+        These are due to given motions, the inertia of joined bodies and gyroscopic moments.
         """
         if self.coasts:
             return {}
@@ -173,7 +185,7 @@ class Mechanism(NamedTuple):
             return {}
         z, rates = self._gathered(parts, t)
         if self.coasts:
-            return self._spread(parts, z + dt * rates, rates)
+            return self._spread(parts, *self._regular(z + dt * rates, rates))
         movable = self._movable(t)
 
         def stage(carry, coefficients):
@@ -187,7 +199,7 @@ class Mechanism(NamedTuple):
         none = jnp.zeros_like(z)
         stages = jnp.asarray(RUNGE_KUTTA, z.dtype)
         (_, (by_z, by_rates)), _ = jax.lax.scan(stage, ((none, none), (none, none)), stages)
-        return self._spread(parts, z + dt * by_z, rates + dt * by_rates)
+        return self._spread(parts, *self._regular(z + dt * by_z, rates + dt * by_rates))
 
     def kicked(self, parts: Mapping[str, Any], t: Scalar, change: Float[Array, " n"]) -> dict[str, Any]:
         """Motions of the bodies by name after a sudden `change` (m/s or rad/s) of the coordinates' rates.
@@ -208,10 +220,10 @@ class Mechanism(NamedTuple):
         step.
         **Arguments**: `parts`: states of the parts by name at the time t (s); `g`: gravity, m/s2.
         """
-        weight = kinematics.mass[:, :2] * g[jnp.array([0, -1])]
+        weight = kinematics.mass[:, 0, 0, None] * g
         contact = jnp.stack([parts[body.name].contact for body in self.bodies])
         forces = jnp.einsum("bki,bk->i", kinematics.ways[0], contact)
-        forces = forces + jnp.einsum("bki,bk->i", kinematics.ways[1, :, :2], weight)
+        forces = forces + jnp.einsum("bki,bk->i", kinematics.ways[1, :, : len(g)], weight)
         z, _ = self._gathered(parts, t)
         found = {}
         for link in self.links:
@@ -256,8 +268,7 @@ class Mechanism(NamedTuple):
         `acceleration`: accelerations of the coordinates in addition to `Kinematics.coasting`; `others`:
         generalised forces on the coordinates except those of the drives.
         """
-        moved = kinematics.accelerations(acceleration)[1]
-        inertial = jnp.einsum("bki,bk,bk->i", kinematics.ways[1], kinematics.mass, moved)
+        inertial = kinematics.inertial(kinematics.accelerations(acceleration)[1])
         power = (1.0 - kinematics.movable) * kinematics.rates * (inertial - others)
         return {name: jnp.sum(own) + at_time for name, (own, at_time) in self.split(power).items()}
 
@@ -285,9 +296,20 @@ class Mechanism(NamedTuple):
         z = jnp.concatenate([*(motion.q for motion in motions), times])
         return z, jnp.concatenate([*(motion.rates for motion in motions), jnp.ones_like(times)])
 
+    def _regular(self, z: Array, rates: Array) -> tuple[Array, Array]:
+        """Coordinates and rates after every joint has had the chance to change to regular ones."""
+        q, q_rates = self.split(z), self.split(rates)
+        both = [body.joint.regular(q[body.name][0], q_rates[body.name][0]) for body in self.bodies]
+        times = len(z) - len(self.bodies)
+        return (
+            jnp.concatenate([*(own for own, _ in both), z[times:]]),
+            jnp.concatenate([*(own for _, own in both), rates[times:]]),
+        )
+
     def _spread(self, parts: Mapping[str, Any], z: Array, rates: Array) -> dict[str, Any]:
         """Motions of the bodies by name, for the coordinates z and their `rates`."""
-        poses, velocities = jax.jvp(lambda z: self._poses(z)[0], (z,), (rates,))
+        poses, changes = jax.jvp(lambda z: self._poses(z)[0], (z,), (rates,))
+        velocities = self.space.velocity(poses, changes)
         q, q_rates = self.split(z), self.split(rates)
         return {
             body.name: eqx.tree_at(
@@ -308,29 +330,30 @@ class Mechanism(NamedTuple):
         pivots = {body.name: body.pivot for body in self.bodies}
         q = self.split(z)
         for body in self.bodies:
-            above, arm, carrier = jnp.zeros(3, z.dtype), body.pivot, body.joint.parent
+            above, arm, carrier = self.space.at_rest(z.dtype), body.pivot, body.joint.parent
             if carrier:
                 above, arm = poses[carrier], body.pivot - pivots[carrier]
             poses[body.name] = body.joint.place(above, arm, *q[body.name])
         return Places(poses, pivots, {name: own for name, (own, _) in q.items()})
 
-    def _poses(self, z: Float[Array, " n"]) -> Float[Array, "2 B 3"]:
+    def _poses(self, z: Float[Array, " n"]) -> Float[Array, "2 B P"]:
         """Poses of pivots and centres of mass for the coordinates z."""
-        poses, centres = self._places(z).poses, []
-        for body in self.bodies:
-            pose, arm = poses[body.name], body.centre - body.pivot
-            centres.append(jnp.concatenate([pose[:2] + turned(arm, pose[2]) - arm, pose[2:]]))
-        return jnp.stack([jnp.stack(list(poses.values())), jnp.stack(centres)])
+        poses = jnp.stack(list(self._places(z).poses.values()))
+        arms = jnp.stack([body.centre - body.pivot for body in self.bodies])
+        return jnp.stack([poses, self.space.moved(poses, arms)])
 
     def _at(self, z: Array, rates: Array, movable: Array) -> Kinematics:
         """Kinematics for coordinates, rates and the mask of the coordinates."""
 
         def velocities(z):
-            return jax.jvp(self._poses, (z,), (rates,))[1]
+            return self.space.velocity(*jax.jvp(self._poses, (z,), (rates,)))
 
-        poses, bias = self._poses(z), jax.jvp(velocities, (z,), (rates,))[1]
-        mass = jnp.stack([body.generalised_mass() for body in self.bodies])
-        return Kinematics(rates, poses, jax.jacfwd(self._poses)(z), bias, mass, movable)
+        poses, (velocity, bias) = self._poses(z), jax.jvp(velocities, (z,), (rates,))
+        changes = jax.jacfwd(self._poses)(z)
+        ways = jax.vmap(self.space.velocity, in_axes=(None, -1), out_axes=-1)(poses, changes)
+        mass = jnp.stack([body.mass_matrix(pose) for body, pose in zip(self.bodies, poses[0], strict=True)])
+        gyroscopic = self.space.gyroscopic(mass, velocity[1])
+        return Kinematics(rates, poses, ways, bias, mass, gyroscopic, movable)
 
 
 def inverse_where(mask: Float[Array, " n"], matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.part import AbstractPart
+from jaxsph.model.rigid import SPACES, AbstractSpace
 from jaxsph.model.state import Particles
 
 __all__ = [
@@ -23,7 +24,6 @@ __all__ = [
     "AbstractMovingSolid",
     "AbstractSolid",
     "AbstractWall",
-    "turned",
 ]
 
 
@@ -77,7 +77,10 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
         """True for particles at x (m) near enough to be stopped by the solid."""
 
     def pose(self, motion: Any) -> tuple[Array, Array]:
-        """Pose of the outline (surge and heave, m; pitch, rad), and the pivot `[2]` (m) of its rotation."""
+        """Displacement and rotation of the outline in pictures (m, rad), and the pivot (m) of its rotation.
+
+        These are surge, heave and pitch, or for a body in 3-D all six motions (`model.rigid`).
+        """
         del motion
         return jnp.zeros(3), jnp.zeros(2)
 
@@ -135,8 +138,8 @@ class AbstractJoint(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def moves(self) -> tuple[bool, bool, bool]:
-        """Whether the body can move along x and z, and turn, while its parent is at rest."""
+    def moves(self) -> tuple[bool, ...]:
+        """Whether the body can make each of the V motions of `model.rigid` while its parent is at rest."""
 
     @property
     def coasts(self) -> bool:
@@ -156,24 +159,29 @@ class AbstractJoint(eqx.Module):
         """Coordinates (m, rad) at t = 0, and their rates (m/s, rad/s)."""
 
     @abc.abstractmethod
-    def pose(self, q: Float[Array, " k"], t: Scalar) -> Float[Array, "3"]:
-        """Displacement of the body's pivot along x and z (m), and pitch (rad), relative to the parent.
+    def pose(self, q: Float[Array, " k"], t: Scalar) -> Float[Array, " P"]:
+        """Pose of the body (`model.rigid`) relative to the parent, along axes that turn with the parent.
 
-        The axes turn with the parent. **Arguments**: `q`: coordinates; `t`: time, s, for given motions.
+        In 2-D the pose is the displacement of the pivot along x and z (m), and the pitch (rad).
+        **Arguments**: `q`: coordinates; `t`: time, s, for given motions.
         """
 
     def place(
-        self, above: Float[Array, "3"], arm: Float[Array, "2"], q: Float[Array, " k"], t: Scalar
-    ) -> Float[Array, "3"]:
-        """Displacement of the body's pivot along x and z (m), and pitch (rad), from the position at rest.
+        self, above: Float[Array, " P"], arm: Float[Array, " D"], q: Float[Array, " k"], t: Scalar
+    ) -> Float[Array, " P"]:
+        """Pose of the body in the tank.
 
         Override this method in a closed chain, where the pose relative to the parent depends on the parent's
-        pose. **Arguments**: `above`: displacement and pitch of the parent's pivot; `arm`: vector (x, z) from
-        the parent's pivot to the body's pivot at rest, m; `q` and `t` as for `pose`.
+        pose. **Arguments**: `above`: pose of the parent; `arm`: vector from the parent's pivot to the body's
+        pivot at rest, m; `q` and `t` as for `pose`.
         """
-        pose = self.pose(q, t)
-        shift = above[:2] + turned(arm + pose[:2], above[2]) - arm
-        return jnp.concatenate([shift, above[2:] + pose[2:]])
+        return SPACES[len(arm)].carried(above, arm, self.pose(q, t))
+
+    def regular(
+        self, q: Float[Array, " k"], rates: Float[Array, " k"]
+    ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+        """The same pose and velocity in other coordinates, if q is near coordinates that are not regular."""
+        return q, rates
 
     @abc.abstractmethod
     def movable(self, t: Scalar) -> Float[Array, " k"]:
@@ -181,20 +189,24 @@ class AbstractJoint(eqx.Module):
 
 
 class AbstractBody(AbstractMovingSolid):
-    """A rigid body whose pivot moves along x and z, and which pitches about the pivot in the x-z plane.
+    """A rigid body with V motions: surge, heave and pitch in 2-D, six motions in 3-D (`model.rigid`).
 
     Its state in `State.parts` has the fields `q` and `rates` (coordinates of the joint and their rates),
-    `pose` and `velocity` (displacements of the pivot along x and z, and pitch; m, m, rad and per second),
-    `force` and `contact` (the water's forces in the last step) and `impulse` (their time integral).
+    `pose` and `velocity` (of the pivot, and of the rotation about it), `force` and `contact` (the water's
+    forces in the last step, and moments about the pivot) and `impulse` (their time integral).
     """
 
     joint: eqx.AbstractVar[AbstractJoint]
     """Joint to the tank or to another body."""
-    pivot: eqx.AbstractVar[Float[Array, "2"]]
-    """Pivot (x, z) at rest, m: the point at which the joint is attached, and the reference point of
-    moments."""
-    centre: eqx.AbstractVar[Float[Array, "2"]]
-    """Centre of mass (x, z) at rest, m."""
+    pivot: eqx.AbstractVar[Float[Array, " D"]]
+    """Pivot at rest, m: the point at which the joint is attached, and the reference point of moments."""
+    centre: eqx.AbstractVar[Float[Array, " D"]]
+    """Centre of mass at rest, m."""
+
+    @property
+    def space(self) -> AbstractSpace:
+        """Space in which the body moves."""
+        return SPACES[len(self.pivot)]
 
     @property
     def fixed(self) -> bool:
@@ -202,14 +214,12 @@ class AbstractBody(AbstractMovingSolid):
         return not (self.joint.parent or any(self.joint.moves))
 
     @abc.abstractmethod
-    def generalised_mass(self) -> Float[Array, "3"]:
-        """Equal masses for motion along x and z (kg; kg/m in 2-D), and moment of inertia about the centre of
-        mass (kg m2; kg m in 2-D)."""
+    def mass_matrix(self, pose: Float[Array, " P"]) -> Float[Array, "V V"]:
+        """Mass matrix with respect to the centre of mass, in a pose, kg and kg m2 (kg/m and kg m in 2-D)."""
 
     @abc.abstractmethod
-    def directions(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "3 N D"]:
-        """Velocity of the body at points x (m) per unit velocity of the pivot along x and z (-), and per unit
-        rate of the pitch (m)."""
+    def directions(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "V N D"]:
+        """Velocity of the body at points x (m) per unit of each component of its velocity (-, m)."""
 
     @abc.abstractmethod
     def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
@@ -234,9 +244,3 @@ class AbstractBody(AbstractMovingSolid):
     def energy(self, motion: Any, g: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
         """Kinetic energy of the body, and potential energy relative to the position at rest, J (J/m
         in 2-D)."""
-
-
-def turned(r: Float[Array, "2"], angle: Scalar) -> Float[Array, "2"]:
-    """Vector r (x, z), rotated by `angle` (rad), positive from z towards x."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([c * r[0] + s * r[1], c * r[1] - s * r[0]])

@@ -235,8 +235,8 @@ class Pressures(eqx.Module):
     """Pressure of the ghosts, Pa."""
     accelerations: tuple[Float[Array, " n"], ...]
     """Accelerations of the bodies' coordinates due to forces, m/s2 or rad/s2; empty without bodies."""
-    forces: dict[str, Float[Array, "3"]]
-    """Generalised forces on the bodies (N, N, N m; per metre in 2-D) by the body's name."""
+    forces: dict[str, Float[Array, " V"]]
+    """Generalised forces on the bodies (N, N m; per metre in 2-D) by the body's name."""
 
     def plus(self, factor: Scalar, other: Pressures) -> Pressures:
         """Sum of these pressures and `factor` times the pressures `other`."""

@@ -1,7 +1,7 @@
-"""Rigid bodies that move in the x-z plane under the water's forces (Yeylaghi et al. 2016, Eq. 18-21).
+"""Rigid bodies that move under the water's forces (Yeylaghi et al. 2016, Eq. 18-21).
 
-Surge (m) is positive along x, heave (m) upwards, and pitch (rad) from z towards x (landward for a flap). The
-generalised forces are two forces and a moment about the pivot: N, N, N m (per metre in 2-D).
+A body has V motions, three in 2-D and six in 3-D; `model.rigid` states their names and signs. The generalised
+forces are forces (N) and moments about the pivot (N m), in 2-D per metre of width.
 """
 
 from __future__ import annotations
@@ -12,16 +12,29 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.meaning import Entry, Exchange, Oscillation, Reading
-from jaxsph.model.solids import AbstractBody, AbstractJoint, turned
+from jaxsph.model.solids import AbstractBody, AbstractJoint
 from jaxsph.model.state import Tally
-from jaxsph.parts.joint import MOTIONS, PlanarJoint
-from jaxsph.parts.pose import PosedSolid, turn
+from jaxsph.parts.joint import joint_of
+from jaxsph.parts.pose import PosedSolid
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["BodyMotion", "RigidBody"]
+
+WORDS = {
+    "surge": "displacement of the {} along the tank",
+    "sway": "displacement of the {} across the tank",
+    "heave": "displacement of the {} upwards",
+    "roll": "angle of the {} about the axis along the tank",
+    "pitch": "angle of the {}, positive landward",
+    "yaw": "angle of the {} about the upright axis",
+}
+"""Descriptions of the motions of a body, with a place for its name."""
+ADRIFT = ("surge", "sway", "yaw")
+"""Motions in which a floating body drifts, because the water does not restore them."""
 
 
 class BodyMotion(eqx.Module):
@@ -31,20 +44,20 @@ class BodyMotion(eqx.Module):
     """Coordinates of the body's joint, m or rad."""
     rates: Float[Array, " k"]
     """Rates of the coordinates, m/s or rad/s."""
-    pose: Float[Array, "3"]
-    """Displacements of the pivot along x and z (m), and pitch (rad), from the position at rest."""
-    velocity: Float[Array, "3"]
-    """Velocities of the pivot along x and z, and of the pitch, m/s, m/s, rad/s."""
-    force: Float[Array, "3"]
-    """Force of the water's pressure, and of the air in the body's chambers, in the last step, N, N, N m (per
+    pose: Float[Array, " P"]
+    """Pose (`model.rigid`)."""
+    velocity: Float[Array, " V"]
+    """Velocity of the pivot, m/s, and angular velocity, rad/s."""
+    force: Float[Array, " V"]
+    """Force of the water's pressure, and of the air in the body's chambers, in the last step, N, N m (per
     metre in 2-D)."""
-    contact: Float[Array, "3"]
-    """Contact force of the water in the last step, N, N, N m (per metre in 2-D).
+    contact: Float[Array, " V"]
+    """Contact force of the water in the last step, N, N m (per metre in 2-D).
 
     It acts on the body in the next step.
     """
     impulse: Tally
-    """Impulse `[3]` of the water's force, N s, N s, N m s (per metre in 2-D)."""
+    """Impulse `[V]` of the water's force, N s, N m s (per metre in 2-D)."""
 
 
 class RigidBody(PosedSolid, AbstractBody):
@@ -54,12 +67,12 @@ class RigidBody(PosedSolid, AbstractBody):
     """Shape in the position at rest."""
     mass: Scalar
     """Mass, kg (kg/m in 2-D)."""
-    inertia: Scalar
-    """Moment of inertia about the centre of mass, kg m2 (kg m in 2-D)."""
-    pivot: Float[Array, "2"]
-    """Point (x, z) of the joint at rest, about which moments are taken, m."""
-    centre: Float[Array, "2"]
-    """Centre of mass (x, z) at rest, m."""
+    inertia: Float[Array, "..."]
+    """Inertia about the centre of mass at rest: a number (kg m) in 2-D, a tensor `[3, 3]` (kg m2) in 3-D."""
+    pivot: Float[Array, " D"]
+    """Point of the joint at rest, about which moments are taken, m."""
+    centre: Float[Array, " D"]
+    """Centre of mass at rest, m."""
     joint: AbstractJoint
     """Joint to the tank or to another body."""
     rows: tuple[int, int] = eqx.field(static=True)
@@ -75,17 +88,17 @@ class RigidBody(PosedSolid, AbstractBody):
         joint: AbstractJoint | Sequence[str],
         *,
         density: float,
-        pivot: tuple[float, float] | None = None,
+        pivot: Sequence[float] | None = None,
         name: str = "body",
         dtype: Any = jnp.float32,
     ) -> RigidBody:
         """Builds a body of uniform density (kg/m3).
 
         **Arguments**: `rows`: the entry of `Ghosts.dummies` that belongs to the shape; `joint`: a joint, or
-        the free motions of a joint to the tank, any of "surge", "heave" and "pitch"; `pivot`: point of the
-        joint (x, z), m, by default the centre of mass.
+        the names of the free motions of a joint to the tank; `pivot`: point of the joint, m, by default the
+        centre of mass.
         """
-        area, centre, second = shape.moments()
+        volume, centre, second = shape.moments()
 
         def leaf(value: Any) -> Array:
             return jnp.asarray(value, dtype)
@@ -93,19 +106,19 @@ class RigidBody(PosedSolid, AbstractBody):
         return cls(
             shape=jax.tree.map(leaf, shape),
             rows=rows,
-            mass=leaf(density * area),
-            inertia=leaf(density * second),
+            mass=leaf(density * volume),
+            inertia=leaf(density * np.asarray(second)),
             pivot=leaf(centre if pivot is None else pivot),
             centre=leaf(centre),
-            joint=joint if isinstance(joint, AbstractJoint) else PlanarJoint.of(joint, dtype=dtype),
+            joint=joint if isinstance(joint, AbstractJoint) else joint_of(len(centre), joint, dtype=dtype),
             name=name,
         )
 
     def start(self, dtype: Any) -> BodyMotion:
         """See `AbstractMovingSolid`: at its position at rest; `Mechanism.start` sets the pose."""
         q, rates = self.joint.start(dtype)
-        none = jnp.zeros(3, dtype)
-        return BodyMotion(q, rates, none, none, none, none, Tally.zero(dtype, (3,)))
+        none, rest = jnp.zeros(len(self.space.motions), dtype), self.space.at_rest(dtype)
+        return BodyMotion(q, rates, rest, none, none, none, Tally.zero(dtype, none.shape))
 
     def entries(self):
         """See `AbstractPart`."""
@@ -116,19 +129,20 @@ class RigidBody(PosedSolid, AbstractBody):
 
     def readings(self, dim):
         """See `AbstractPart`."""
-        units = "N m-1, N m-1, N" if dim == 2 else "N, N, N m"
+        units = "N m-1, N m-1, N" if dim == 2 else "N, N, N, N m, N m, N m"
         force = f"the water's force on the {self.name}, and its moment about the pivot"
         forces = {
             "body_force": Reading(units, force, "motion"),
             "body_force_mean": Reading(units, f"{force}, mean since the last sample", "motion"),
         }
+        space = self.space
+        units, names = ", ".join(f"{unit} s-1" for unit in space.units), ", ".join(space.motions)
         motion = {
-            "surge": Reading("m", f"displacement of the {self.name} along the tank"),
-            "heave": Reading("m", f"displacement of the {self.name} upwards"),
-            "pitch": Reading("rad", f"angle of the {self.name}, positive landward"),
-            "body_velocity": Reading(
-                "m s-1, m s-1, rad s-1", "velocities of surge, heave and pitch", "motion"
-            ),
+            **{
+                name: Reading(unit, WORDS[name].format(self.name))
+                for name, unit in zip(space.motions, space.units, strict=True)
+            },
+            "body_velocity": Reading(units, f"velocities of {names}", "motion"),
             **{name: reading for name, (_, reading) in self._relative().items()},
         }
         return {self.called(name): reading for name, reading in self._told(motion, forces).items()}
@@ -136,10 +150,10 @@ class RigidBody(PosedSolid, AbstractBody):
     def oscillations(self, dim):
         """See `AbstractPart`."""
         force, moment = ("N/m", "N") if dim == 2 else ("N", "N m")
-        units = dict(zip(MOTIONS, ("m", "m", "rad"), strict=True))
+        units = dict(zip(self.space.motions, self.space.units, strict=True))
         motion = {
             name: Oscillation(
-                self.called(name), f"{name} of the {self.name}", unit, None, True, True, name == "surge"
+                self.called(name), f"{name} of the {self.name}", unit, None, True, True, name in ADRIFT
             )
             for (name, unit), moves in zip(units.items(), self.joint.moves, strict=True)
             if moves or self.joint.parent
@@ -149,14 +163,15 @@ class RigidBody(PosedSolid, AbstractBody):
         }
         (reading,) = self._told({}, {"body_force_mean": None})
         forces = {
-            name: Oscillation(self.called(reading), f"{words} on the {self.name}", unit, k, True, True)
-            for k, (name, words, unit) in enumerate(
-                (
-                    ("body_force_x", "force along the tank", force),
-                    ("body_force_z", "force upwards", force),
-                    ("body_moment", "moment", moment),
-                )
+            f"body_{name}": Oscillation(
+                self.called(reading),
+                f"{words} on the {self.name}",
+                force if k < dim else moment,
+                k,
+                True,
+                True,
             )
+            for k, (name, words) in enumerate(self.space.loads.items())
         }
         return {self.called(name): one for name, one in self._told(motion, forces).items()}
 
@@ -167,9 +182,7 @@ class RigidBody(PosedSolid, AbstractBody):
             "body_force_mean": state.impulse.recent / sampled.interval,
         }
         motion = {
-            "surge": state.pose[0],
-            "heave": state.pose[1],
-            "pitch": state.pose[2],
+            **dict(zip(self.space.motions, self.space.coordinates(state.pose), strict=True)),
             "body_velocity": state.velocity,
             **{name: state.q[k] for name, (k, _) in self._relative().items()},
         }
@@ -193,24 +206,9 @@ class RigidBody(PosedSolid, AbstractBody):
             return forces
         return {name.removeprefix("body_"): force for name, force in forces.items()}
 
-    def generalised_mass(self):
+    def mass_matrix(self, pose):
         """See `AbstractBody`."""
-        return jnp.stack([self.mass, self.mass, self.inertia])
-
-    def velocity(self, motion, x):
-        """See `AbstractMovingSolid`."""
-        return jnp.einsum("knd,k->nd", self.directions(motion, x), motion.velocity)
-
-    def directions(self, motion, x):
-        """See `AbstractBody`."""
-        r, zero, one = self.lever(motion, x), jnp.zeros_like(x), jnp.ones_like(x[:, 0])
-        return jnp.stack(
-            [
-                zero.at[:, 0].set(one),
-                zero.at[:, -1].set(one),
-                zero.at[:, 0].set(r[:, -1]).at[:, -1].set(-r[:, 0]),
-            ]
-        )
+        return self.space.mass_matrix(self.mass, self.inertia, pose)
 
     def normals(self, motion, x):
         """See `AbstractBody`."""
@@ -218,16 +216,13 @@ class RigidBody(PosedSolid, AbstractBody):
         away, back = jax.vjp(self.shape.distance, jax.lax.stop_gradient(x))
         (normal,) = back(jnp.ones_like(away))
         normal = normal / jnp.sqrt(jnp.sum(normal**2, axis=1, keepdims=True) + 1e-12)
-        return turn(normal, motion.pose[2])
+        return self.space.rotated(motion.pose, normal)
 
     def energy(self, motion, g):
         """See `AbstractBody`."""
-        arm = self.centre - self.pivot
-        # the motion of the centre of mass follows from the pivot's
-        moved, moving = jax.jvp(
-            lambda pose: pose[:2] + turned(arm, pose[2]) - arm, (motion.pose,), (motion.velocity,)
-        )
-        speeds = jnp.concatenate([moving, motion.velocity[2:]])
-        kinetic = 0.5 * jnp.sum(self.generalised_mass() * speeds**2)
-        potential = -self.mass * jnp.sum(g[jnp.array([0, -1])] * moved)
-        return kinetic, potential
+        space, arm = self.space, self.centre - self.pivot
+        moved = space.moved(motion.pose, arm)
+        ways = space.directions(space.rotated(motion.pose, arm)[None])[:, 0]
+        speeds = motion.velocity.at[: space.dim].set(motion.velocity @ ways)
+        kinetic = 0.5 * speeds @ self.mass_matrix(moved) @ speeds
+        return kinetic, -self.mass * jnp.sum(g * moved[: space.dim])

@@ -12,30 +12,30 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.solids import AbstractWall
-from jaxsph.parts.pose import PosedSolid, spread
+from jaxsph.parts.pose import PosedSolid
 from jaxsph.solids.shapes import AbstractShape
 
 __all__ = ["AbstractPath", "DrivenSolid", "Motion"]
 
 
 class Motion(eqx.Module):
-    """Motion of a driven solid at time t: surge, heave and pitch about its pivot."""
+    """Motion of a driven solid at time t."""
 
-    pose: Float[Array, "3"]
-    """Surge (m), heave (m) and pitch (rad, positive from z towards x) from the position at rest."""
-    velocity: Float[Array, "3"]
-    """Velocities of surge (m/s), heave (m/s) and pitch (rad/s)."""
+    pose: Float[Array, " P"]
+    """Pose (`model.rigid`)."""
+    velocity: Float[Array, " V"]
+    """Velocity of the pivot, m/s, and angular velocity, rad/s."""
 
 
 class AbstractPath(eqx.Module):
-    """Path of a driven solid: its pose as a function of time.
+    """Path of a driven solid: its motions as functions of time.
 
     Implement `pose`; velocities and accelerations follow by differentiation.
     """
 
     @abc.abstractmethod
-    def pose(self, t: Scalar) -> Float[Array, "3"]:
-        """Surge (m), heave (m) and pitch (rad) at the time t (s), zero at t = 0."""
+    def pose(self, t: Scalar) -> Float[Array, " V"]:
+        """Surge (m), heave (m) and pitch (rad) at the time t (s), zero at t = 0; in 3-D all six motions."""
 
 
 class DrivenSolid(PosedSolid, AbstractWall):
@@ -45,8 +45,8 @@ class DrivenSolid(PosedSolid, AbstractWall):
     """Shape in the position at rest."""
     path: AbstractPath
     """Pose as a function of time."""
-    pivot: Float[Array, "2"]
-    """Point (x, z) at rest about which the solid turns, m."""
+    pivot: Float[Array, " D"]
+    """Point at rest about which the solid turns, m."""
     rows: tuple[int, int] = eqx.field(static=True)
     """Index of the solid's first ghost, and index after its last ghost; an entry of `Ghosts.dummies`."""
     name: str = eqx.field(static=True, default="driven", kw_only=True)
@@ -66,23 +66,18 @@ class DrivenSolid(PosedSolid, AbstractWall):
 
     def _at(self, t: Scalar) -> Motion:
         """Motion at the time t (s)."""
-        pose, velocity = jax.jvp(self.path.pose, (t,), (jnp.ones_like(t),))
-        return Motion(pose, velocity)
+        pose, change = jax.jvp(lambda t: self.space.pose(self.path.pose(t)), (t,), (jnp.ones_like(t),))
+        return Motion(pose, self.space.velocity(pose, change))
 
     def halfway(self, old, new, dt):
         """See `AbstractWall`."""
         del dt
-        return Motion(0.5 * (old.pose + new.pose), old.velocity)
+        middle = 0.5 * (self.space.coordinates(old.pose) + self.space.coordinates(new.pose))
+        return Motion(self.space.pose(middle), old.velocity)
 
     def with_velocity(self, motion, after):
         """See `AbstractWall`."""
         return Motion(motion.pose, after.velocity)
-
-    def velocity(self, motion, x):
-        """See `AbstractMovingSolid`."""
-        r = self.lever(motion, x)
-        turning = jnp.zeros_like(x).at[:, 0].set(r[:, -1]).at[:, -1].set(-r[:, 0])
-        return spread(x, motion.velocity[:2]) + motion.velocity[2] * turning
 
     def acceleration(self, old, new, x, dt):
         """See `AbstractWall`."""

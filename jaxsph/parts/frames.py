@@ -5,8 +5,9 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar, dot
+from jaxsph.core.arrays import Array, Components, Float, columns
 from jaxsph.model.air import AbstractFrame
+from jaxsph.model.rigid import SPACES, AbstractSpace
 
 __all__ = ["BodyFrame", "TankFrame"]
 
@@ -40,37 +41,32 @@ class BodyFrame(AbstractFrame):
 
     body: str = eqx.field(static=True)
     """Name of the body."""
-    pivot: Float[Array, "2"]
-    """Pivot (x, z) of the body at rest, m."""
+    pivot: Float[Array, " D"]
+    """Pivot of the body at rest, m."""
 
     def back(self, parts, x):
         """See `AbstractFrame`."""
-        arm_x, arm_z = self._arm(parts, x)
-        arm_x, arm_z = _turned((arm_x, arm_z), -parts[self.body].pose[2])
-        return (self.pivot[0] + arm_x, *x[1:-1], self.pivot[1] + arm_z)
+        arm = self.space.rotated_back(parts[self.body].pose, self._arm(parts, x))
+        return columns(arm + self.pivot)
 
     def turned_back(self, parts, vectors):
         """See `AbstractFrame`."""
-        return _turned(vectors, -parts[self.body].pose[2])
+        return columns(self.space.rotated_back(parts[self.body].pose, jnp.stack(vectors, axis=-1)))
 
     def turned(self, parts, vectors):
         """See `AbstractFrame`."""
-        return _turned(vectors, parts[self.body].pose[2])
+        return columns(self.space.rotated(parts[self.body].pose, jnp.stack(vectors, axis=-1)))
 
     def reaction(self, parts, x, force):
-        """See `AbstractFrame`: two forces, and the moment about the pivot, positive from z towards x."""
-        arm_x, arm_z = self._arm(parts, x)
-        moment = dot((arm_z, -arm_x), (force[0], force[-1]))
-        return {self.body: -jnp.stack([jnp.sum(a) for a in (force[0], force[-1], moment)])}
+        """See `AbstractFrame`: forces, and moments about the pivot."""
+        ways = self.space.directions(self._arm(parts, x))
+        return {self.body: -jnp.einsum("knd,nd->k", ways, jnp.stack(force, axis=-1))}
 
-    def _arm(self, parts, x: Components) -> tuple[Array, Array]:
-        """Vectors (x, z) from the present position of the pivot to points x (m), m."""
-        pose = parts[self.body].pose
-        return x[0] - self.pivot[0] - pose[0], x[-1] - self.pivot[1] - pose[1]
+    @property
+    def space(self) -> AbstractSpace:
+        """Space in which the body moves."""
+        return SPACES[len(self.pivot)]
 
-
-def _turned(vectors: Components, angle: Scalar) -> Components:
-    """Vectors turned in the x-z plane by `angle` (rad), positive from z towards x."""
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    first, last = vectors[0], vectors[-1]
-    return (c * first + s * last, *vectors[1:-1], c * last - s * first)
+    def _arm(self, parts, x: Components) -> Float[Array, "N D"]:
+        """Vectors from the present position of the pivot to points x (m), m."""
+        return jnp.stack(x, axis=-1) - self.pivot - parts[self.body].pose[: len(self.pivot)]

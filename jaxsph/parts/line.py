@@ -20,7 +20,7 @@ import numpy as np
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.roots import increasing_root
 from jaxsph.parts.catenary import STRAIN, AbstractCatenary
-from jaxsph.parts.moorings import AbstractMooringLaw
+from jaxsph.parts.moorings import AbstractMooringLaw, span_and_height, upright
 
 __all__ = ["Bed", "LineMotion", "LumpedLine", "Morison"]
 
@@ -60,11 +60,11 @@ class Bed(NamedTuple):
 class LineMotion(NamedTuple):
     """State of a line: its nodes between anchor and fairlead, relative to the anchor."""
 
-    x: Float[Array, "K 2"]
-    """Positions (x, z), m."""
-    u: Float[Array, "K 2"]
+    x: Float[Array, "K D"]
+    """Positions, m."""
+    u: Float[Array, "K D"]
     """Velocities, m/s."""
-    end: Float[Array, "2"]
+    end: Float[Array, " D"]
     """Position of the fairlead, m."""
     dt: Scalar
     """Duration of the last step of the water, s; 0 at the start."""
@@ -73,11 +73,11 @@ class LineMotion(NamedTuple):
 class Forces(NamedTuple):
     """Forces on the nodes of a line, anchor and fairlead included, at given positions and velocities."""
 
-    constant: Float[Array, "N 2"]
+    constant: Float[Array, "N D"]
     """Sum of tension, weight and the elastic force of the bed, N (N/m in 2-D)."""
-    mass: Float[Array, "N 2 2"]
+    mass: Float[Array, "N D D"]
     """Mass of the nodes with the water's added mass, kg."""
-    damping: Float[Array, "N 2 2"]
+    damping: Float[Array, "N D D"]
     """Damping matrices of drag and bed: force opposite to the velocity, per unit velocity, N s/m."""
 
 
@@ -107,11 +107,10 @@ class LumpedLine(AbstractMooringLaw):
 
     def start(self, s):
         """See `AbstractLaw`: at rest, as a chain of straight segments, sunk into the bed by its weight."""
-        x = hung_chain(self.at_rest, self.segments, jnp.abs(s[0]), s[1])
-        x = x * jnp.stack([jnp.where(s[0] < 0.0, -1.0, 1.0), jnp.ones_like(s[0])])
+        x = upright(hung_chain(self.at_rest, self.segments, *span_and_height(s)), s)
         sunk = self.bed.height - self.at_rest.weight / self.bed.stiffness
-        lying = x[:, 1] < self.bed.height + 1e-6 * self.at_rest.length
-        x = x.at[:, 1].set(jnp.where(lying, sunk, x[:, 1]))
+        lying = x[:, -1] < self.bed.height + 1e-6 * self.at_rest.length
+        x = x.at[:, -1].set(jnp.where(lying, sunk, x[:, -1]))
         return LineMotion(x, jnp.zeros_like(x), s, jnp.zeros((), s.dtype))
 
     def stored(self, own, s):
@@ -123,10 +122,9 @@ class LumpedLine(AbstractMooringLaw):
         strain = jnp.maximum(self._segments(x)[1] / self.size - 1.0, 0.0)
         elastic = 0.5 * self.at_rest.axial_stiffness * self.size * jnp.sum(strain**2)
         share = self._shares(x.dtype)
-        sunk = jnp.maximum(self.bed.height - x[:, 1], 0.0)
-        return (
-            kinetic + elastic + share @ (self.at_rest.weight * x[:, 1] + 0.5 * self.bed.stiffness * sunk**2)
-        )
+        sunk = jnp.maximum(self.bed.height - x[:, -1], 0.0)
+        potential = self.at_rest.weight * x[:, -1] + 0.5 * self.bed.stiffness * sunk**2
+        return kinetic + elastic + share @ potential
 
     def force(self, own, s, v, t):
         """See `AbstractLaw`: mean force on the fairlead in a step in which the fairlead moves at v (m/s)."""
@@ -187,7 +185,7 @@ class LumpedLine(AbstractMooringLaw):
 
     def _whole(self, x: Array, u: Array, end: Array, v: Array) -> tuple[Array, Array]:
         """Positions (m) and velocities (m/s) of all nodes, anchor and fairlead included."""
-        anchor = jnp.zeros((1, 2), x.dtype)
+        anchor = jnp.zeros((1, len(end)), x.dtype)
         return jnp.concatenate([anchor, x, end[None]]), jnp.concatenate([anchor, u, v[None]])
 
     def _segments(self, x: Array) -> tuple[Array, Array]:
@@ -210,16 +208,16 @@ class LumpedLine(AbstractMooringLaw):
 
     def _forces(self, x: Array, u: Array) -> Forces:
         """Forces on all nodes at the positions x (m) and velocities u (m/s)."""
-        tension, none = self._tensions(x, u), jnp.zeros((1, 2), x.dtype)
-        share, upward = self._shares(x.dtype), jnp.array([0.0, 1.0], x.dtype)
-        sunk = jnp.maximum(self.bed.height - x[:, 1], 0.0)
+        tension, none = self._tensions(x, u), jnp.zeros_like(x[:1])
+        share, upward = self._shares(x.dtype), jnp.zeros_like(x[0]).at[-1].set(1.0)
+        sunk = jnp.maximum(self.bed.height - x[:, -1], 0.0)
         hung = share * (self.bed.stiffness * sunk - self.at_rest.weight)
         pulled = jnp.concatenate([tension, none]) - jnp.concatenate([none, tension])
         # direction of the line at a node: along the chord of its neighbours
         chord = jnp.concatenate([x[1:], x[-1:]]) - jnp.concatenate([x[:1], x[:-1]])
         along = chord / jnp.sqrt(jnp.sum(chord**2, axis=1, keepdims=True) + 1e-18)
         parallel = along[:, :, None] * along[:, None, :]
-        across = jnp.eye(2, dtype=x.dtype) - parallel
+        across = jnp.eye(x.shape[1], dtype=x.dtype) - parallel
         slip = jnp.sum(u * along, axis=1)
         speed_along = jnp.sqrt(slip**2 + SMALL_SPEED**2)
         sideways = u - slip[:, None] * along
@@ -285,8 +283,12 @@ def _span_beyond(y: Scalar, parameters: tuple) -> Scalar:
     return jnp.sum(_sides(H, _vertical(H, line, below, height), line, below)[0]) - span
 
 
-def _solved(matrix: Float[Array, "K 2 2"], vector: Float[Array, "K 2"]) -> Float[Array, "K 2"]:
-    """Solutions of systems of two equations with symmetric matrices."""
-    a, b, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
-    x, y = vector[:, 0], vector[:, 1]
-    return jnp.stack([d * x - b * y, a * y - b * x], axis=1) / (a * d - b**2)[:, None]
+def _solved(matrix: Float[Array, "K D D"], vector: Float[Array, "K D"]) -> Float[Array, "K D"]:
+    """Solutions of small systems of equations with positive definite matrices, by elimination."""
+    rows = [jnp.concatenate([matrix[:, i], vector[:, i : i + 1]], axis=1) for i in range(vector.shape[1])]
+    for i, pivot in enumerate(rows):
+        rows[i] = pivot / pivot[:, i : i + 1]
+        for j in range(len(rows)):
+            if j != i:
+                rows[j] = rows[j] - rows[j][:, i : i + 1] * rows[i]
+    return jnp.stack([row[:, -1] for row in rows], axis=1)

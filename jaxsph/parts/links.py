@@ -35,10 +35,10 @@ class BetweenPoints(AbstractEnds):
     """Name of the body at the first end; empty for the tank."""
     second: str = eqx.field(static=True)
     """Name of the body at the second end; empty for the tank."""
-    a: Float[Array, "2"]
-    """Position (x, z) of the first end at rest, m."""
-    b: Float[Array, "2"]
-    """Position (x, z) of the second end at rest, m."""
+    a: Float[Array, " D"]
+    """Position of the first end at rest, m."""
+    b: Float[Array, " D"]
+    """Position of the second end at rest, m."""
     rest: Scalar
     """Length at which the extension is zero, m."""
 
@@ -69,7 +69,7 @@ class AlongJoint(AbstractEnds):
     body: str = eqx.field(static=True)
     """Name of the body."""
     coordinate: int = eqx.field(static=True)
-    """Index of the coordinate; for a planar joint 0, 1 and 2 are surge, heave and pitch."""
+    """Index of the coordinate; its place among the motions of `model.rigid`."""
     coordinate_unit: str = eqx.field(static=True)
     """Unit of the coordinate, "m" or "rad"."""
 

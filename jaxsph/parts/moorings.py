@@ -20,14 +20,14 @@ POINTS = 101
 
 
 class FromAnchor(AbstractEnds):
-    """Ends of a mooring, whose extension is the vector (x, z) from the anchor to the fairlead."""
+    """Ends of a mooring, whose extension is the vector from the anchor to the fairlead."""
 
     body: str = eqx.field(static=True)
     """Name of the body with the fairlead."""
-    fairlead: Float[Array, "2"]
-    """Position (x, z) of the fairlead with the body at rest, m."""
-    anchor: Float[Array, "2"]
-    """Position (x, z) of the anchor in the tank, m."""
+    fairlead: Float[Array, " D"]
+    """Position of the fairlead with the body at rest, m."""
+    anchor: Float[Array, " D"]
+    """Position of the anchor in the tank, m."""
 
     @property
     def unit(self):
@@ -48,15 +48,27 @@ class FromAnchor(AbstractEnds):
         return (self.body,)
 
 
+def span_and_height(s: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
+    """Length of the horizontal part of a vector, and its component upwards."""
+    # 1e-12 keeps the slope of the length finite for an upright vector
+    return jnp.sqrt(jnp.sum(s[:-1] ** 2) + 1e-12), s[-1]
+
+
+def upright(line: Float[Array, "K 2"], s: Float[Array, " D"]) -> Float[Array, "K D"]:
+    """Points (m) of a line given by span and height, in the upright plane through the vector s (m)."""
+    across = s[:-1] / span_and_height(s)[0]
+    return jnp.concatenate([line[:, :1] * across, line[:, 1:]], axis=1)
+
+
 class AbstractMooringLaw(AbstractLaw):
     """Force of a mooring on its fairlead, as a function of the vector from the anchor to the fairlead."""
 
     @abc.abstractmethod
-    def anchor_tension(self, own: Any, s: Float[Array, "2"]) -> Scalar:
+    def anchor_tension(self, own: Any, s: Float[Array, " D"]) -> Scalar:
         """Tension at the anchor, N (N/m in 2-D). `own`: state of the law."""
 
     @abc.abstractmethod
-    def shape(self, own: Any, s: Float[Array, "2"]) -> Float[Array, "K 2"]:
+    def shape(self, own: Any, s: Float[Array, " D"]) -> Float[Array, "K D"]:
         """Points (m) of the line from the anchor to the fairlead, relative to the anchor."""
 
 
@@ -74,20 +86,19 @@ class QuasiStatic(AbstractMooringLaw):
     def stored(self, own, s):
         """See `AbstractLaw`."""
         del own
-        return self.catenary.energy(s[0], s[1])
+        return self.catenary.energy(*span_and_height(s))
 
     def anchor_tension(self, own, s):
         """See `AbstractMooringLaw`."""
         del own
-        force = self.catenary.end_forces(jnp.abs(s[0]), s[1])
+        force = self.catenary.end_forces(*span_and_height(s))
         return jnp.sqrt(force.across**2 + force.below**2)
 
     def shape(self, own, s):
         """See `AbstractMooringLaw`."""
         del own
         along = self.catenary.length * jnp.linspace(0.0, 1.0, POINTS, dtype=s.dtype)
-        x = self.catenary.shape(jnp.abs(s[0]), s[1], along)
-        return x.at[:, 0].multiply(jnp.where(s[0] < 0.0, -1.0, 1.0))
+        return upright(self.catenary.shape(*span_and_height(s), along), s)
 
 
 class Mooring(Link):
@@ -120,9 +131,9 @@ class Mooring(Link):
     def read(self, state, sampled):
         """See `AbstractPart`."""
         del sampled
-        across, up = state.force
+        across, up = span_and_height(state.force)
         return {
             self.called("fairlead_tension"): jnp.hypot(across, up),
             self.called("anchor_tension"): self.law.anchor_tension(state.own, state.extension),
-            self.called("fairlead_angle"): jnp.arctan2(-up, jnp.abs(across)),
+            self.called("fairlead_angle"): jnp.arctan2(-up, across),
         }

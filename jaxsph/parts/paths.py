@@ -18,12 +18,12 @@ __all__ = ["HarmonicPath", "SampledPath"]
 class HarmonicPath(AbstractPath):
     """Harmonic motion, amplitude sin(omega t + phase), which grows smoothly over the `ramp`."""
 
-    amplitude: Float[Array, "3"]
-    """Amplitudes of surge (m), heave (m) and pitch (rad)."""
+    amplitude: Float[Array, " V"]
+    """Amplitudes of surge (m), heave (m) and pitch (rad); in 3-D of all six motions."""
     omega: Scalar
     """Angular frequency, rad/s."""
-    phase: Float[Array, "3"]
-    """Phases of surge, heave and pitch, rad."""
+    phase: Float[Array, " V"]
+    """Phases of these motions, rad."""
     ramp: Scalar
     """Time over which the motion grows to its amplitude, s; 0 for no ramp."""
 
@@ -37,12 +37,12 @@ class SampledPath(AbstractPath):
 
     t: Float[Array, " K"]
     """Times of the samples, s."""
-    coefficients: Float[Array, "4 K-1 3"]
-    """Coefficients of surge (m), heave (m) and pitch (rad) in falling powers of the time since a sample."""
+    coefficients: Float[Array, "4 K-1 V"]
+    """Coefficients of the motions (m, rad) in falling powers of the time since a sample."""
 
     @classmethod
     def of(cls, t: np.ndarray, poses: np.ndarray, dtype: Any = jnp.float32) -> SampledPath:
-        """Builds the path through `poses` `[K, 3]` (m, m, rad) at increasing times t (s).
+        """Builds the path through the motions `poses` `[K, V]` (m, rad) at increasing times t (s).
 
         The motion begins and ends with zero velocity.
         """

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jaxsph.analysis.fields import linear_fit, vorticity
-from jaxsph.output.plot.tank import Tank, cut_in_plane, pick_snapshots
+from jaxsph.output.plot.tank import Tank, cut_in_plane, line_of, pick_snapshots
 from jaxsph.output.run_file import RunFile
 from jaxsph.report.pack import Pack
 
@@ -127,12 +127,8 @@ class Frames:
                 "time": float(snapshot["time"]),
                 "id": snapshot["id"][seen],
                 "at": cut.at[seen],
-                "poses": {
-                    one.name: np.asarray(snapshot.get(one.name, np.zeros(3)), float)
-                    for one in tank.solids
-                    if one.name
-                },
-                "lines": {name: np.reshape(snapshot.get(name, ()), (-1, 2)) for name in tank.lines},
+                "poses": {one.name: one.pose(snapshot) for one in tank.solids if one.name},
+                "lines": {name: line_of(snapshot, name) for name in tank.lines},
                 **{name: field.values(kept).astype(np.float32) for name, field in FIELDS.items()},
             }
         return self._known[index]

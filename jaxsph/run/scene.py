@@ -47,8 +47,11 @@ def scene_of(problem: Problem) -> dict[str, Any]:
         _, pivot = solid.pose(problem.state.parts[solid.name])
         solids.append(_outline(solid.name, solid.outline(far), np.asarray(pivot)))
     for body in (body for body in model.bodies if body.fixed):
-        corners = body.carry(problem.state.parts[body.name], jnp.asarray(body.outline(far)))
-        solids.append(_outline("", np.asarray(corners), np.zeros(2)))
+        corners = body.outline(far)
+        if len(body.pivot) == 3:
+            corners = np.insert(corners, 1, float(body.pivot[1]), axis=1)
+        corners = body.carry(problem.state.parts[body.name], jnp.asarray(corners))
+        solids.append(_outline("", np.asarray(corners)[:, [0, -1]], np.zeros(2)))
     return {
         "dx": float(model.dx),
         "low": low,
@@ -69,14 +72,15 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
 def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
     """Poses of the moving solids and points of the links, by name, for a snapshot of the state.
 
-    A pose is surge (m), heave (m) and pitch (rad). The points of a link are `[K, 2]` (m).
+    A pose is surge (m), heave (m) and pitch (rad), for a body in 3-D all six motions (`model.rigid`). The
+    points of a link are `[K, D]` (m).
     """
     poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in model.movers()}
     return poses | _lines(model, state)
 
 
 def _lines(model: Model, state: State) -> dict[str, np.ndarray]:
-    """Points `[K, 2]` (m) of the links that are drawn, by name."""
+    """Points `[K, D]` (m) of the links that are drawn, by name."""
     if not model.links:
         return {}
     drawn = _drawn(model.mechanism, dict(state.parts), model.time(state))

@@ -73,8 +73,8 @@ def couple_airs(
 
 def on_bodies(
     airs: Mapping[str, AirCoupling], pressures: Mapping[str, Scalar]
-) -> dict[str, Float[Array, "3"]]:
-    """Forces of the air on the bodies that carry chambers, N, N, N m (per metre in 2-D), by the body's name.
+) -> dict[str, Float[Array, " V"]]:
+    """Forces of the air on the bodies that carry chambers, N, N m (per metre in 2-D), by the body's name.
 
     `pressures`: air pressures of the chambers, Pa, by the chamber's name.
     """
@@ -134,8 +134,8 @@ class CorrectedForAir(NamedTuple):
     """Part of the velocities' change that is due to the water's pressures, m/s."""
     flows: dict[str, Scalar]
     """Flows out of the chambers at the step's end, m3/s (m2/s in 2-D)."""
-    on_bodies: dict[str, Float[Array, "3"]]
-    """Forces of the air on the bodies, N, N, N m (per metre in 2-D)."""
+    on_bodies: dict[str, Float[Array, " V"]]
+    """Forces of the air on the bodies, N, N m (per metre in 2-D)."""
 
 
 def correct_for_air(
@@ -144,7 +144,7 @@ def correct_for_air(
     responses: Mapping[str, Response],
     interval: Interval,
     couplings: tuple[BodiesCoupling, ...],
-    started: Mapping[str, Float[Array, "3"]],
+    started: Mapping[str, Float[Array, " V"]],
     pressures: Pressures,
     u: Float[Array, "N D"],
 ) -> CorrectedForAir:

@@ -30,8 +30,8 @@ class BodyGrip(NamedTuple):
     are equal and opposite.
     """
 
-    arms: Float[Array, "3 B D"]
-    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit rate of surge, heave and pitch."""
+    arms: Float[Array, "V B D"]
+    """Volume (m3; m2 in 2-D) of every dummy times its velocity per unit of the body's velocity."""
     sums: Float[Array, "B D"]
     """Weight of every dummy's own pressure: the sum of its `weights`."""
     weights: Components
@@ -39,8 +39,8 @@ class BodyGrip(NamedTuple):
     table: PointNeighbours
     """Neighbours of the dummies in the water."""
 
-    def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, "3"]:
-        """Generalised force due to the pressures (Pa) of water and dummies, N, N, N m (per metre in 2-D)."""
+    def force(self, p: Float[Array, " N"], p_body: Float[Array, " B"]) -> Float[Array, " V"]:
+        """Generalised force due to the pressures (Pa) of water and dummies, N, N m (per metre in 2-D)."""
         around = stack([self.table.weighted_sum(w, Sources({"f": p}, {})) for w in self.weights])
         return jnp.einsum("kbd,bd->k", self.arms, around + p_body[:, None] * self.sums)
 
@@ -50,15 +50,15 @@ class BodyHold(NamedTuple):
 
     grip: BodyGrip
     """Map from pressures to the force on the body."""
-    slopes: Float[Array, "3 B"]
-    """Pressure (Pa) of the dummies per unit of each of the body's accelerations (m/s2, m/s2, rad/s2)."""
-    ways: Float[Array, "3 n"]
-    """Velocity of the body's pivot and pitch per unit rate of each coordinate of the bodies."""
+    slopes: Float[Array, "V B"]
+    """Pressure (Pa) of the dummies per unit of each of the body's accelerations (m/s2, rad/s2)."""
+    ways: Float[Array, "V n"]
+    """Velocity of the body per unit rate of each coordinate of the bodies."""
     rows: tuple[int, int]
     """Index of the body's first ghost, and one more than the index of its last ghost."""
 
-    def force(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, "3"]:
-        """Generalised force of the pressures (Pa) on the body, N, N, N m (per metre in 2-D)."""
+    def force(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> Float[Array, " V"]:
+        """Generalised force of the pressures (Pa) on the body, N, N m (per metre in 2-D)."""
         return self.grip.force(p, p_ghosts[slice(*self.rows)])
 
 
@@ -81,8 +81,8 @@ class BodiesCoupling(NamedTuple):
     """Extension (m or rad) and force of every link, by name."""
     kinematics: Kinematics
     """Kinematics of the bodies, with the velocities that the step changes."""
-    air: dict[str, Float[Array, "3"]]
-    """Forces of the air on the bodies that carry chambers, N, N, N m (per metre in 2-D), by body."""
+    air: dict[str, Float[Array, " V"]]
+    """Forces of the air on the bodies that carry chambers, N, N m (per metre in 2-D), by body."""
 
     @property
     def driving(self) -> Float[Array, " n"]:
@@ -107,8 +107,8 @@ class BodiesCoupling(NamedTuple):
             p_ghosts = p_ghosts.at[slice(*hold.rows)].add(added)
         return p_ghosts
 
-    def forces(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> dict[str, Float[Array, "3"]]:
-        """Generalised forces of the pressures (Pa) on the bodies by name, N, N, N m (per metre in 2-D)."""
+    def forces(self, p: Float[Array, " N"], p_ghosts: Float[Array, " G"]) -> dict[str, Float[Array, " V"]]:
+        """Generalised forces of the pressures (Pa) on the bodies by name, N, N m (per metre in 2-D)."""
         return {name: hold.force(p, p_ghosts) for name, hold in self.holds.items()}
 
 
@@ -147,16 +147,16 @@ def couple_bodies(
 
 
 def under_air(
-    couplings: tuple[BodiesCoupling, ...], air: dict[str, Float[Array, "3"]]
+    couplings: tuple[BodiesCoupling, ...], air: dict[str, Float[Array, " V"]]
 ) -> tuple[BodiesCoupling, ...]:
-    """Couplings with the forces of the air on the bodies by name, N, N, N m (per metre in 2-D)."""
+    """Couplings with the forces of the air on the bodies by name, N, N m (per metre in 2-D)."""
     return tuple(coupling._replace(air=air) for coupling in couplings)
 
 
 def velocity_changes(
     couplings: tuple[BodiesCoupling, ...], accelerations: tuple[Float[Array, " n"], ...], dt: Scalar
-) -> dict[str, Float[Array, "3"]]:
-    """Changes of the velocities of pivots and pitches (m/s, m/s, rad/s) in a step of dt (s), by body.
+) -> dict[str, Float[Array, " V"]]:
+    """Changes of the bodies' velocities (m/s, rad/s) in a step of dt (s), by body.
 
     `accelerations`: accelerations of the bodies' coordinates, m/s2 or rad/s2.
     """
@@ -187,7 +187,7 @@ def body_grip(
 def _slopes(
     scheme: AbstractScheme, model: Model, body: AbstractBody, motion: Any, ghosts: GhostFields
 ) -> jax.Array:
-    """Pressure (Pa) of a body's dummies per unit of each acceleration of its pivot and pitch, `[3, B]`."""
+    """Pressure (Pa) of a body's dummies per unit of each of its V accelerations, `[V, B]`."""
     rows = slice(*body.rows)
     fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
     x, nodes, zero = ghosts.x[rows], ghosts.nodes[rows], jnp.zeros_like(fit.wet)

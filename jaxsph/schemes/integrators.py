@@ -243,12 +243,12 @@ def _with_bodies(
     tables: Tables,
     interval: Interval,
     ghosts: GhostFields,
-    air: dict[str, Float[Array, "3"]],
+    air: dict[str, Float[Array, " V"]],
     moving: Mapping[str, Any],
 ) -> tuple[GhostFields, BodyWork]:
     """Ghosts for the water of the state `at`, and the bodies after its pressure acted on them.
 
-    **Arguments**: `air`: forces of the air on the bodies by name, N, N, N m (per metre in 2-D); `moving`:
+    **Arguments**: `air`: forces of the air on the bodies by name, N, N m (per metre in 2-D); `moving`:
     states of the parts by name, with the motions of the bodies that the forces change.
     """
     p, dt = scheme.pressure(at.particles), interval.dt

@@ -131,8 +131,8 @@ class PressureEquation(NamedTuple):
         free = tuple(c._replace(outside=jnp.zeros_like(c.outside)) for c in self.couplings)
         return self._replace(beyond=jnp.zeros_like(self.beyond), couplings=free)
 
-    def under(self, air: dict[str, Float[Array, "3"]]) -> PressureEquation:
-        """The equation with the forces of the air on the bodies by name, N, N, N m (per metre in 2-D)."""
+    def under(self, air: dict[str, Float[Array, " V"]]) -> PressureEquation:
+        """The equation with the forces of the air on the bodies by name, N, N m (per metre in 2-D)."""
         return self._replace(couplings=under_air(self.couplings, air))
 
     def solve(

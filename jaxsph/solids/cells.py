@@ -51,15 +51,15 @@ def silhouette(distance: Distance, low: np.ndarray, high: np.ndarray) -> Any:
 
 def solid_moments(
     distance: Distance, low: np.ndarray, high: np.ndarray
-) -> tuple[float, tuple[float, float], float]:
-    """Volume (m3), centre (x, z) (m) and second moment for rotation in the x-z plane (m5) of a shape."""
+) -> tuple[float, tuple[float, ...], np.ndarray]:
+    """Volume (m3), centre (m) and second moments `[3, 3]` about the centre (m5) of a shape."""
     axes, away = _grid(distance, low, high)
     side = axes[0][1] - axes[0][0]
     volume = side**3 * _inside(away, side)
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)[:, [0, 2]]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     centre = volume @ points / volume.sum()
-    second = float(volume @ np.sum((points - centre) ** 2, axis=1))
-    return float(volume.sum()), (float(centre[0]), float(centre[1])), second
+    arm = points - centre
+    return float(volume.sum()), tuple(map(float, centre)), (volume[:, None] * arm).T @ arm
 
 
 def cell_dummies(

@@ -110,8 +110,8 @@ def stop_at_solids(
 
 def touch_force(
     model: Model, body: AbstractBody, motion: Any, water: Particles, kick: Float[Array, "N D"], dt: Scalar
-) -> Float[Array, "3"]:
-    """Force on a body by contact with the water, N, N, N m (per metre in 2-D).
+) -> Float[Array, " V"]:
+    """Force on a body by contact with the water, N, N m (per metre in 2-D).
 
     The force is minus the rate of change of the momentum of the touching water. `kick`: change (m/s) of the
     water's velocities by contact in a step of dt (s).

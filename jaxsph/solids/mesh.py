@@ -32,15 +32,15 @@ class Mesh(AbstractShape):
     """Distance between neighbouring points of the grid, m."""
     extent: tuple[tuple[float, ...], tuple[float, ...]] = eqx.field(static=True)
     """Lowest and highest coordinates (x, y, z) of the surface, m."""
-    inside: tuple[float, tuple[float, float], float] = eqx.field(static=True)
-    """Volume, centre and second moment, as `moments` returns them."""
+    inside: tuple[float, tuple[float, ...], tuple[tuple[float, ...], ...]] = eqx.field(static=True)
+    """Volume, centre and inertia tensor, as `moments` returns them."""
 
     @classmethod
     def on_grid(
         cls,
         distance: Callable[[np.ndarray], np.ndarray],
         extent: tuple[np.ndarray, np.ndarray],
-        inside: tuple[float, tuple[float, float], float],
+        inside: tuple[float, tuple[float, ...], tuple[tuple[float, ...], ...]],
         side: float,
     ) -> Mesh:
         """Mesh with a grid of intervals `side` (m).
@@ -71,4 +71,5 @@ class Mesh(AbstractShape):
 
     def moments(self):
         """See `AbstractShape`."""
-        return self.inside
+        volume, centre, inertia = self.inside
+        return volume, centre, np.array(inertia)

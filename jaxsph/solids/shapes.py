@@ -68,15 +68,16 @@ class AbstractShape(eqx.Module):
         away = at_points(self.distance, points.reshape(-1, 2), float).reshape(points.shape[:2])
         return area_inside(ends[0], ends[1], away)
 
-    def moments(self) -> tuple[float, tuple[float, float], float]:
-        """Volume, centre and second moment of the shape, for motion in the x-z plane.
+    def moments(self) -> tuple[float, tuple[float, ...], Any]:
+        """Volume, centre and inertia per unit density of the shape.
 
-        **Returns** the volume (m3; area, m2, in 2-D), the centre's (x, z) (m), and the second moment about
-        the centre for rotation in the x-z plane (m5; m4 in 2-D).
+        **Returns** the volume (m3; area, m2, in 2-D), the centre `[D]` (m), and the second moment about the
+        centre: a number (m4) in 2-D, the inertia tensor `[3, 3]` (m5) in 3-D.
         """
         low, high = self.bounds()
         if len(low) == 3:
-            return solid_moments(self.distance, low, high)
+            volume, centre, second = solid_moments(self.distance, low, high)
+            return volume, centre, inertia_tensor(second)
         whole = self.region()
         centre = np.array([whole.centroid.x, whole.centroid.y])
         second = 0.0
@@ -145,9 +146,11 @@ class Block(AbstractShape):
     def moments(self):
         """See `AbstractShape`."""
         low, high = self.bounds()
-        volume, middle = float(np.prod(high - low)), 0.5 * (low + high)
-        square = (high - low)[0] ** 2 + (high - low)[-1] ** 2
-        return volume, (float(middle[0]), float(middle[-1])), volume * float(square) / 12
+        volume, middle, squares = float(np.prod(high - low)), 0.5 * (low + high), (high - low) ** 2 / 12
+        centre = tuple(map(float, middle))
+        if len(low) == 2:
+            return volume, centre, volume * float(squares.sum())
+        return volume, centre, inertia_tensor(volume * np.diag(squares))
 
     def dummies(self, dx, layers):
         """See `AbstractShape`."""
@@ -194,6 +197,11 @@ class Polygon(AbstractShape):
     def region(self):
         """See `AbstractShape`."""
         return shapely.Polygon(np.asarray(self.vertices))
+
+
+def inertia_tensor(second: np.ndarray) -> np.ndarray:
+    """Inertia tensor `[3, 3]` (m5) from the integrals of x x^T about the centre, `[3, 3]` (m5)."""
+    return np.trace(second) * np.eye(3) - second
 
 
 class AbstractBall(AbstractShape):

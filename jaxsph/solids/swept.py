@@ -9,7 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float
-from jaxsph.solids.shapes import AbstractShape, box_distance, outline_distance, plain_numbers
+from jaxsph.solids.shapes import (
+    AbstractShape,
+    box_distance,
+    inertia_tensor,
+    outline_distance,
+    plain_numbers,
+)
 from jaxsph.solids.volumes import RIM
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -52,11 +58,14 @@ class Extrusion(AbstractShape):
             _integral(outline, lambda a, _: (a - middle[0]) ** 3 / 3),
             _integral(outline, lambda a, b: a * (b - middle[1]) ** 2),
         ]
+        mixed = _integral(outline, lambda a, b: (a - middle[0]) ** 2 / 2 * (b - middle[1]))
         length, volume = high - low, abs(area) * (high - low)
         centre = np.insert(middle, self.axis, 0.5 * (low + high))
-        # mean squared distances from the centroid along x, y and z
-        squares = np.insert(np.array(second) / area, self.axis, length**2 / 12)
-        return float(volume), (float(centre[0]), float(centre[2])), float(volume * (squares[0] + squares[2]))
+        # mean squared distances from the centroid along x, y and z, and the mean product in the plane
+        mean = np.diag(np.insert(np.array(second) / area, self.axis, length**2 / 12))
+        a, b = (axis for axis in range(3) if axis != self.axis)
+        mean[a, b] = mean[b, a] = mixed / area
+        return float(volume), tuple(map(float, centre)), inertia_tensor(volume * mean)
 
 
 class Revolution(AbstractShape):
@@ -89,12 +98,11 @@ class Revolution(AbstractShape):
         ring = _integral(profile, lambda r, _: r**2 / 2)  # the integral of r dr dz
         height = _integral(profile, lambda r, z: r**2 / 2 * z) / ring
         # the mean of x^2 around a ring is r^2 / 2
-        square = _integral(profile, lambda r, z: r**4 / 8 + r**2 / 2 * (z - height) ** 2)
-        return (
-            float(abs(2.0 * np.pi * ring)),
-            (float(np.asarray(self.axis)[0]), float(height)),
-            float(abs(2.0 * np.pi * square)),
-        )
+        across = _integral(profile, lambda r, _: r**4 / 8)
+        upright = _integral(profile, lambda r, z: r**2 / 2 * (z - height) ** 2)
+        second = 2.0 * np.pi * np.diag(np.abs([across, across, upright]))
+        centre = (*map(float, np.asarray(self.axis)), float(height))
+        return float(abs(2.0 * np.pi * ring)), centre, inertia_tensor(second)
 
     def rims(self) -> np.ndarray:
         """Points `[K, 3]` (m) around the circles that the corners of the profile describe."""

@@ -18,9 +18,9 @@ class Sphere(AbstractBall):
 
     def moments(self):
         """See `AbstractShape`."""
-        r, (x, _, z) = float(self.radius), np.asarray(self.centre)
+        r = float(self.radius)
         volume = 4.0 / 3.0 * np.pi * r**3
-        return volume, (float(x), float(z)), 0.4 * volume * r**2
+        return volume, tuple(map(float, np.asarray(self.centre))), 0.4 * volume * r**2 * np.eye(3)
 
 
 class AbstractBar(AbstractShape):
@@ -42,9 +42,9 @@ class AbstractBar(AbstractShape):
     def _moments(self, volume: float, about_axis: float, across: float):
         """Moments as in `AbstractShape.moments`, from the volume (m3) and its second moments (m5) about the
         axis and about a line across the axis through the middle."""
-        x, _, z = 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
-        share = float(self._axis()[0][1]) ** 2  # of the axis of rotation, y, along the axis of the cylinder
-        return volume, (float(x), float(z)), share * about_axis + (1.0 - share) * across
+        middle = 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
+        along = np.outer(self._axis()[0], self._axis()[0])
+        return volume, tuple(map(float, middle)), about_axis * along + across * (np.eye(3) - along)
 
 
 class Cylinder(AbstractBar):

@@ -22,7 +22,7 @@ from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from jaxsph.output.plot.style import WALL, WIDTH, in_style
-from jaxsph.output.plot.tank import Outline, Tank, cut_in_plane, pick_snapshots
+from jaxsph.output.plot.tank import Outline, Tank, cut_in_plane, line_of, pick_snapshots
 from jaxsph.output.run_file import RunFile
 
 MOST_FRAMES = 200
@@ -155,7 +155,7 @@ class _Picture:
         for outline, patch in self.moving:
             patch.set_xy(outline.at(snapshot))
         for name, line in self.lines:
-            line.set_data(*np.reshape(snapshot.get(name, ()), (-1, 2)).T)
+            line.set_data(*line_of(snapshot, name).T)
         self.title.set_text(f"{self.tank.name}, t = {float(snapshot['time']):.2f} s")
         return self.dots
 

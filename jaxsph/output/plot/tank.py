@@ -27,7 +27,12 @@ class Outline:
 
     def at(self, snapshot: dict[str, Any]) -> np.ndarray:
         """Corners `[K, 2]` (m) in the pose of a snapshot."""
-        return move(self.corners, self.pivot, np.asarray(snapshot.get(self.name, np.zeros(3)), float))
+        return move(self.corners, self.pivot, self.pose(snapshot))
+
+    def pose(self, snapshot: dict[str, Any]) -> np.ndarray:
+        """Surge (m), heave (m) and pitch (rad) `[3]` in a snapshot, which in 3-D holds all six motions."""
+        found = np.asarray(snapshot.get(self.name, np.zeros(3)), float)
+        return found if len(found) == 3 else found[[0, 2, 4]]
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class Tank:
         dx, depth = float(scene.get("dx", spacing)), scene.get("level")
         top = float(max(high[-1], depth or high[-1]))
         solids = tuple(
-            Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float))
+            Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float)[[0, -1]])
             for one in scene.get("solids", ())
             if one["corners"]
         )
@@ -96,6 +101,12 @@ class Tank:
             return None
         end = min(0.5 * (left + right) + half, self.x1 + 0.05 * self.top)
         return end - 2.0 * half, end
+
+
+def line_of(snapshot: dict[str, Any], name: str) -> np.ndarray:
+    """Points `[K, 2]` (x, z) (m) of a link in a snapshot; none if the snapshot does not have them."""
+    found = np.asarray(snapshot.get(name, np.zeros((0, 2))), float)
+    return found[:, [0, -1]]
 
 
 def move(corners: np.ndarray, pivot: np.ndarray, pose: np.ndarray) -> np.ndarray:
