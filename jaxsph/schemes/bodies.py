@@ -101,7 +101,7 @@ class BodiesCoupling(NamedTuple):
         return self.response(p, p_ghosts) + self.inverse @ self.driving
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, " n"]) -> Float[Array, " G"]:
-        """Pressures of the ghosts (Pa), with the part due to the accelerations added to the dummies."""
+        """Pressures of the ghosts (Pa); those of the dummies include the part due to the accelerations."""
         for hold in self.holds.values():
             added = (hold.ways @ (self.kinematics.movable * acceleration)) @ hold.slopes
             p_ghosts = p_ghosts.at[slice(*hold.rows)].add(added)

@@ -46,6 +46,7 @@ from jaxsph.schemes.step import (
     book,
     damp,
     drift,
+    exchanged,
     force_work,
     move_walls,
     wall_work,
@@ -280,11 +281,9 @@ class ISPH(AbstractParticleScheme):
         `at`: state in the middle of the step, on which the projected pressures act.
         """
         p, dt, parts = state.particles, interval.dt, dict(interval.after)
-        amounts = dict(changes.damped)
         work = wall_work(self, model, interval.after, tables, ghosts, dt)
-        amounts |= work
         done = push_bodies(model, at.parts, interval.middle, dt, projected.couplings, projected.pressures)
-        amounts, parts = amounts | done.amounts, parts | done.motions
+        parts |= done.motions
         for body in model.bodies:
             contact = touch_force(model, body, state.parts[body.name], p, changes.touched, dt)
             parts[body.name] = eqx.tree_at(lambda b: b.contact, parts[body.name], contact)
@@ -294,7 +293,8 @@ class ISPH(AbstractParticleScheme):
         contact, lost = (
             -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)
         )
-        amounts |= {"contact": contact - done.by_touch, "projection": lost - given}
+        amounts = {"contact": contact - done.by_touch, "projection": lost - given}
+        amounts |= work | done.amounts | exchanged(model, p, mean, changes.damped)
         return parts, book(state.ledger, amounts)
 
     def _sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:

@@ -24,6 +24,7 @@ from jaxsph.schemes.step import (
     book,
     damp,
     drift,
+    exchanged,
     force_work,
     move_walls,
     wall_work,
@@ -222,7 +223,8 @@ def _accelerate(
         u = air.push(u, dt * met.chambers[name].P_a)
     flows = {name: (air.flow(p0.u, before), air.flow(u, after)) for name, air in airs.items()}
     finished, taken = finish_airs(model, interval.before, met, flows, dt)
-    u, damped = damp(model, p0, u, interval)
+    free, (u, changes) = u, damp(model, p0, u, interval)
+    damped = exchanged(model, p0, 0.5 * (free + u), changes)
     return _Accelerated(interval, ghosts, rates, u, bodies, finished, taken | damped)
 
 

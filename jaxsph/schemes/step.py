@@ -26,6 +26,7 @@ __all__ = [
     "book",
     "damp",
     "drift",
+    "exchanged",
     "force_work",
     "move_walls",
     "wall_work",
@@ -83,7 +84,7 @@ class Interval(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """Velocities at the end of a step, their changes within the step, and the energies of the dampers."""
+    """Velocities at the end of a step, and their changes within the step."""
 
     u: Float[Array, "N D"]
     """Velocity at the end of the step, m/s."""
@@ -91,8 +92,8 @@ class Changes(NamedTuple):
     """Change of velocity due to the pressure, m/s."""
     touched: Float[Array, "N D"]
     """Change of velocity due to contact with solids, m/s."""
-    damped: dict[str, Scalar]
-    """Energy that each damper took or gave (see `damp`), by name, J (J/m in 2-D)."""
+    damped: dict[str, Float[Array, "N D"]]
+    """Change of velocity due to each damper, by name, m/s."""
 
 
 def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
@@ -134,21 +135,30 @@ def at_rest(model: Model, state: State) -> Interval:
 
 def damp(
     model: Model, p: Particles, u: jax.Array, interval: Interval
-) -> tuple[Float[Array, "N D"], dict[str, Scalar]]:
-    """Velocities (m/s) after all dampers have acted for a step, and the energy exchanged with each, by name.
-
-    The exchanged kinetic energies (J; J/m in 2-D) are positive if taken from the water. For a damper whose
-    ledger entry is `Exchange.GIVEN`, they are positive if given to the water.
-    """
-    exchanged = {}
+) -> tuple[Float[Array, "N D"], dict[str, Float[Array, "N D"]]]:
+    """Velocities (m/s) after all dampers have acted for a step, and their changes (m/s) by damper."""
+    changes = {}
     for damper in model.dampers:
         damped = damper.damp(p.x, u, interval.t + interval.dt, interval.dt)
-        # a difference of squares written as a product, which reduces the rounding error of small changes
-        gained = 0.5 * jnp.sum(p.m * jnp.sum((damped - u) * (damped + u), axis=1))
+        changes[damper.name], u = damped - u, damped
+    return u, changes
+
+
+def exchanged(
+    model: Model, p: Particles, mean: Float[Array, "N D"], changes: Mapping[str, Float[Array, "N D"]]
+) -> dict[str, Scalar]:
+    """Energies (J; J/m in 2-D) exchanged with the dampers, by name, from their changes of velocity (m/s).
+
+    The energies are positive if taken from the water. For a damper whose ledger entry is `Exchange.GIVEN`,
+    they are positive if given to the water. `mean`: mean of the velocities before and after all the changes
+    with which the changes of the dampers are balanced, m/s.
+    """
+    found = {}
+    for damper in model.dampers:
+        gained = jnp.sum(p.m * jnp.sum(mean * changes[damper.name], axis=1))
         given = damper.entries()[damper.name].exchange is Exchange.GIVEN
-        exchanged[damper.name] = gained if given else -gained
-        u = damped
-    return u, exchanged
+        found[damper.name] = gained if given else -gained
+    return found
 
 
 def wall_work(
