@@ -16,6 +16,14 @@ CASES = {
 }
 KEYS = key_names(Case)
 SMALL = {
+    "basin": {
+        "dx": 0.1,
+        "tank": {"length": 4.2, "width": 2.4, "depth": 0.5, "height": 1.0},
+        "waves.zone": 1.1,
+        "waves.side_zones": 0.6,
+        "sponge.length": 1.0,
+        "probes.surface": [[2.0, 1.2]],
+    },
     "beach": {"dx": 0.05, "tank.length": 5.0, "solid.beach.polygon": [[3.0, 0.0], [5.0, 0.5], [5.0, 0.0]]},
     "box_in_waves": {"dx": 0.05, "tank.length": 5.0, "sponge.length": 1.2},
     "box_moored": {"dx": 0.05, "tank.length": 5.0, "sponge.length": 1.2},

@@ -17,6 +17,7 @@ from jaxsph.output.run_file import RunFile
 
 AS_HERE = os.environ | {"PYTHONPATH": str(Path(js.__file__).parents[1])}
 NAMES = (
+    "basin",
     "beach",
     "box_in_waves",
     "box_moored",

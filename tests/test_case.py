@@ -466,7 +466,7 @@ def test_built_in_cases_are_those_of_the_command_line():
     assert all(js.built_in_cases().values())
 
 
-SPATIAL = ("buoy_3d", "flap_3d", "hull", "owc_3d", "owc_spar", "sphere_decay")
+SPATIAL = ("basin", "buoy_3d", "flap_3d", "hull", "owc_3d", "owc_spar", "sphere_decay")
 """Built-in cases in three dimensions that take ten seconds and more to build."""
 
 

@@ -1,5 +1,6 @@
 """Analysis of recorded series on the host, by numpy functions that JAX does not trace."""
 
+from jaxsph.analysis.direction import SeaDirection, WaveDirection, sea_direction, wave_direction
 from jaxsph.analysis.energy import energy_budget, takers
 from jaxsph.analysis.extrema import Extrema, extrema, mae_amplitude, mae_phase, matched_extrema
 from jaxsph.analysis.oscillation import (
@@ -33,8 +34,10 @@ __all__ = [
     "Extrema",
     "Mean",
     "Reflection",
+    "SeaDirection",
     "Spectrum",
     "TwoWaySea",
+    "WaveDirection",
     "ZeroCrossingWaves",
     "decay_per_wavelength",
     "drift_rate",
@@ -52,10 +55,12 @@ __all__ = [
     "phase_average",
     "rayleigh_exceedance",
     "reflection",
+    "sea_direction",
     "settled_from",
     "spectrum",
     "takers",
     "two_way_sea",
+    "wave_direction",
     "whole_periods",
     "zero_crossing_waves",
 ]

@@ -174,8 +174,8 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
             back.append((right[0], z))
     if not np.isfinite(top):
         raise CaseError(
-            f"{asked}: its hollow from x = {first:.4g} to {last:.4g} m is open above: close it with a roof, "
-            "on which the air pushes"
+            f"{asked}: its hollow from x = {first:.4g} to {last:.4g} m is open above: close it with a roof "
+            "for the air pressure to act on"
         )
     tip = float(np.round(max(tip, corners[0]), 9))
     here = Stretch(asked, body, np.array(front), np.array(back), tip, top, first, last)

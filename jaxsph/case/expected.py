@@ -22,13 +22,18 @@ _LINK = (
     "`link.NAME.take_off` it is a power take-off"
 )
 _JOINT = (
-    'a joint is described by its body: `body.free` is ["pitch"] for a hinge at `body.pivot`, and '
-    '["surge"] or ["heave"] for a slider; among several bodies, [bodies.NAME], '
-    "`bodies.NAME.joined_to` names the body to which a body is joined"
+    'a joint is given in the section of its body: `body.free` is ["pitch"] for a hinge at `body.pivot`, and '
+    '["surge"] or ["heave"] for a slider; with several bodies, `bodies.NAME.joined_to` is the body to which '
+    "NAME is joined"
 )
 _DIRECTION = (
-    "waves travel along the tank, from its paddle; oblique and short-crested seas are not available. In "
-    "three dimensions give `tank.width`"
+    "the direction of waves is `waves.direction`, rad from the tank's axis, and a directional sea has "
+    "`waves.spreading`, the exponent s of cos^2s(theta/2); both need `tank.width` and a relaxation zone, "
+    "`waves.zone`"
+)
+_SIDES = (
+    "the side walls absorb with `waves.side_zones`, the width of relaxation zones along them, m, in waves "
+    "made by a relaxation zone, `waves.zone`"
 )
 _STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` makes it shorter or longer"
 _END = "the end of a run is `t1`, s"
@@ -44,6 +49,7 @@ EXPECTED = {
     **dict.fromkeys(("joint", "joints", "constraint", "hinge", "slider"), _JOINT),
     **dict.fromkeys(("link", "links", "spring", "springs", "damper", "dampers", "end_stops"), _LINK),
     **dict.fromkeys(("latching", "power_take_off", "linear_pto"), _LINK),
+    **dict.fromkeys(("sides", "side_walls", "side_sponge", "side_absorption", "walls_absorb"), _SIDES),
     **dict.fromkeys(("direction", "heading", "directions", "spreading", "angle_of_incidence"), _DIRECTION),
     **dict.fromkeys(("current", "currents"), "currents are not available"),
     **dict.fromkeys(("wind",), "wind is not available"),

@@ -317,7 +317,7 @@ class Geometry:
                 f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give it another name"
             )
         if case.air is not None and case.pto is None:
-            raise CaseError("air: compressible air needs a turbine: give [pto] with one, or remove [air]")
+            raise CaseError("air: compressible air needs a turbine; give one in [pto], or remove [air]")
         shapes = self.named_shapes()
         tank = Tank(shapes, self.bodies, self.length, self.width, self.depth, self.height, self.dx)
         self.stretches = water_surfaces(case, tank)

@@ -14,12 +14,13 @@ import numpy as np
 import shapely
 
 from jaxsph.case.air_sections import ChamberSection
+from jaxsph.case.basin import check_basin
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.names import check_names
 from jaxsph.case.scheme import shortest_limit, stable_time_step
 from jaxsph.case.sections import ONLY_BODY, Sections
 from jaxsph.case.speeds import wavenumber
-from jaxsph.case.wave_sections import AbstractWavesSection
+from jaxsph.case.wave_section import AbstractWavesSection
 from jaxsph.core.points import at_points
 from jaxsph.errors import CaseError
 from jaxsph.solids.images import Images
@@ -45,6 +46,7 @@ STANDING_BREAKING = 0.218
 def check_limits(case: Sections, geometry: Geometry) -> None:
     """**Raises** CaseError if a case cannot be run, for example with breaking waves or too many steps."""
     _check_waves(case, geometry)
+    check_basin(case, geometry)
     _check_standing_wave(case, geometry)
     _check_places(case, geometry)
     check_names(case)

@@ -34,7 +34,7 @@ def incident_energy(case: Sections, x: float, start: float, end: float) -> float
     a, omega = case.waves.sum_of_waves(depth, case.g)
     height, T = 2.0 * np.abs(a), 2.0 * np.pi / omega
     power = np.asarray(theory.incident_power(height, T, depth, case.fluid.rho0, case.g), np.float64)
-    k = second_order.wavenumbers(omega, depth, case.g)
+    k = second_order.wavenumbers(omega, depth, case.g) * np.cos(case.waves.directions(len(omega)))
     # a wave with the amplitude sqrt(2 P) has the mean square P, which is the power of this wave
     root = np.sqrt(2.0 * power) * np.exp(1j * (np.angle(a) - k * x))
     t = np.linspace(start, end, int(np.ceil((end - start) / (0.02 * case.waves.period))) + 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jaxsph.case.basin import basin_notices
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
 from jaxsph.case.scheme import stable_time_step
@@ -46,6 +47,7 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             "use a smaller dx, or a thicker wall"
         )
     notes += _sinking(case, geometry)
+    notes += basin_notices(case)
     notes += _gauge_notices(case, geometry)
     stable, sample = stable_time_step(case), case.output.sample_dt
     if SHORTER * 0.5 * sample < stable:

@@ -13,15 +13,17 @@ import jax
 import numpy as np
 
 from jaxsph.case.air_sections import AirSection, DuctSection, PTOSection
+from jaxsph.case.basin import has_basin, make_basin_zone, make_field, make_segmented
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.model.air import AbstractPTO
 from jaxsph.model.background import Background
+from jaxsph.model.interfaces import AbstractDamper
 from jaxsph.model.solids import AbstractBody
 from jaxsph.parts.air import AbstractAirLaw, IncompressibleAir, IsentropicAir
 from jaxsph.parts.chamber import Chamber
 from jaxsph.parts.duct import Duct
-from jaxsph.parts.paddle import AbsorbingMotion, Paddle, WaveMotion, column_depth
+from jaxsph.parts.paddle import AbsorbingMotion, AbstractPaddle, Paddle, WaveMotion, column_depth
 from jaxsph.parts.pto import (
     AbstractTurbine,
     CharacteristicCurve,
@@ -57,10 +59,12 @@ def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:
 
 def make_paddle(
     case: Sections, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
-) -> Paddle:
-    """Piston wavemaker of a case's waves; `water`: positions (m) of the particles at rest and their volumes
+) -> AbstractPaddle:
+    """Wavemaker of a case's waves; `water`: positions (m) of the particles at rest and their volumes
     per metre of the tank's width (m2), from which the still water depth at the paddle's gauge follows."""
     section, waves = case.waves, make_waves(case, geometry, leaf)
+    if has_basin(case):
+        return make_segmented(case, geometry, make_field(case, geometry, waves, leaf), walls.paddle, leaf)
     if section.zone is not None:
         return Paddle(motion=FlowMotion(waves), rows=walls.paddle)
     if not section.absorption:
@@ -177,18 +181,21 @@ rate.
 """
 
 
-def make_zones(case: Sections, geometry: Geometry, leaf: Any) -> tuple[RelaxationZone, ...]:
-    """Relaxation zone at the near end of a case's tank; empty if the case has none."""
+def make_zones(case: Sections, geometry: Geometry, leaf: Any) -> tuple[AbstractDamper, ...]:
+    """Relaxation zone at the near end of a case's tank, and along its sides; empty if the case has none."""
     if case.waves is None or case.waves.zone is None:
         return ()
     waves, length = make_waves(case, geometry, leaf), case.waves.zone
+    strength = ZONE_STRENGTH * 2.0 * np.pi / case.waves.period
+    if has_basin(case):
+        field = make_field(case, geometry, waves, leaf)
+        return (make_basin_zone(case, geometry, field, strength, leaf),)
     # velocities are interpolated linearly on a grid of two spacings, which begins behind the paddle's stroke
     # and ends beyond the zone
     x, z = (
         np.arange(low, high + 2.0 * case.dx, 2.0 * case.dx)
         for low, high in ((-geometry.withdrawal, length), (0.0, geometry.height))
     )
-    strength = ZONE_STRENGTH * 2.0 * np.pi / case.waves.period
     return (RelaxationZone(waves, *(leaf(a) for a in (length, strength, x, z))),)
 
 

@@ -149,8 +149,8 @@ def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
     top += seam if roofed else -seam
     if carrier and not roofed:
         raise CaseError(
-            f"{asked}: the hollow of {carrier!r} is open above, at z = {top:.4g} m: close it with a roof, on "
-            "which the air pushes"
+            f"{asked}: the hollow of {carrier!r} is open above, at z = {top:.4g} m: close it with a roof "
+            "for the air pressure to act on"
         )
     corners = np.asarray(surface.simplify(CLOSE * tank.dx).exterior.coords)[:-1]
     found = Pool(asked, carrier, corners, tip, top, float(surface.area))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
-from jaxsph.case.wave_sections import AbstractWavesSection
+from jaxsph.case.wave_section import AbstractWavesSection
 from jaxsph.problem.record import Window
 from jaxsph.waves import theory
 
@@ -29,8 +29,9 @@ def settling_time(case: Sections) -> float:
 
 def travel_time(case: Sections, x: float) -> float:
     """Travel time of the waves' energy from the paddle to x (m), s."""
-    omega = 2 * np.pi / given_waves(case).period
-    return x / float(theory.group_velocity(omega, Geometry.of(case).depth, case.g))
+    waves = given_waves(case)
+    speed = float(theory.group_velocity(2 * np.pi / waves.period, Geometry.of(case).depth, case.g))
+    return x / (speed * float(np.cos(waves.direction)))
 
 
 def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:

@@ -5,96 +5,27 @@ Each section gives the height and the period of the waves, and their sinusoidal 
 
 from __future__ import annotations
 
-import abc
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from jaxsph.case.section import Coordinate, Length, Section, Time, kind_of
+from jaxsph.case.section import Coordinate, Section, Time, kind_of
+from jaxsph.case.wave_section import AbstractWavesSection, Height, Period, Waves
 from jaxsph.waves import second_order, spectra
-
-Height = Annotated[float, Field(ge=1e-6, le=1e5)]
-Period = Annotated[float, Field(ge=1e-3, le=1e4)]
-Waves = tuple[NDArray[np.complexfloating], NDArray[np.floating]]
-"""Complex amplitudes (m) of waves at the paddle, and their angular frequencies (rad/s)."""
 
 MOST_PERIODS = 500
 """Largest repeat time of a sea, in peak periods. For such a sea, computing the second-order terms of all
 pairs of components takes half a minute."""
 MOST_WAVES = 600
 """Largest number of sinusoidal components of a recorded series that are kept: those of largest amplitude."""
+STEEPEST = float(np.radians(80.0))
+"""Largest angle between the waves of a directional sea and the tank's axis, rad."""
+BEYOND = 0.1
+"""Largest fraction of the energy of a directional sea that may be left out, because it would travel at more
+than this angle."""
 MOST_SAMPLES = 20_000
 """Largest number of samples of a recorded series; every run file stores the series as text."""
-
-
-class AbstractWavesSection(Section, abc.ABC):
-    """Waves made by a piston at x = 0."""
-
-    height_key: ClassVar[str]
-    """Name of the key that sets the wave height."""
-    period_key: ClassVar[str]
-    """Name of the key that sets the wave period."""
-    least_length: ClassVar[int] = 40
-    """Smallest allowed ratio of the wavelength to the particle spacing (-). A sea needs a larger ratio than
-    regular waves, because the sea contains waves of a seventh of the peak wavelength."""
-
-    ramp_periods: float = Field(2.0, ge=0, le=1e4)
-    """Number of periods over which the paddle's amplitude grows from zero."""
-    second_order: bool = True
-    """Whether the paddle's motion is corrected to second order, which suppresses free waves of second
-    order."""
-    absorption: bool = True
-    """Whether the paddle absorbs waves that return to it (active absorption)."""
-    zone: Length | None = None
-    """Length of a relaxation zone in front of the paddle, m. The zone makes the waves and absorbs those that
-    return; it replaces wavemaking and absorption by the paddle."""
-
-    @property
-    @abc.abstractmethod
-    def period(self) -> float:
-        """Period of the waves, or peak period of their spectrum, s."""
-
-    @property
-    @abc.abstractmethod
-    def height(self) -> float:
-        """Height of the waves, or significant wave height, m."""
-
-    @property
-    def cycle(self) -> float:
-        """Duration of a cycle, s; results are averaged over whole cycles."""
-        return self.period
-
-    @abc.abstractmethod
-    def sum_of_waves(self, depth: float, g: float) -> Waves:
-        """Complex amplitudes (m) at the paddle and angular frequencies (rad/s) of the waves' sinusoidal
-        components.
-
-        **Arguments**: `depth` of the water (m); acceleration of gravity `g` (m/s2).
-        """
-
-    @property
-    def repeats(self) -> float | None:
-        """Time after which the waves repeat, s; None for regular and bichromatic waves."""
-        return None
-
-    def highest(self, depth: float, g: float) -> float:
-        """Height of the highest expected wave, m: twice the largest elevation at the paddle."""
-        a, omega = self.sum_of_waves(depth, g)
-        waves = second_order.Harmonics(a, omega, omega)
-        return 2.0 * float(np.max(np.abs(waves.at(self._times))))
-
-    def stroke(self, depth: float, g: float) -> float:
-        """Stroke of the paddle from end to end, m: twice its largest first-order displacement."""
-        a, omega = self.sum_of_waves(depth, g)
-        motion = second_order.displacement(a, omega, depth, g)
-        return 2.0 * float(np.max(np.abs(motion.at(self._times))))
-
-    @property
-    def _times(self) -> NDArray[np.float64]:
-        """Times at which elevation and paddle displacement are computed to find their extremes, s."""
-        return np.arange(0.0, self.cycle if self.repeats is None else self.repeats, 0.04 * self.period)
 
 
 class RegularWavesSection(AbstractWavesSection):
@@ -221,6 +152,9 @@ class IrregularWavesSection(_SpectralSection):
     """Seed of the random phases; the same seed gives the same sea."""
     duration: Time | None = None
     """Time after which the sea repeats, s; by default 128 peak periods."""
+    spreading: float | None = Field(None, ge=1, le=1000)
+    """Exponent s of a directional sea, whose energy is spread about `direction` as cos^2s(theta/2) (-); by
+    default the sea is long-crested. The order of the directions follows from the seed."""
 
     @model_validator(mode="after")
     def _whole(self) -> IrregularWavesSection:
@@ -238,6 +172,40 @@ class IrregularWavesSection(_SpectralSection):
                 f"({16.0 * self.Tp:g} to {MOST_PERIODS * self.Tp:g} s)"
             )
         return self
+
+    @model_validator(mode="after")
+    def _spread_forwards(self) -> IrregularWavesSection:
+        if self.spreading is None:
+            return self
+        if self.second_order:
+            raise ValueError(
+                f"spreading = {self.spreading:g}: a directional sea is of first order: set second_order = "
+                "false, or remove the key"
+            )
+        beyond = spectra.spread_beyond(self.spreading, self._within)
+        if beyond > BEYOND:
+            raise ValueError(
+                f"spreading = {self.spreading:g}: {beyond:.0%} of the energy would travel at more than "
+                f"{STEEPEST:.3g} rad (80 degrees) from the tank's axis, and at most {BEYOND:.0%} may: use a "
+                "larger exponent, or a smaller direction"
+            )
+        return self
+
+    @property
+    def _within(self) -> tuple[float, float]:
+        """Limits of the waves' directions, rad from their mean direction."""
+        return max(-STEEPEST - self.direction, -np.pi), min(STEEPEST - self.direction, np.pi)
+
+    @property
+    def oblique(self):
+        """See `AbstractWavesSection.oblique`."""
+        return self.direction != 0.0 or self.spreading is not None
+
+    def directions(self, count):
+        """See `AbstractWavesSection.directions`."""
+        if self.spreading is None:
+            return super().directions(count)
+        return self.direction + spectra.spread_directions(count, self.spreading, self.seed, self._within)
 
     @property
     def height(self):
@@ -264,7 +232,7 @@ class FocusedWavesSection(_SpectralSection):
     crest: Height
     """Elevation of the crest by linear theory, m."""
     x: Coordinate
-    """Position of the focused crest, m from the paddle."""
+    """Position of the focused crest, m from the paddle, in the middle of the tank's width."""
     t: Time
     """Time at which the crest is at `x`, s."""
 
@@ -292,7 +260,8 @@ class FocusedWavesSection(_SpectralSection):
     def sum_of_waves(self, depth, g):
         """See `AbstractWavesSection.sum_of_waves`."""
         a, omega = spectra.draw_group(self.shape(1.0), self.repeats, self.crest)
-        return a * np.exp(1j * (second_order.wavenumbers(omega, depth, g) * self.x - omega * self.t)), omega
+        k = second_order.wavenumbers(omega, depth, g) * np.cos(self.direction)
+        return a * np.exp(1j * (k * self.x - omega * self.t)), omega
 
 
 class RecordedWavesSection(AbstractWavesSection):
@@ -313,7 +282,7 @@ class RecordedWavesSection(AbstractWavesSection):
     X: tuple[float, ...] | None = Field(None, max_length=MOST_SAMPLES)
     """Displacements of the paddle, m; an alternative to `eta`."""
     x: Coordinate = 0.0
-    """Position at which `eta` was recorded, m from the paddle."""
+    """Position at which `eta` was recorded, m from the paddle, in the middle of the tank's width."""
 
     @model_validator(mode="after")
     def _series(self) -> RecordedWavesSection:
@@ -389,7 +358,8 @@ class RecordedWavesSection(AbstractWavesSection):
         a, omega = self._spectrum
         if self.eta is None:
             return 1j * a * second_order.piston_transfer(omega, depth, g), omega
-        return a * np.exp(1j * second_order.wavenumbers(omega, depth, g) * self.x), omega
+        k = second_order.wavenumbers(omega, depth, g) * np.cos(self.direction)
+        return a * np.exp(1j * k * self.x), omega
 
 
 WAVES: dict[str, type[Section]] = {

@@ -166,7 +166,7 @@ class Mechanism(NamedTuple):
         return self._at(*self._gathered(parts, t), self._movable(t))
 
     def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, " V"]]:
-        """Accelerations (m/s2, rad/s2), by name, of bodies on which no forces act; empty if all are 0.
+        """Accelerations (m/s2, rad/s2), by name, of the bodies if no forces act on them; empty if all are 0.
 
         These are due to given motions, the inertia of joined bodies and gyroscopic moments.
         """

@@ -21,6 +21,7 @@ __all__ = [
     "AbsorbingMotion",
     "AbstractGivenMotion",
     "AbstractMotion",
+    "AbstractPaddle",
     "Paddle",
     "Piston",
     "WaveMotion",
@@ -110,20 +111,23 @@ class AbsorbingMotion(AbstractMotion):
         return Piston(motion.X + dt * U, U, error, mean)
 
 
-class Paddle(AbstractWall):
-    """Piston wavemaker at the tank's near end: the low wall of the first axis, which moves along x."""
+class AbstractPaddle(AbstractWall):
+    """Wavemaker at the tank's near end: the low wall of the first axis, every point of which moves along x.
 
-    motion: AbstractMotion
-    """Law of the piston's motion."""
-    rows: tuple[int, int] = eqx.field(static=True)
-    """Index of the paddle's first ghost, and index after its last ghost."""
-    face: float = eqx.field(static=True, default=0.0)
+    Implement `shift` and `speed` for the wavemaker's motion.
+    """
+
+    face: eqx.AbstractVar[float]
     """Position x of the paddle's face at rest, m."""
-    name: str = eqx.field(static=True, default="paddle", kw_only=True)
 
-    def start(self, dtype: Any) -> Piston:
-        """See `AbstractMovingSolid`: a piston at rest."""
-        return Piston(*(jnp.zeros((), dtype) for _ in range(4)))
+    @abc.abstractmethod
+    def shift(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "..."]:
+        """Displacement of the paddle beside points x (m), m, positive into the tank; `[N]`, or one number for
+        all points."""
+
+    @abc.abstractmethod
+    def speed(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "..."]:
+        """Velocity of the paddle beside points x (m), m/s, in the form of `shift`."""
 
     def entries(self):
         """See `AbstractPart`."""
@@ -133,47 +137,26 @@ class Paddle(AbstractWall):
         """See `AbstractSolid`."""
         return box_corners((-far, -far), (self.face, far))
 
-    def pose(self, motion):
-        """See `AbstractMovingSolid`."""
-        return jnp.stack([motion.X, 0.0 * motion.X, 0.0 * motion.X]), jnp.zeros(2)
-
     def readings(self, dim):
         """See `AbstractPart`."""
         return {self.name: Reading("m", f"displacement of the {self.name}")}
 
-    def read(self, state, sampled):
-        """See `AbstractPart`."""
-        return {self.name: state.X}
-
-    def move(self, motion, water, depth_volume, t, dt):
-        """See `AbstractWall`."""
-        return self.motion.move(motion, columns(water.x), depth_volume, t, dt)
-
-    def halfway(self, old, new, dt):
-        """See `AbstractWall`."""
-        del dt
-        return Piston(0.5 * (old.X + new.X), old.U, old.error, old.mean)
-
     def place(self, motion, x, nodes):
         """See `AbstractMovingSolid`."""
-        shift = jnp.zeros_like(x).at[:, 0].set(motion.X)
+        shift = jnp.zeros_like(x).at[:, 0].set(self.shift(motion, x))
         return x + shift, nodes + shift
 
     def velocity(self, motion, x):
         """See `AbstractMovingSolid`."""
-        return jnp.zeros_like(x).at[:, 0].set(motion.U)
+        return jnp.zeros_like(x).at[:, 0].set(self.speed(motion, x))
 
     def acceleration(self, old, new, x, dt):
         """See `AbstractWall`."""
-        return jnp.zeros_like(x).at[:, 0].set((new.U - old.U) / dt)
+        return jnp.zeros_like(x).at[:, 0].set((self.speed(new, x) - self.speed(old, x)) / dt)
 
-    def with_velocity(self, motion, after):
-        """See `AbstractWall`."""
-        return Piston(motion.X, after.U, motion.error, motion.mean)
-
-    def gap(self, motion: Piston, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+    def gap(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Distance of particles at x (m) from the paddle's face, m; negative behind it."""
-        return x[:, 0] - (jnp.asarray(self.face, x.dtype) + motion.X)
+        return x[:, 0] - (jnp.asarray(self.face, x.dtype) + self.shift(motion, x))
 
     def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
@@ -190,6 +173,49 @@ class Paddle(AbstractWall):
     def cover(self, motion, x, dx):
         """See `AbstractWall`: the paddle hides all other ghosts behind its face."""
         return jnp.clip(self.gap(motion, x) / dx + 0.5, 0.0, 1.0).at[slice(*self.rows)].set(1.0)
+
+
+class Paddle(AbstractPaddle):
+    """Piston wavemaker at the tank's near end: the low wall of the first axis, which moves along x."""
+
+    motion: AbstractMotion
+    """Law of the piston's motion."""
+    rows: tuple[int, int] = eqx.field(static=True)
+    face: float = eqx.field(static=True, default=0.0, kw_only=True)
+    name: str = eqx.field(static=True, default="paddle", kw_only=True)
+
+    def start(self, dtype: Any) -> Piston:
+        """See `AbstractMovingSolid`: a piston at rest."""
+        return Piston(*(jnp.zeros((), dtype) for _ in range(4)))
+
+    def pose(self, motion):
+        """See `AbstractMovingSolid`."""
+        return jnp.stack([motion.X, 0.0 * motion.X, 0.0 * motion.X]), jnp.zeros(2)
+
+    def read(self, state, sampled):
+        """See `AbstractPart`."""
+        return {self.name: state.X}
+
+    def move(self, motion, water, depth_volume, t, dt):
+        """See `AbstractWall`."""
+        return self.motion.move(motion, columns(water.x), depth_volume, t, dt)
+
+    def halfway(self, old, new, dt):
+        """See `AbstractWall`."""
+        del dt
+        return Piston(0.5 * (old.X + new.X), old.U, old.error, old.mean)
+
+    def with_velocity(self, motion, after):
+        """See `AbstractWall`."""
+        return Piston(motion.X, after.U, motion.error, motion.mean)
+
+    def shift(self, motion, x):
+        """See `AbstractPaddle`."""
+        return motion.X
+
+    def speed(self, motion, x):
+        """See `AbstractPaddle`."""
+        return motion.U
 
 
 def column_depth(x: Components, V: Float[Array, " N"], at: Scalar, width: Scalar) -> Scalar:

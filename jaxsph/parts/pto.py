@@ -39,7 +39,7 @@ __all__ = [
 
 
 class AbstractTurbine(AbstractPTO):
-    """Power take-off whose flow follows from the pressure, and whose pressure follows from the flow."""
+    """Power take-off whose law gives the flow for a pressure as well as the pressure for a flow."""
 
     @abc.abstractmethod
     def flow(self, P_a: Scalar) -> Scalar:

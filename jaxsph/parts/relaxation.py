@@ -1,4 +1,4 @@
-"""Relaxation zone at the tank's near end, which generates given waves and absorbs reflected ones."""
+"""Relaxation zones, which generate given waves and absorb all others: at the near end and along the sides."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from jaxsph.model.interfaces import AbstractDamper
 from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.parts.paddle import AbstractGivenMotion
 from jaxsph.waves.base import AbstractWaves
+from jaxsph.waves.fields import AbstractWaveField
 
-__all__ = ["FlowMotion", "RelaxationZone"]
+__all__ = ["BasinZone", "FlowMotion", "RelaxationZone"]
 
 
 class FlowMotion(AbstractGivenMotion):
@@ -54,17 +55,80 @@ class RelaxationZone(AbstractDamper):
 
     def weight(self, x: Float[Array, " N"]) -> Float[Array, " N"]:
         """Ratio of the rate at x (m) to `strength`, from 1 at the near end to 0 at the zone's end (-)."""
-        s = jnp.clip(1.0 - x / self.length, 0.0, 1.0)
-        return s * s * (3.0 - 2.0 * s)
+        return _fall(x, self.length)
 
     def asked(self, x: Float[Array, "N D"], t: Scalar) -> Float[Array, "N D"]:
         """Velocities of the given waves at x (m) and the time t (s), m/s."""
-        found = self.waves.velocity(self.x, self.z, t)
-        at = [(x[:, axis] - nodes[0]) / (nodes[1] - nodes[0]) for axis, nodes in ((0, self.x), (-1, self.z))]
-        u, w = (jax.scipy.ndimage.map_coordinates(a, at, order=1, mode="nearest") for a in found)
+        u, w = _interpolated(
+            self.waves.velocity(self.x, self.z, t), (self.x, self.z), x[:, jnp.array([0, -1])]
+        )
         return jnp.zeros_like(x).at[:, 0].set(u).at[:, -1].set(w)
 
     def damp(self, x, u, t, dt):
         """See `AbstractDamper`."""
         share = -jnp.expm1(-dt * self.strength * self.weight(x[:, 0]))
         return u + share[:, None] * (self.asked(x, t) - u)
+
+
+class BasinZone(AbstractDamper):
+    """Relaxation zone along the near end and both side walls of a basin.
+
+    Waves that bodies send sideways are a deviation from the given waves, and are absorbed. The given waves
+    pass along the zones undisturbed. The side walls do not move with their flow, and would reflect them;
+    therefore the rate is highest there. Where two zones overlap, the higher rate counts.
+    """
+
+    field: AbstractWaveField
+    """Waves that the zone generates."""
+    length: Scalar
+    """Length of the zone at the near end, from the wall at rest, m."""
+    sides: Scalar
+    """Width of the zone along each side wall, m."""
+    width: Scalar
+    """Width of the basin, m."""
+    strength: Scalar
+    """Rate at the near end at which velocities are relaxed towards the waves' velocities, 1/s."""
+    side_strength: Scalar
+    """Rate at the side walls, 1/s; 0 without side zones."""
+    x: Float[Array, " X"]
+    """Positions along the basin of the grid on which the waves' velocities are evaluated, m, evenly
+    spaced."""
+    y: Float[Array, " Y"]
+    """Positions of this grid across the basin, m, evenly spaced."""
+    z: Float[Array, " Z"]
+    """Heights of this grid above the bed, m, evenly spaced."""
+    name: str = eqx.field(static=True, default="zone", kw_only=True)
+
+    def entries(self):
+        """See `AbstractPart`."""
+        return {self.name: Entry("energy given by the relaxation zone", Exchange.GIVEN)}
+
+    def rate(self, x: Float[Array, "N 3"]) -> Float[Array, " N"]:
+        """Rate at x (m) at which velocities are relaxed towards the waves' velocities, 1/s."""
+        near = self.strength * _fall(x[:, 0], self.length)
+        wall = jnp.minimum(x[:, 1], self.width - x[:, 1])
+        return jnp.maximum(near, self.side_strength * _fall(wall, self.sides))
+
+    def asked(self, x: Float[Array, "N 3"], t: Scalar) -> Float[Array, "N 3"]:
+        """Velocities of the given waves at x (m) and the time t (s), m/s."""
+        nodes = (self.x, self.y, self.z)
+        return jnp.stack(_interpolated(self.field.velocity(*nodes, t), nodes, x), axis=1)
+
+    def damp(self, x, u, t, dt):
+        """See `AbstractDamper`."""
+        share = -jnp.expm1(-dt * self.rate(x))
+        return u + share[:, None] * (self.asked(x, t) - u)
+
+
+def _fall(x: Float[Array, " N"], length: Scalar) -> Float[Array, " N"]:
+    """Smooth fall from 1 at x = 0 to 0 at x = `length` (m) (-)."""
+    s = jnp.clip(1.0 - x / length, 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s)
+
+
+def _interpolated(
+    fields: Float[Array, "F ..."], nodes: tuple[Array, ...], x: Float[Array, "N D"]
+) -> list[Float[Array, " N"]]:
+    """Values at x (m) of each of the `fields`, linear between evenly spaced `nodes` (m) of every axis."""
+    at = [(x[:, axis] - a[0]) / (a[1] - a[0]) for axis, a in enumerate(nodes)]
+    return [jax.scipy.ndimage.map_coordinates(a, at, order=1, mode="nearest") for a in fields]

@@ -108,7 +108,7 @@ class Program:
         return self.value(name)
 
     def to_toml(self) -> str:
-        """Names of file and function, digest and arguments of the program, as TOML text."""
+        """TOML text with the names of the program's file and function, its digest and its arguments."""
         place = self.place.replace("\\", "/").rpartition("/")[2]
         words = (inspect.getdoc(self._function) or "").partition("\n")[0]
         about = {"name": self.name, "description": words, "program": place, "digest": self.digest}

@@ -35,7 +35,7 @@ def cells_of(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
 
 
 def area_inside(x: np.ndarray, z: np.ndarray, away: np.ndarray) -> Any:
-    """Area (m2), as a geometry of `shapely`, where `away` `[X, Z]` on the grid of x and z (m) is negative."""
+    """Region in which `away` `[X, Z]` on the grid of x and z (m) is negative, as a geometry of `shapely`."""
     found: Any = contourpy.contour_generator(x=x, y=z, z=away.T).lines(0.0)
     whole = shapely.Polygon()
     for line in sorted((shapely.Polygon(one) for one in found), key=lambda one: -one.area):

@@ -93,7 +93,7 @@ def coefficients(
 
 
 def runs_of(path: Path) -> Path:
-    """Path of the file with the runs that belongs to a file of coefficients."""
+    """Path of the file that holds the runs for a file of coefficients."""
     return path.with_name(f"{path.stem}_runs.h5")
 
 

@@ -206,7 +206,10 @@ def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, A
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """Reads the results of a sweep, ended or not, from a file. **Raises** FileError if it cannot be read."""
+    """Reads the results of a sweep, complete or not, from a file.
+
+    **Raises** FileError if it cannot be read.
+    """
     stored = SweepFile(path).read()
     stored_identity(Path(path), stored.case_toml, stored.version)  # refuses unreadable versions
     keys = tomllib.loads(stored.case_toml)

@@ -65,11 +65,11 @@ class AbstractWaves(eqx.Module):
         """Value at the frequency `omega`; `values` has one value per wave."""
 
     @abc.abstractmethod
-    def mean_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Depth-averaged displacement of the water at x = 0 at t (s), m, with the ramp.
+    def mean_displacement(self, t: ArrayLike, x: ArrayLike = 0.0) -> Float[Array, "..."]:
+        """Depth-averaged displacement of the water at x (m) and t (s), m, with the ramp.
 
-        A wall with this motion supplies the flow rate of the waves. A relaxation zone in front of the wall
-        imposes the velocity profile.
+        A wall at x = 0 with this motion supplies the flow rate of the waves. A relaxation zone in front of
+        the wall imposes the velocity profile.
         """
 
     @abc.abstractmethod

@@ -153,12 +153,13 @@ class RegularWaves(AbstractWaves):
         eta = self.paddle_elevation(t)
         return eta + self.ramp_factor(t) ** 2 * self.correction.elevation(self, t)
 
-    def mean_displacement(self, t: ArrayLike) -> Float[Array, "..."]:
+    def mean_displacement(self, t: ArrayLike, x: ArrayLike = 0.0) -> Float[Array, "..."]:
         """See `AbstractWaves.mean_displacement`.
 
         The flow rate is the elevation times the phase speed, also for bound waves.
         """
-        t, ramp = real(t), self.ramp_factor(t)
+        t = real(t) - self.k * x / self.omega
+        ramp = self.ramp_factor(t)
         first = 0.5 * self.H * jnp.sin(self.omega * t)
         quarter = 0.25 * self.T  # shifts the second harmonic's cosine to a sine
         second = 0.5 * self.correction.elevation(self, t - 0.5 * quarter)

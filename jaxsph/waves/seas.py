@@ -152,13 +152,13 @@ class Sea(AbstractWaves):
         ramp = self.ramp_factor(real(t) - self.k * x / self.omega)
         return ramp * self.waves.at(x, t) + ramp**2 * self.bound.at(x, t)
 
-    def mean_displacement(self, t):
+    def mean_displacement(self, t, x=0.0):
         """See `AbstractWaves.mean_displacement`.
 
         The flow rate is the elevation times the phase speed, also for bound waves.
         """
-        t, ramp = real(t), self.ramp_factor(t)
-        first, second = (one.turned().at(0.0, t, 1.0 / (one.k * self.d)) for one in (self.waves, self.bound))
+        ramp = self.ramp_factor(real(t) - self.k * x / self.omega)
+        first, second = (one.turned().at(x, t, 1.0 / (one.k * self.d)) for one in (self.waves, self.bound))
         return ramp * first + ramp**2 * second
 
     def velocity(self, x, z, t):

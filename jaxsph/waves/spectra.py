@@ -105,6 +105,32 @@ def draw_group(
     return crest * share / np.sum(share) + 0j, 2.0 * np.pi * f
 
 
+def spread_directions(count: int, exponent: float, seed: int, within: tuple[float, float]) -> Real:
+    """Directions (rad) of `count` waves about their mean direction, in random order.
+
+    Their density is proportional to cos^2s(theta/2) with the `exponent` s (Longuet-Higgins, Cartwright and
+    Smith 1963), between the two limits `within`. The directions are the quantiles of this distribution, and
+    only their order is random, so that a sea of few waves has the right mean and spread, too.
+    """
+    theta, share = _spread(exponent, within)
+    found = np.interp((np.arange(count) + 0.5) / count, share / share[-1], theta)
+    # a stream of its own: the phases of the sea do not depend on its spreading
+    return np.random.default_rng([seed, 1]).permutation(found)
+
+
+def spread_beyond(exponent: float, within: tuple[float, float]) -> float:
+    """Fraction (-) of the energy of a spread sea whose direction (rad from the mean) is not between two
+    limits."""
+    return 1.0 - float(_spread(exponent, within)[1][-1] / _spread(exponent, (-np.pi, np.pi))[1][-1])
+
+
+def _spread(exponent: float, within: tuple[float, float]) -> tuple[Real, Real]:
+    """Directions (rad) between two limits, and the integral of cos^2s(theta/2) from the lower limit."""
+    theta = np.linspace(*within, 20_001)
+    density = np.cos(0.5 * theta) ** (2.0 * exponent)
+    return theta, scipy.integrate.cumulative_trapezoid(density, theta, initial=0.0)
+
+
 def _frequencies(spectrum: AbstractSpectrum, duration: float) -> Real:
     """Frequencies of the waves, multiples of 1 / duration, Hz."""
     first, last = (np.ceil(ratio * duration / spectrum.Tp) for ratio in (LOWEST, HIGHEST))

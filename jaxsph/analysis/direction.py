@@ -1,0 +1,138 @@
+"""Direction of waves from three gauges or more at points of the water surface."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # which imports its subpackages on first use
+from numpy.typing import ArrayLike, NDArray
+
+from jaxsph.analysis.periods import Series, checked
+from jaxsph.analysis.reflection import fundamental
+from jaxsph.analysis.spectrum import TAPER, even_step
+from jaxsph.waves import theory
+
+_MAX_CONDITION = 10.0
+"""Largest ratio of the extents of a group of gauges along its longest and its shortest axis (-)."""
+
+
+class WaveDirection(NamedTuple):
+    """Direction, height and wavenumber of regular waves, as returned by `wave_direction`."""
+
+    direction: float
+    """Direction towards which the waves travel, rad from the x axis towards the y axis."""
+    height: float
+    """Height from trough to crest of the fundamental, mean of the gauges, m."""
+    wavenumber: float
+    """Wavenumber, rad/m."""
+
+
+class SeaDirection(NamedTuple):
+    """Mean direction and spread of a sea, as returned by `sea_direction`."""
+
+    direction: float
+    """Mean direction towards which the waves travel, weighted by their energy, rad from the x axis towards
+    the y axis."""
+    spread: float
+    """Circular standard deviation of the directions, rad."""
+
+
+def wave_direction(
+    eta: ArrayLike, x: ArrayLike, t: ArrayLike, T: float, d: float, g: float = theory.GRAVITY
+) -> WaveDirection:
+    """Direction (rad), height (m) and wavenumber (rad/m) of regular waves of period T (s) from their phases.
+
+    The wavenumbers along x and y follow from the differences of the phases of the fundamental by linear
+    least squares, without the dispersion relation. Waves of the reflection coefficient r change every phase
+    by up to r rad.
+
+    **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges, 2] (m); `t`:
+    [times] (s), whole periods; depth `d` (m). All gauges must be within half a wavelength of the most central
+    one.
+
+    **Raises** ValueError for fewer than three gauges, gauges near one line, and gauges too far apart.
+    """
+    t, eta, x = _checked(eta, x, t)
+    middle = _central(x, float(theory.wavenumber(2.0 * np.pi / T, d, g)))
+    B = fundamental(t, eta, T)
+    if not np.all(np.abs(B) > 0.0):
+        raise ValueError(f"a gauge has no waves of the period T = {T:g} s")
+    (k,) = _wavenumbers(x, B[:, None], middle)
+    height = 2.0 * float(np.mean(np.abs(B)))
+    return WaveDirection(float(np.arctan2(k[1], k[0])), height, float(np.hypot(*k)))
+
+
+def sea_direction(
+    eta: ArrayLike,
+    x: ArrayLike,
+    t: ArrayLike,
+    d: float,
+    g: float = theory.GRAVITY,
+    *,
+    f: tuple[float, float],
+) -> SeaDirection:
+    """Mean direction and spread (rad) of a sea from the phases at every frequency, weighted by energy.
+
+    The directions are those at which one wave for each frequency of the record would travel. If several
+    waves share a frequency, the spread is smaller than that of the waves.
+
+    **Arguments**: as for `wave_direction`, with evenly spaced times; `f`: lowest and highest frequency of the
+    sea (Hz). All gauges must be within half a wavelength, at the highest frequency, of the most central one.
+
+    **Raises** ValueError for unsuitable gauges, and for a record with fewer than 8 frequencies in this range.
+    """
+    t, eta, x = _checked(eta, x, t)
+    middle = _central(x, float(theory.wavenumber(2.0 * np.pi * f[1], d, g)))
+    every = np.fft.rfftfreq(t.size, even_step(t))
+    use = (every > f[0]) & (every < f[1])
+    if np.sum(use) < 8:
+        raise ValueError(
+            f"{np.sum(use)} frequencies between {f[0]:g} and {f[1]:g} Hz: the record is too short"
+        )
+    fade = scipy.signal.windows.tukey(t.size, TAPER)
+    B = np.fft.rfft((eta - eta.mean(axis=1, keepdims=True)) * fade, axis=1)[:, use]
+    energy = np.mean(np.abs(B) ** 2, axis=0)
+    k = _wavenumbers(x, B, middle)
+    theta = np.arctan2(k[:, 1], k[:, 0])
+    mean = np.sum(energy * np.exp(1j * theta)) / np.sum(energy)
+    return SeaDirection(float(np.angle(mean)), float(np.sqrt(2.0 * max(1.0 - abs(mean), 0.0))))
+
+
+def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series, Series]:
+    """Times, elevations and positions in double precision. **Raises** ValueError if they do not fit."""
+    t, eta = checked(t, eta)
+    x = np.asarray(x, np.float64)
+    if eta.ndim != 2 or x.shape != (len(eta), 2):
+        raise ValueError(
+            f"eta of shape {eta.shape} must be [gauges, times], and x of shape {x.shape} [gauges, 2]"
+        )
+    if len(x) < 3:
+        raise ValueError(f"{len(x)} gauges: the direction needs three or more")
+    condition = np.linalg.cond(x - np.mean(x, axis=0))
+    if not condition < _MAX_CONDITION:
+        raise ValueError(
+            f"gauges at {x.tolist()} m are near one line (condition {condition:.3g}): move one to the side"
+        )
+    return t, eta, x
+
+
+def _central(x: NDArray[np.float64], k: float) -> int:
+    """Index of the most central gauge. **Raises** ValueError if a gauge is half a wavelength or more from it,
+    where the phase of waves of wavenumber k (rad/m) is ambiguous."""
+    farthest = np.max(np.linalg.norm(x[:, None] - x, axis=-1), axis=1)
+    middle = int(np.argmin(farthest))
+    if not k * farthest[middle] < np.pi:
+        raise ValueError(
+            f"gauges at {x.tolist()} m: the farthest is {farthest[middle]:.4g} m from the most central one, "
+            f"but must be less than half a wavelength, {np.pi / k:.4g} m, from it: place them closer together"
+        )
+    return middle
+
+
+def _wavenumbers(x: NDArray[np.float64], B: NDArray[np.complex128], middle: int) -> NDArray[np.float64]:
+    """Wavenumbers along x and y `[F, 2]` (rad/m) of waves with the complex amplitudes B `[G, F]` at gauges x
+    `[G, 2]` (m), from the phases relative to the gauge `middle`."""
+    phase = -np.angle(B * np.conj(B[middle]))  # the phase falls along the direction of the waves
+    level = np.column_stack([np.ones(len(x)), x - x[middle]])
+    return np.linalg.lstsq(level, phase, rcond=None)[0][1:].T

@@ -1,0 +1,158 @@
+"""Waves over the plan of a basin: their field, their relaxation zones and wavemaker, and checks of them.
+
+A case has a basin if its waves are oblique, or if zones along the side walls absorb.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jaxsph.case.geometry import Geometry
+from jaxsph.case.sections import ONLY_BODY, Sections
+from jaxsph.case.settling import given_waves
+from jaxsph.case.speeds import wavenumber
+from jaxsph.case.wave_section import AbstractWavesSection
+from jaxsph.errors import CaseError
+from jaxsph.parts.relaxation import BasinZone
+from jaxsph.parts.segmented import SegmentedPaddle
+from jaxsph.waves.base import AbstractWaves
+from jaxsph.waves.fields import AbstractWaveField, DirectionalSea, LongCrestedWaves
+
+SIDE_STRENGTH = 4.0
+"""Ratio of the largest rate of the zones along the side walls to the waves' angular frequency.
+
+The side walls reflect oblique waves, and a high rate keeps the reflection in the zones; but it also reflects
+a part of the waves that enter the zones. By the linear shallow-water equations with zones half a wavelength
+wide, waves at 20 degrees differ by up to 10, 11 and 8 % from the target at ratios of 2, 4 and 8, and by 2, 2
+and 1 % on average; 11, 25 and 33 % of waves that meet the zones at right angles are reflected.
+"""
+LEAST_WIDTH = 0.25
+"""Smallest width of the zones along the side walls, in wavelengths."""
+
+
+def has_basin(case: Sections) -> bool:
+    """Whether the waves of a case are given over the plan of a basin."""
+    waves = case.waves
+    return waves is not None and (waves.oblique or waves.side_zones is not None)
+
+
+def make_field(case: Sections, geometry: Geometry, waves: AbstractWaves, leaf: Any) -> AbstractWaveField:
+    """Waves over the plan of a basin; `waves`: waves along the tank, with the same components."""
+    section, middle = given_waves(case), 0.5 * _width(geometry)
+    if getattr(section, "spreading", None) is None:
+        return LongCrestedWaves(waves=waves, direction=leaf(section.direction), middle=leaf(middle))
+    a, omega = section.sum_of_waves(geometry.depth, case.g)
+    return DirectionalSea.of(
+        a,
+        omega,
+        section.directions(len(omega)),
+        geometry.depth,
+        ramp=section.ramp_periods * section.period,
+        middle=middle,
+        g=case.g,
+        dtype=np.dtype(case.precision),
+    )
+
+
+def make_segmented(
+    case: Sections, geometry: Geometry, field: AbstractWaveField, rows: tuple[int, int], leaf: Any
+) -> SegmentedPaddle:
+    """Segmented wavemaker behind the relaxation zone of a basin, with segments one spacing wide."""
+    joints = np.linspace(0.0, _width(geometry), round(_width(geometry) / case.dx) + 1)
+    return SegmentedPaddle(field=field, y=leaf(joints), rows=rows)
+
+
+def make_basin_zone(
+    case: Sections, geometry: Geometry, field: AbstractWaveField, strength: float, leaf: Any
+) -> BasinZone:
+    """Relaxation zone of a basin; `strength`: largest rate at the near end, 1/s."""
+    section, dx, width = given_waves(case), case.dx, _width(geometry)
+    assert section.zone is not None, "`check_basin` has found a zone"
+    # a spacing between the points of the grid keeps the error of linear interpolation below a per cent; it
+    # begins behind the wavemaker's stroke
+    ends = (
+        (-geometry.withdrawal, section.zone if section.side_zones is None else geometry.length),
+        (0.0, width),
+        (0.0, geometry.height),
+    )
+    nodes = (np.arange(low, high + dx, dx) for low, high in ends)
+    omega = 2.0 * np.pi / section.period
+    side = 0.0 if section.side_zones is None else SIDE_STRENGTH * omega
+    sides = case.dx if section.side_zones is None else section.side_zones
+    numbers = (section.zone, sides, width, strength, side)
+    return BasinZone(field, *(leaf(a) for a in (*numbers, *nodes)))
+
+
+def check_basin(case: Sections, geometry: Geometry) -> None:
+    """**Raises** CaseError for oblique waves or side zones in a tank that cannot have them."""
+    waves = case.waves
+    if waves is None or not has_basin(case):
+        return
+    key, value = _key(waves)
+    if geometry.width is None:
+        raise CaseError(f"{value}: needs a tank in three dimensions: give tank.width, or remove waves.{key}")
+    if waves.zone is None:
+        raise CaseError(
+            f"{value}: the paddle makes only waves along the tank: give waves.zone, the length of a "
+            f"relaxation zone, or remove waves.{key}"
+        )
+    if waves.oblique and geometry.gauges:
+        raise CaseError(
+            f"probes.gauges = {list(case.probes.gauges)}: their elevations are averages across the tank, "
+            f"which have no meaning in oblique waves ({value}): use probes.surface, gauges at points (x, y)"
+        )
+    if waves.side_zones is not None:
+        _check_sides(case, geometry, waves.side_zones)
+
+
+def _key(waves: AbstractWavesSection) -> tuple[str, str]:
+    """Key of the waves that needs a basin, and this key with its value."""
+    if waves.direction != 0.0:
+        return "direction", f"waves.direction = {waves.direction:g} rad"
+    if waves.oblique:
+        return "spreading", f"waves.spreading = {getattr(waves, 'spreading', 0.0):g}"
+    return "side_zones", f"waves.side_zones = {waves.side_zones:g} m"
+
+
+def _check_sides(case: Sections, geometry: Geometry, width: float) -> None:
+    """**Raises** CaseError for zones along the side walls that are too narrow, too wide, or cover a solid."""
+    whole = _width(geometry)
+    value = f"waves.side_zones = {width:g} m"
+    length = 2.0 * np.pi / wavenumber(given_waves(case).period, geometry.depth, case.g)
+    if width < LEAST_WIDTH * length:
+        raise CaseError(
+            f"{value}: must be at least a quarter of a wavelength, {LEAST_WIDTH * length:.3g} m; half a "
+            "wavelength is better"
+        )
+    if width > 0.45 * whole:
+        raise CaseError(
+            f"{value}: leave less than a tenth of the width of {whole:g} m between them: use a "
+            "larger tank.width, or narrower zones"
+        )
+    named = {
+        f"the body {name}" if name != ONLY_BODY else "the body": one for name, one in geometry.bodies.items()
+    }
+    named |= {f"the solid {name}": one for name, one in geometry.solids.items()}
+    for what, shape in named.items():
+        low, high = (float(end[1]) for end in shape.bounds())
+        if low < width - 1e-9 or high > whole - width + 1e-9:
+            raise CaseError(
+                f"{value}: cover {what}, from y = {low:.4g} to {high:.4g} m: keep it between {width:g} and "
+                f"{whole - width:.4g} m, or use narrower zones"
+            )
+
+
+def _width(geometry: Geometry) -> float:
+    """Width of a basin, m."""
+    assert geometry.width is not None, "`check_basin` has found a width"
+    return geometry.width
+
+
+def basin_notices(case: Sections) -> list[str]:
+    """Notice of oblique waves between side walls that reflect them."""
+    waves = case.waves
+    if waves is None or not waves.oblique or waves.side_zones is not None:
+        return []
+    return [f"{_key(waves)[1]}: the side walls reflect oblique waves; give waves.side_zones to absorb them"]
