@@ -200,7 +200,7 @@ PROSE = (
         "The projection** takes {:.1f} % in the built-in OWC (`owc`) and up to {:.0f} % in high waves",
         lambda r: (
             of_owc("projection")(r),
-            r("high_waves", "dx = 0.04 m, cfl = 0.25, relaxation = 1.5: projection, of the paddle's work"),
+            r("high_waves", "dx = 0.04 m, cfl = 0.25, relaxation = 1.5: projection, over the paddle's work"),
         ),
         (METHOD,),
     ),
@@ -220,7 +220,7 @@ PROSE = (
         "lose {:.0f} % in the projection and {:.0f} % to hyperviscosity. With `scheme.cfl` = 0.12 instead of "
         "0.25 they lose {:.0f} and {:.0f} %",
         lambda r: tuple(
-            r("high_waves", f"dx = 0.04 m, cfl = {cfl}, relaxation = 1.5: {what}, of the paddle's work")
+            r("high_waves", f"dx = 0.04 m, cfl = {cfl}, relaxation = 1.5: {what}, over the paddle's work")
             for cfl in (0.25, 0.12)
             for what in ("projection", "hyperviscosity")
         ),
@@ -239,8 +239,8 @@ PROSE = (
     Sentence(
         "The flap at dx = 0.04 m loses {:.0f} % in the projection and {:.0f} % to hyperviscosity",
         lambda r: (
-            r("flap_3d_0.04", "lost in the projection, of the paddle's work"),
-            r("flap_3d_0.04", "taken by hyperviscosity, of the paddle's work"),
+            r("flap_3d_0.04", "lost in the projection, over the paddle's work"),
+            r("flap_3d_0.04", "taken by hyperviscosity, over the paddle's work"),
         ),
         (METHOD,),
     ),
@@ -307,8 +307,8 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "the pressure arrives at t sqrt(g/H) = {:.2f}, in incompressible water at {:.2f}, where {:.2f} "
-        "was measured",
+        "the pressure arrives at t sqrt(g/H) = {:.2f}, and with the incompressible scheme at {:.2f}; the "
+        "measured time is {:.2f}",
         lambda r: tuple(
             r("incompressible", "the same: pressure arrives on the disc, t sqrt(g/H)", after, column)
             for after, column in (
@@ -340,7 +340,7 @@ PROSE = (
     ),
     Sentence(
         "| {:.0f} % in the projection |",
-        lambda r: (r("flap_3d_0.04", "lost in the projection, of the paddle's work"),),
+        lambda r: (r("flap_3d_0.04", "lost in the projection, over the paddle's work"),),
         (ISPH,),
     ),
     Sentence(

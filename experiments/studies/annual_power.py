@@ -34,7 +34,7 @@ def study_case(dx: float = 0.02) -> js.Case:
 
 
 def main(dx: float = 0.02, workers: int = 1) -> None:
-    """Runs every sea state with two seeds; finished runs are only read."""
+    """Runs every sea state with two seeds; finished runs are read from their files."""
     done = js.power_matrix(
         study_case(dx), HS, TP, RUNS / f"annual_power_{dx:g}.h5", seeds=SEEDS, workers=workers
     )

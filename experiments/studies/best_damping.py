@@ -17,7 +17,7 @@ METHOD = js.Ensemble(members=5)
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs both searches and the sweep of `filter_study`; finished runs are only read."""
+    """Runs both searches and the sweep of `filter_study`; finished runs are read from their files."""
     case = study_case(dx)
     study, fit = fitted(case)
     fine = np.geomspace(*RANGE, 500)

@@ -25,7 +25,7 @@ RANGE = (180.0, 1900.0)
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the three slopes, the thirteen runs and the long run; finished runs are only read."""
+    """Runs the three slopes, the thirteen runs and the long run; finished runs are read from their files."""
     case = study_case(dx)
     found = [slope(case.replace({"pto.K_dm": k}), f"filter_study_{dx:g}_{k:g}") for k in POINTS]
     long = slope(short_case(dx, 30 * T), f"filter_study_{dx:g}_long")

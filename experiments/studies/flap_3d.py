@@ -45,7 +45,7 @@ def main(dx: float = 0.04) -> None:
         report.row("reflection", results["reflection"])
         share = results["energy_residual_share"]
         report.row(
-            "energy not accounted for, of the paddle's work",
+            "energy not accounted for, over the paddle's work",
             100 * share,
             "%",
             bar="within 10 %",
@@ -55,7 +55,7 @@ def main(dx: float = 0.04) -> None:
             ("projection", "lost in the projection"),
             ("hyperviscosity", "taken by hyperviscosity"),
         ):
-            report.row(f"{what}, of the paddle's work", of_paddle(results, name), "%", theory=0.0)
+            report.row(f"{what}, over the paddle's work", of_paddle(results, name), "%", theory=0.0)
         figure = Figure(figsize=(9, 4.6), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True)
         upper.plot(t, np.degrees(series["pitch"]))

@@ -20,7 +20,7 @@ DURATION = 28.0
 
 
 def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
-    """Runs the ensemble and the runs for the fit; finished runs are only read."""
+    """Runs the ensemble and the runs for the fit; finished runs are read from their files."""
     case = study_case(dx).replace(
         {"name": "sea_slope", "waves.duration": DURATION, "t1": 40.0, "pto.K_dm": K_DM}
     )

@@ -39,8 +39,8 @@ def main(dx: float = 0.02) -> None:
                 fit = parabola(K * offsets, of_runs)
                 until = f"{name}, {t1:g} s"
                 excess = 100 * (exact.slope / fit.slope - 1)
-                report.row(f"{until}: exact slope over that of {MEMBERS} runs, less 1", excess, "%")
-                report.row(f"{until}: standard error of that", 100 * fit.error / fit.slope, "%")
+                report.row(f"{until}: exact slope over that of {MEMBERS} runs, minus 1", excess, "%")
+                report.row(f"{until}: standard error of this ratio", 100 * fit.error / fit.slope, "%")
                 # the offsets are symmetric, so that the variance of the slope is scatter^2 / sum (K a)^2
                 scatter = fit.error * np.linalg.norm(K * offsets)
                 report.row(f"{until}: scatter of a run about the parabola", 100 * scatter / fit.value, "%")

@@ -37,4 +37,4 @@ def main(
             bar="below zero by two errors",
             passes=mean < -2.0 * own,
         )
-        report.row("standard error of that", own)
+        report.row("standard error of this ratio", own)

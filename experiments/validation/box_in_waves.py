@@ -82,7 +82,7 @@ def main(dx: float = 0.01) -> None:
         names = {"residual": "energy not accounted for", "projection": "lost in the projection"}
         names["hyperviscosity"] = "lost by hyperviscosity"
         for energy, words in names.items():
-            report.row(f"{words}, of the paddle's work", of_paddle(results, energy), "%")
+            report.row(f"{words}, over the paddle's work", of_paddle(results, energy), "%")
         report.picture(_motions(here, flume, T))
 
 

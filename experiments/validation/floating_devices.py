@@ -61,7 +61,7 @@ def main(dx: float = 0.02) -> None:
                 bar = f"within {most:g} %" if np.isfinite(most) else ""
                 words = "not accounted for" if energy == "residual" else f"lost to {energy}"
                 report.row(
-                    f"{name}: energy {words}, of the paddle's work",
+                    f"{name}: energy {words}, over the paddle's work",
                     share,
                     "%",
                     bar=bar,

@@ -34,7 +34,7 @@ def main(dx: float = 0.04) -> None:
                 share, bounded = of_paddle(results, energy), bool(np.isfinite(most))
                 words = "not accounted for" if energy == "residual" else f"lost to {energy}"
                 report.row(
-                    f"{name}: energy {words}, of the paddle's work",
+                    f"{name}: energy {words}, over the paddle's work",
                     share,
                     "%",
                     bar=f"within {most:g} %" if bounded else "",

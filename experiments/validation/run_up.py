@@ -61,7 +61,7 @@ def main(dx: float = 0.02, H: float = 0.04) -> None:
         report.row("level read on the slope in still water", 1e3 * still, "mm", theory=0.0)
         for energy in ("hyperviscosity", "projection", "residual"):
             share = of_paddle(results, energy, "whole_")
-            report.row(f"{energy}, of the paddle's work, whole run", share, "%", theory=0.0)
+            report.row(f"{energy}, over the paddle's work, whole run", share, "%", theory=0.0)
         report.picture(_levels(series, still))
 
 

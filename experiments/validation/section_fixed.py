@@ -64,7 +64,7 @@ def main(dx: float = 0.02) -> None:
             report.row(f"{label}: reflection", results["reflection"])
             report.row(f"{label}: periods averaged", results["periods"])
             for energy in ("hyperviscosity", "projection", "residual"):
-                report.row(f"{label}: {energy}, of the paddle's work", of_paddle(results, energy), "%")
+                report.row(f"{label}: {energy}, over the paddle's work", of_paddle(results, energy), "%")
             kept[label] = (t, force)
         report.picture(_forces(kept))
 

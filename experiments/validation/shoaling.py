@@ -59,7 +59,7 @@ def main(dx: float = 0.02, H: float = 0.04, T: float = 1.2) -> None:
         report.row("reflection", results["reflection"])
         report.row("periods averaged", results["periods"])
         for energy in ("hyperviscosity", "projection", "residual"):
-            report.row(f"{energy}, of the paddle's work", of_paddle(results, energy), "%", theory=0.0)
+            report.row(f"{energy}, over the paddle's work", of_paddle(results, energy), "%", theory=0.0)
         report.picture(_heights(case, heights, incident, T))
 
 

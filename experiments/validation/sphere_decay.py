@@ -87,7 +87,7 @@ def _measured(report: Report, times: np.ndarray, heights: np.ndarray) -> None:
 
 
 def _swings(report: Report, heights: np.ndarray) -> None:
-    """Reports the second swing over the first, which does not depend on the level of the equilibrium."""
+    """Reports the ratio of the second swing to the first, which does not depend on the equilibrium level."""
     swings = np.abs(np.diff(heights))
     trough, peak = (height for _, height in MEASURED.values())
     there = (peak - trough) / (1.0 - trough)

@@ -31,10 +31,10 @@ def main(dx: float = 0.02) -> None:
         report.row("run-up", results["run_up_breakwater"], "m")
         report.row("reflection", results["reflection"])
         off = of_paddle(results, "residual", "whole_")
-        share = "energy not accounted for, of the paddle's work"
+        share = "energy not accounted for, over the paddle's work"
         report.row(share, off, "%", theory=0.0, bar="within 2 %", passes=abs(off) < 2.0)
         for energy in ("hyperviscosity", "projection"):
-            report.row(f"{energy}, of the paddle's work", of_paddle(results, energy, "whole_"), "%")
+            report.row(f"{energy}, over the paddle's work", of_paddle(results, energy, "whole_"), "%")
         report.picture(_volumes(t, behind, passed))
 
 

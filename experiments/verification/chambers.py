@@ -38,14 +38,14 @@ def _balance(report: Report, name: str, results: dict[str, float]) -> None:
     report.row(f"{name}: absorbed over incident power", results["xi"])
     off = of_paddle(results, "residual", "whole_")
     report.row(
-        f"{name}: energy not accounted for, of the paddle's work",
+        f"{name}: energy not accounted for, over the paddle's work",
         off,
         "%",
         theory=0.0,
         bar="within 2 %",
         passes=abs(off) < 2.0,
     )
-    report.row(f"{name}: hyperviscosity, of the paddle's work", of_paddle(results, "hyperviscosity"), "%")
+    report.row(f"{name}: hyperviscosity, over the paddle's work", of_paddle(results, "hyperviscosity"), "%")
 
 
 def _duct(report: Report, file: RunFile) -> None:
@@ -62,7 +62,7 @@ def _duct(report: Report, file: RunFile) -> None:
     ):
         share = 100 * np.abs(off).max() / largest
         report.row(f"{label}, of the largest drop", share, "%", bar="within 0.2 %", passes=share < 0.2)
-    report.row("lost in the duct, of the paddle's work", of_paddle(file.results(), "duct_cross"), "%")
+    report.row("lost in the duct, over the paddle's work", of_paddle(file.results(), "duct_cross"), "%")
 
 
 def plate_and_solid(dx: float) -> dict[str, js.Case]:
@@ -99,7 +99,7 @@ def _two_forms(report: Report, dx: float) -> None:
         report.row(f"{label}: from period to period", results["xi_scatter"])
         report.row(f"{label}: swing of the pressure, half", found[label][1], "Pa")
         report.row(
-            f"{label}: hyperviscosity, of the paddle's work", of_paddle(results, "hyperviscosity"), "%"
+            f"{label}: hyperviscosity, over the paddle's work", of_paddle(results, "hyperviscosity"), "%"
         )
     one, other = found["plate, dummies"], found["solid, dummies"]
     off = abs(one[0] - other[0])

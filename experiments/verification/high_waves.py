@@ -31,7 +31,7 @@ def main() -> None:
             results, label = run.results, f"dx = {dx:g} m, cfl = {cfl:g}, relaxation = {relaxation:g}"
             for name in ("projection", "hyperviscosity"):
                 report.row(
-                    f"{label}: {name}, of the paddle's work", of_paddle(results, name), "%", theory=0.0
+                    f"{label}: {name}, over the paddle's work", of_paddle(results, name), "%", theory=0.0
                 )
             report.row(f"{label}: incident height", results["incident_height"], "m", theory=case.waves.H)
             report.row(f"{label}: noise over speed", results["noise"], theory=0.0)

@@ -58,7 +58,7 @@ def main(dx: float = 0.02) -> None:
             report.against(words, found[3][key], found[2][key], unit, bar=0.05)
         for dim, one in found.items():
             for key in ("residual", "projection", "hyperviscosity"):
-                report.row(f"{dim}-D: {key}, of the paddle's work", of_paddle(one, key, "whole_"), "%")
+                report.row(f"{dim}-D: {key}, over the paddle's work", of_paddle(one, key, "whole_"), "%")
         report.picture(_picture(records))
 
 

@@ -21,7 +21,7 @@ BANDS = 8
 
 
 def main(dx: float = 0.02) -> None:
-    """Runs the irregular sea and the recorded waves; finished runs are only read."""
+    """Runs the irregular sea and the recorded waves; finished runs are read from their files."""
     duration = WAVES * TP
     base = {
         "dx": dx,

@@ -44,7 +44,7 @@ def main(dx: float = 0.03) -> None:
         file = solved(base.replace({"waves.second_order": second}), f"wave_group_{order}_{dx:g}")
         found[order] = long_waves(file.series())
         seconds += file.results()["wall_seconds"]
-    with Report(f"wave_group_{dx:g}", "Long waves of a group of two waves", dx) as report:
+    with Report(f"wave_group_{dx:g}", "Long waves of a bichromatic wave group", dx) as report:
         report.seconds = seconds
         share = {}
         for order, (bound, free, back) in found.items():

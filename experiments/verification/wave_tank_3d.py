@@ -36,7 +36,7 @@ def main(dx: float = 0.025, width: float = 0.2) -> None:
                     share = of_paddle(results, name, before)
                     judged = deep and not before
                     report.row(
-                        f"{label}, {when}: {name}, of the paddle's work",
+                        f"{label}, {when}: {name}, over the paddle's work",
                         share,
                         "%",
                         theory=0.0,
