@@ -352,7 +352,7 @@ def test_zone_and_sponge_book_the_energy_they_exchange():
 
 @pytest.mark.slow
 def test_a_basin_runs_and_books_its_energy():
-    """Oblique waves over a period: the budget closes to rounding, and the water moves as asked, also sideways.
+    """Oblique waves over a period: the budget closes to rounding, and the water moves as asked.
 
     A correlation of 0.9 leaves room for the lag of the start and for a depth of only four particles.
     """
