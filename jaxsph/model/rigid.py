@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
 
-__all__ = ["PLANE", "SPACE", "SPACES", "AbstractSpace"]
+__all__ = ["PLANE", "SPACE", "SPACES", "AbstractSpace", "space_with"]
 
 
 class AbstractSpace(abc.ABC):
@@ -248,3 +248,8 @@ def _cross(a: Float[Array, "*A 3"], b: Float[Array, "*A 3"]) -> Float[Array, "*A
 PLANE, SPACE = _Plane(), _Space()
 SPACES: dict[int, AbstractSpace] = {space.dim: space for space in (PLANE, SPACE)}
 """Spaces by their numbers of dimensions."""
+
+
+def space_with(motions: int) -> AbstractSpace:
+    """Space in which rigid bodies have this number of motions."""
+    return next(space for space in SPACES.values() if len(space.motions) == motions)

@@ -18,6 +18,7 @@ from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
 from jaxsph.model.meaning import Group
+from jaxsph.model.rigid import PLANE, space_with
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.series import energy_terms, harvested, work_of
 from jaxsph.output.plot.spectrum import WITHIN
@@ -39,8 +40,11 @@ PANELS = {
     "P_a": "Air pressure, positive when compressed",
     "power_pto": "Power taken by the PTO",
     "surge": "Surge of the body",
+    "sway": "Sway of the body",
     "heave": "Heave of the body",
+    "roll": "Roll of the body",
     "pitch": "Pitch of the body, positive landward",
+    "yaw": "Yaw of the body",
     "body_force": "Force and moment of the water on the body",
     "pressure": "Pressure at the sensors",
     "velocity": "Velocity at the sensors",
@@ -62,7 +66,7 @@ UNSHOWN = (
 )
 """Series without a panel of their own: those closely related to a series with a panel, and counts of the
 limiters."""
-RUNNING = ("chamber_level", "flow", "P_a", "power_pto", "surge", "heave", "pitch")
+RUNNING = ("chamber_level", "flow", "P_a", "power_pto", *PLANE.motions)
 """Series whose current values are shown while the particles are played back."""
 
 
@@ -259,7 +263,8 @@ def _columns(
             (f"x = {x:.4g} m", row) for x, row in zip(coordinates["gauge_x"][1], values.T, strict=True)
         )
     elif name == "body_force":
-        yield from zip(("along the tank", "upwards", "moment"), values.T, strict=False)
+        loads = space_with(values.shape[1]).loads.values()
+        yield from zip((words.removeprefix("force ") for words in loads), values.T, strict=True)
     else:
         yield from ((f"{k + 1}", row) for k, row in enumerate(values.reshape(len(values), -1).T))
 

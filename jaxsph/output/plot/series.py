@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxsph import analysis
+from jaxsph.model.rigid import space_with
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.style import (
     BLUE,
@@ -108,19 +109,17 @@ def body(run: RunFile) -> Figure | None:
     if not has_samples(series, "body_force"):
         return None
     force = series["body_force"]
-    motions = [
-        ("surge", 1.0, "surge (m)", "displacement along the tank"),
-        ("heave", 1.0, "heave (m)", "displacement upwards"),
-        ("pitch", 180.0 / np.pi, "pitch (deg)", "angle, positive landward"),
-    ]
+    space = space_with(force.shape[1])
     # a fixed body has no motions
     panels = [
-        (scale * series[name], label, title, BLUE) for name, scale, label, title in motions if name in series
+        (scale * series[name], f"{name} ({shown})", f"{name} of the body", BLUE)
+        for name, unit in zip(space.motions, space.units, strict=True)
+        for scale, shown in ((1.0, "m") if unit == "m" else (180.0 / np.pi, "deg"),)
+        if name in series
     ]
     panels += [
-        (force[:, 0], "F$_x$", "the water's force along the tank (N; N/m in two dimensions)", RED),
-        (force[:, 1], "F$_z$", "the water's force upwards", RED),
-        (force[:, 2], "M", "the water's moment about the pivot (N m; N in two dimensions)", RED),
+        (values, _symbol(name), f"the water's {words} (N, N m; N/m, N in two dimensions)", RED)
+        for (name, words), values in zip(space.loads.items(), force.T, strict=True)
     ]
     power = "power taken by the PTO (W; W/m in two dimensions)"
     panels += [(series[name], "power", power, PURPLE) for name in harvested(run.variables())]
@@ -135,6 +134,12 @@ def body(run: RunFile) -> Figure | None:
         ax.set_title(title)
     figure.align_ylabels(axes)
     return figure
+
+
+def _symbol(load: str) -> str:
+    """Symbol of a force or a moment, by its name in `rigid.AbstractSpace.loads`."""
+    kind, *axis = load.split("_")
+    return {"force": "F", "moment": "M"}[kind] + "".join(f"$_{one}$" for one in axis)
 
 
 def _expect(ax: Axes, span: tuple[float, float], name: str, linear: LinearOWC) -> None:
