@@ -1,9 +1,9 @@
 """Pictures of pages for the documentation, taken by Chromium: light and dark, of a run and of a power matrix.
 
-    python docs/make_pictures.py RUN.html [MATRIX.html]
+    python docs/make_pictures.py RUN.html [MATRIX.html [SPACE.html]]
 
-The first is the page of the built-in OWC, the second that of `annual_power`, whose pictures stay as they are
-without it; they go to docs/pictures.
+The first is the page of the built-in OWC, the second that of `annual_power`, the third that of
+`jaxsph run hull --set dx=0.05 --t1 0.4`. They go to docs/pictures; those of pages not given stay as they are.
 """
 
 import shutil
@@ -22,6 +22,7 @@ VIEWS = {
     "report_results_light": (0, "light", 1280, 1000, "section:has(td.meaning) h2", 20.05),
     "report_narrow_dark": (0, "dark", 390, 844, "body", 20.05),
     "report_matrix_light": (1, "light", 1280, 760, "body", None),
+    "report_space_light": (2, "light", 1280, 560, ".player", 0.4),
     "report_matrix_dark": (1, "dark", 1280, 760, "body", None),
 }
 

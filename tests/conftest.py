@@ -167,3 +167,59 @@ def hydrostatic_3d():
 def vessel():
     """(case, model, state) of the communicating vessels under 1000 Pa."""
     return _built("vessel")
+
+
+# --- in a browser
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = [
+    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+
+# Addresses that a page may request: itself, and the server of a watched run.
+OWN = ("file:", "data:", "blob:", "http://127.0.0.1")
+# What Chromium says about every picture by WebGL that it draws without a graphics card.
+SOFTWARE = "GPU stall due to ReadPixels"
+
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium without a graphics card."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as library:
+        opened = library.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def visit(browser):
+    """Opens a page, and fails if its console has an error or a warning, or if it requests another file."""
+    pages, wrong = [], []
+
+    def opened(address, **options):
+        page = browser.new_page(**{"viewport": {"width": 1200, "height": 900}, **options})
+        pages.append(page)
+        page.on(
+            "console",
+            lambda told: (
+                wrong.append(told.text)
+                if told.type in ("error", "warning") and SOFTWARE not in told.text
+                else None
+            ),
+        )
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("request", lambda asked: None if asked.url.startswith(OWN) else wrong.append(asked.url))
+        page.goto(str(address) if str(address).startswith("http") else f"file://{address}")
+        if not str(address).startswith("http"):
+            page.evaluate("jaxsph.ready")
+        return page
+
+    yield opened
+    for page in pages:
+        page.close()
+    assert not wrong

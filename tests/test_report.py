@@ -4,7 +4,6 @@ import gzip
 import json
 import os
 import re
-import shutil
 import sys
 import threading
 import time
@@ -15,6 +14,7 @@ import urllib.request
 import h5py
 import numpy as np
 import pytest
+from conftest import needs_browser
 
 import jaxsph as js
 from jaxsph.errors import CaseError, FileError
@@ -29,14 +29,6 @@ from jaxsph.report.page import record_of
 from jaxsph.report.sweeps import sweep_content
 
 OWC = js.load_case("owc").replace({"dx": 0.04, "device.wall_thickness": 0.04})
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = [
-    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-]  # fmt: skip
-
-# Addresses that a page may request: itself, and the server of a watched run.
-OWN = ("file:", "data:", "blob:", "http://127.0.0.1")
 # Number of colours in the picture of the water.
 COLOURS = """() => {
     const canvas = document.querySelector("canvas.water");
@@ -62,8 +54,6 @@ SCENE = {
     ],
 }
 """Scene around the particles of an artificial run: a paddle, and a plate in front of the end."""
-
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
 def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200, two=True):
@@ -431,40 +421,6 @@ def test_watch_answers_to_its_own_name_and_token_only(tmp_path):
 
 
 # --- in a browser
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as library:
-        opened = library.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield opened
-        opened.close()
-
-
-@pytest.fixture
-def visit(browser):
-    """Opens a page, and fails if its console has an error or a warning, or if it requests another file."""
-    pages, wrong = [], []
-
-    def opened(address, **options):
-        page = browser.new_page(**{"viewport": {"width": 1200, "height": 900}, **options})
-        pages.append(page)
-        page.on(
-            "console", lambda told: wrong.append(told.text) if told.type in ("error", "warning") else None
-        )
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("request", lambda asked: None if asked.url.startswith(OWN) else wrong.append(asked.url))
-        page.goto(str(address) if str(address).startswith("http") else f"file://{address}")
-        if not str(address).startswith("http"):
-            page.evaluate("jaxsph.ready")
-        return page
-
-    yield opened
-    for page in pages:
-        page.close()
-    assert not wrong
 
 
 def _box(place):

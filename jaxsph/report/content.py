@@ -91,7 +91,7 @@ def run_content(run: RunFile, pack: Pack, frames: Frames | None = None) -> dict[
         "panels": panels(series, run.variables(), run.coordinates(), pack, _extremes(case, series, results)),
         "spectra": _spectrum(case, counting, run.coordinates(), pack),
         "case": run.case_toml,
-        "player": (frames or Frames(run)).content(pack),
+        "player": (frames or Frames(run)).content(pack, case),
     }
 
 

@@ -7,7 +7,7 @@ they compress well.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,15 +16,20 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jaxsph.analysis.fields import linear_fit, vorticity
-from jaxsph.output.plot.tank import Tank, cut_in_plane, line_of, pick_snapshots
+from jaxsph.case.case import Case
+from jaxsph.output.plot.tank import Tank, line_of, pick_snapshots
 from jaxsph.output.run_file import RunFile
-from jaxsph.report.pack import Pack
+from jaxsph.report.pack import UNSEEN, Pack, steps_in_bytes
+from jaxsph.report.space import MISSING, MOST_FRAMES, Space
 
 MOST = 1_200_000
 """Largest product of the numbers of particles and frames in a page, which takes up about 5 MB."""
 LEAST_FRAMES = 24
 """Smallest number of frames to which a page is reduced; if that is not enough, fewer particles are shown."""
-UNSEEN = 65535
+SECTIONS = (5, 3, 1)
+"""Numbers of sections across a tank in three dimensions from which a page can choose."""
+HALF = 0.75
+"""Half the thickness of a section, in spacings."""
 
 
 class LocalFlow(NamedTuple):
@@ -79,54 +84,69 @@ class Frames:
     def __init__(self, run: RunFile) -> None:
         """**Arguments**: `run`: the run, which may still be in progress."""
         self.run = run
+        self._space: Space | None = None
+        self._planes: tuple[float | None, ...] | None = None
         self._known: dict[int, dict[str, Any]] = {}
 
-    def content(self, pack: Pack) -> dict[str, Any] | None:
-        """Data that a page needs to play back the run; None for a run without snapshots."""
+    def content(self, pack: Pack, case: Case | None = None) -> dict[str, Any] | None:
+        """Data that a page needs to play back the run; None for a run without snapshots.
+
+        **Arguments**: `case`: the run's case, for the solids in three dimensions; None if it is not known.
+        """
         if self.run.snapshot_count == 0:
             return None
         tank = Tank.of(self.run)
         first = self.run.snapshot(0)
-        shown = max(int(np.count_nonzero(cut_in_plane(first["x"], tank.dx).seen)), 1)
+        if self._planes is None:
+            self._planes = _planes(first["x"], tank.dx, min(self.run.snapshot_count, MOST_FRAMES))
+        planes = self._planes
+        shown = max(int(np.count_nonzero(_sections(first["x"], planes, tank.dx) >= 0)), 1)
         thinning = max(shown * LEAST_FRAMES // MOST, 1)
-        chosen = pick_snapshots(self.run, max(MOST * thinning // shown, LEAST_FRAMES))
-        frames = [self._read(i, tank, thinning) for i in chosen]
+        most = max(MOST * thinning // shown, LEAST_FRAMES)
+        chosen = pick_snapshots(self.run, most if planes[0] is None else min(most, MOST_FRAMES))
+        if planes[0] is not None and self._space is None:
+            # a run in progress keeps its grid, which has room for all the frames that a page may get
+            most = len(chosen) if self.run.results() else MOST_FRAMES
+            self._space = Space.of(tank, case, self.run.scene(), first["x"], most)
+        frames = [self._read(i, tank, thinning, planes) for i in chosen]
         low, high = np.array([tank.x0 - 0.5, -0.05]), np.array([tank.x1 + 0.5, 2.0 * tank.top])
-        ids = np.unique(np.concatenate([f["id"] for f in frames]))
-        rows = [np.searchsorted(ids, f["id"]) for f in frames]
-        scale = (UNSEEN - 1) / (high - low)
-        places = np.full((len(frames), 2, len(ids)), UNSEEN, np.uint16)
-        for place, row, frame in zip(places, rows, frames, strict=True):
-            inside = np.isfinite(frame["at"]) & (frame["at"] >= low) & (frame["at"] <= high)
-            whole = np.rint((np.where(inside, frame["at"], low) - low) * scale).astype(np.uint16)
-            place[:, row] = np.where(inside.all(axis=1), whole.T, UNSEEN)
-        return {
+        limits = {name: field.limits([f[name] for f in frames]) for name, field in FIELDS.items()}
+        sections = [
+            {"y": y} | _section([_of_section(f, k) for f in frames], low, high, limits, pack)
+            for k, y in enumerate(planes)
+        ]
+        found = {
             "t": pack.array(np.array([f["time"] for f in frames]), "f8"),
-            "count": len(ids),
-            "places": pack.array(_places_in_bytes(places), "u1"),
             "low": low.tolist(),
             "high": high.tolist(),
             "dx": tank.dx * thinning**0.5,
-            "fields": {name: _field(field, frames, rows, len(ids), pack) for name, field in FIELDS.items()},
             "tank": _scene(tank, frames, pack),
-            "slice": first["x"].shape[1] == 3,
             "thinning": thinning,
+            "sections": sections,
+            "slice": planes[0] is not None,
         }
+        if found["slice"]:
+            view = self._space
+            found["space"] = None if view is None else view.content([f["space"] for f in frames], pack)
+            found["missing"] = MISSING if view is None else ""
+        return found | sections[len(sections) // 2]
 
-    def _read(self, index: int, tank: Tank, thinning: int) -> dict[str, Any]:
-        """Particles of a snapshot in the plane of the picture, about one in `thinning`, with their fields."""
+    def _read(self, index: int, tank: Tank, thinning: int, planes: Sequence[float | None]) -> dict[str, Any]:
+        """Particles of a snapshot in the sections, about one in `thinning`, with their fields."""
         if index not in self._known:
             snapshot = self.run.snapshot(index)
             x, u, p = (np.asarray(snapshot[name], np.float64) for name in "xup")
             there = np.isfinite(x).all(axis=1) & np.isfinite(u).all(axis=1)
-            cut = cut_in_plane(x, tank.dx)
-            seen = cut.seen & there & (_scattered(snapshot["id"]) < 1.0 / thinning)
+            section = _sections(x, planes, tank.dx)
+            seen = (section >= 0) & there & (_scattered(snapshot["id"]) < 1.0 / thinning)
             flow = local_flow(x[there], u[there], np.flatnonzero(seen[there]))
             kept = {"p": p[seen], "u": u[seen], "flow": flow}
             self._known[index] = {
                 "time": float(snapshot["time"]),
                 "id": snapshot["id"][seen],
-                "at": cut.at[seen],
+                "at": x[seen][:, [0, -1]],
+                "section": section[seen],
+                "space": None if self._space is None else self._space.read(snapshot),
                 "poses": {one.name: one.pose(snapshot) for one in tank.solids if one.name},
                 "lines": {name: line_of(snapshot, name) for name in tank.lines},
                 **{name: field.values(kept).astype(np.float32) for name, field in FIELDS.items()},
@@ -134,32 +154,78 @@ class Frames:
         return self._known[index]
 
 
+def _planes(x: np.ndarray, dx: float, frames: int) -> tuple[float | None, ...]:
+    """Distances y (m) of the sections from the tank's first side wall, in rising order; (None,) in 2-D.
+
+    There are as many sections as fit beside each other and in a page of `frames` frames, an odd number.
+    """
+    if x.shape[1] == 2:
+        return (None,)
+    low, high = float(np.nanmin(x[:, 1])), float(np.nanmax(x[:, 1]))
+    for count in SECTIONS:
+        apart = (high - low) / (count + 1)
+        found = tuple(round(low + (k + 1) * apart, 9) for k in range(count))
+        shown = np.count_nonzero(_sections(x, found, dx) >= 0)
+        if apart > 2 * HALF * dx and shown * frames <= MOST:
+            return found
+    return found
+
+
+def _sections(x: np.ndarray, planes: Sequence[float | None], dx: float) -> np.ndarray:
+    """Number of the section `[N]` in which each particle at x (m) is shown, -1 for none; 0 for all in 2-D."""
+    found = np.full(len(x), 0 if planes[0] is None else -1)
+    for k, y in enumerate(planes):
+        if y is not None:
+            found[np.abs(x[:, 1] - y) < HALF * dx] = k
+    return found
+
+
+def _of_section(frame: dict[str, Any], number: int) -> dict[str, Any]:
+    """Particles and fields of a frame in one section."""
+    kept = frame["section"] == number
+    return {name: frame[name][kept] for name in ("id", "at", *FIELDS)}
+
+
+def _section(
+    frames: list[dict[str, Any]],
+    low: np.ndarray,
+    high: np.ndarray,
+    limits: dict[str, tuple[float, float]],
+    pack: Pack,
+) -> dict[str, Any]:
+    """Positions, between `low` and `high` (m), and fields, in `limits`, of the particles of a section."""
+    ids = np.unique(np.concatenate([f["id"] for f in frames]))
+    rows = [np.searchsorted(ids, f["id"]) for f in frames]
+    scale = (UNSEEN - 1) / (high - low)
+    places = np.full((len(frames), 2, len(ids)), UNSEEN, np.uint16)
+    for place, row, frame in zip(places, rows, frames, strict=True):
+        inside = np.isfinite(frame["at"]) & (frame["at"] >= low) & (frame["at"] <= high)
+        whole = np.rint((np.where(inside, frame["at"], low) - low) * scale).astype(np.uint16)
+        place[:, row] = np.where(inside.all(axis=1), whole.T, UNSEEN)
+    levels = {name: np.zeros((len(frames), len(ids)), np.uint8) for name in FIELDS}
+    for k, (row, frame) in enumerate(zip(rows, frames, strict=True)):
+        for name, (least, most) in limits.items():
+            share = (np.nan_to_num(frame[name]) - least) / (most - least)
+            levels[name][k, row] = np.rint(255 * share.clip(0.0, 1.0)).astype(np.uint8)
+    return {
+        "count": len(ids),
+        "places": pack.array(steps_in_bytes(places), "u1"),
+        "fields": {name: _field(name, levels[name], limits[name], pack) for name in FIELDS},
+    }
+
+
 def _scattered(ids: np.ndarray) -> np.ndarray:
     """Pseudo-random numbers from 0 to 1 by particle id, the same in every frame."""
     return (ids.astype(np.uint64) * np.uint64(2654435761) % np.uint64(2**32)) / 2.0**32
 
 
-def _places_in_bytes(places: np.ndarray) -> np.ndarray:
-    """Zigzag-coded differences between frames, small for both signs; low bytes before high bytes."""
-    step = np.diff(places, axis=0, prepend=np.zeros_like(places[:1])).astype(np.int16)
-    small = ((step << 1) ^ (step >> 15)).astype(np.uint16)
-    return np.stack([small & 0xFF, small >> 8], axis=2).astype(np.uint8)
-
-
-def _field(
-    field: Field, frames: list[dict[str, Any]], rows: list[np.ndarray], count: int, pack: Pack
-) -> dict[str, Any]:
-    name = next(key for key, other in FIELDS.items() if other is field)
-    low, high = field.limits([f[name] for f in frames])
-    levels = np.zeros((len(frames), count), np.uint8)
-    for level, row, frame in zip(levels, rows, frames, strict=True):
-        share = (np.nan_to_num(frame[name]) - low) / (high - low)
-        level[row] = np.rint(255 * share.clip(0.0, 1.0)).astype(np.uint8)
-    colours = (255 * matplotlib.colormaps[field.colours](np.arange(256))[:, :3]).round()
+def _field(name: str, levels: np.ndarray, limits: tuple[float, float], pack: Pack) -> dict[str, Any]:
+    """Levels `[frame, particle]` of a field, the limits between which they are, and its colours."""
+    colours = (255 * matplotlib.colormaps[FIELDS[name].colours](np.arange(256))[:, :3]).round()
     return {
-        "label": field.label,
-        "low": low,
-        "high": high,
+        "label": FIELDS[name].label,
+        "low": limits[0],
+        "high": limits[1],
         "levels": pack.array(np.diff(levels, axis=0, prepend=np.zeros_like(levels[:1])), "u1"),
         "colours": pack.array(colours, "u1"),
     }

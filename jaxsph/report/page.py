@@ -18,9 +18,10 @@ from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.content import run_content
 from jaxsph.report.frames import Frames
 from jaxsph.report.pack import Pack
+from jaxsph.report.space import three
 from jaxsph.report.sweeps import sweep_content
 
-SCRIPTS = ("record.js", "player.js", "charts.js", "sweep.js", "page.js")
+SCRIPTS = ("record.js", "player.js", "space.js", "charts.js", "sweep.js", "page.js")
 """Scripts of the page, in their order."""
 
 
@@ -50,7 +51,8 @@ def report(
             f"{out}: exists and is not a page of jaxsph; nothing was changed. Give another name with --out, "
             "or replace it with --overwrite"
         )
-    text = render_page(record_of(paths), title_of(paths))
+    record = record_of(paths)
+    text = render_page(record, title_of(paths), three() if any(map(_in_space, paths)) else None)
     with tell_write_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         put_file(out, text.encode())
@@ -89,8 +91,19 @@ def title_of(paths: Sequence[Path]) -> str:
     return " and ".join(path.stem for path in paths)
 
 
-def render_page(record: bytes | None, title: str) -> str:
-    """HTML text of a page with its contents; a page without contents requests them from its server."""
+def _in_space(path: Path) -> bool:
+    """Whether a file is that of a run in three dimensions with snapshots."""
+    if SweepFile(path).is_one():
+        return False
+    run = RunFile.open(path)
+    return run.snapshot_count > 0 and run.snapshot(0)["x"].shape[1] == 3
+
+
+def render_page(record: bytes | None, title: str, view: bytes | None = None) -> str:
+    """HTML text of a page with its contents; a page without contents requests them from its server.
+
+    **Arguments**: `view`: text of the library that draws runs in three dimensions, see `space.three`.
+    """
     folder = resources.files("jaxsph.report") / "page"
     read = {
         name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", "style.css", *SCRIPTS)
@@ -102,6 +115,7 @@ def render_page(record: bytes | None, title: str) -> str:
         style=read["style.css"],
         scripts=[read[name] for name in SCRIPTS],
         library=_in_text(gzip.compress(plotly, 9, mtime=0)),
+        three="" if view is None else _in_text(gzip.compress(view, 9, mtime=0)),
         record="" if record is None else _in_text(record),
     )
 

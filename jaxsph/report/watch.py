@@ -19,6 +19,7 @@ from jaxsph.errors import CaseError, JaxsphError
 from jaxsph.output.journal import checkpoint_path
 from jaxsph.report.frames import Frames
 from jaxsph.report.page import record_of, render_page, title_of
+from jaxsph.report.space import three
 
 HOST = "127.0.0.1"
 
@@ -104,7 +105,7 @@ def _answers_of(watch: Watch) -> type[BaseHTTPRequestHandler]:
             if place is None:
                 self._answer(403, b"open the address that jaxsph watch prints", "text/plain; charset=utf-8")
             elif place == "":
-                page = render_page(None, watch.title).encode()
+                page = render_page(None, watch.title, three()).encode()
                 self._answer(200, page, "text/html; charset=utf-8")
             elif place == "record":
                 self._news(parse_qs(address.query).get("known", [""])[0])

@@ -14,7 +14,7 @@ function el(tag, attributes = {}, ...children) {
 
 const number = (value) => (Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toExponential(2) : Number(value.toPrecision(4)).toString());
 
-const page = { runs: [], sweeps: [], players: [], charts: [], maps: [], spectra: [], readings: [], t: 0, playing: false, speed: 1, field: "pressure", drawn: 0 };
+const page = { runs: [], sweeps: [], players: [], spaces: [], sections: {}, charts: [], maps: [], spectra: [], readings: [], t: 0, playing: false, speed: 1, field: "pressure", drawn: 0 };
 window.jaxsph = page;
 
 // --- time
@@ -32,8 +32,16 @@ function seek(t, follow = false) {
 }
 
 function show() {
-  const style = { back: backColour(), wall: css("--wall"), still: css("--still"), halo: css("--card") };
+  const style = { back: backColour(), wall: css("--wall"), still: css("--still"), halo: css("--card"), card: css("--card"), text: css("--text"), mark: css("--mark") };
   for (const water of page.players) page.drawn = water.show(page.t, page.field, style);
+  for (const space of page.spaces) {
+    space.show(page.t, sectionOf(space.run).y, style);
+    // in words only twice a second, because nobody reads faster
+    if (page.playing && performance.now() - (space.since || 0) < 500) continue;
+    space.since = performance.now();
+    space.told.textContent = space.words(page.t);
+    space.canvas.setAttribute("aria-label", `${space.label} ${space.told.textContent}`);
+  }
   if (page.firstPicture === undefined && page.players.length) page.firstPicture = performance.now();
   page.pictures = (page.pictures || 0) + 1;
   if (page.slider) {
@@ -56,7 +64,7 @@ function backColour() {
 function play(on) {
   page.playing = on;
   page.button.textContent = on ? "Pause" : "Play";
-  if (!on) return;
+  if (!on) { show(); return; }
   const [first, last] = span();
   if (page.t >= last - 1e-9) page.t = first;
   let before = performance.now();
@@ -119,22 +127,43 @@ function about() {
 }
 
 function particles() {
+  const known = page.spaces;
   page.players = [];
+  page.spaces = [];
   page.readings = [];
   const shown = page.runs.filter((run) => run.player);
   if (!shown.length) return null;
   const stages = shown.map((run) => {
     const canvas = el("canvas", { class: "water", role: "img", "aria-label": `Particles of ${run.label} in the tank, coloured by ${page.field}; values in the readings below` });
-    const water = new Water(canvas, run);
+    const water = new Water(canvas, { ...run, player: { ...run.player, ...sectionOf(run) } });
     page.players.push(water);
     drag(canvas, water);
-    return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, canvas, readings(run));
+    const section = el("div", {}, canvas, run.player.slice ? sectionChoice(run, water) : null);
+    const both = run.player.slice ? el("div", { class: "beside" }, section, spaceStage(run, known.find((space) => space.run.label === run.label))) : section;
+    return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, both, readings(run));
   });
-  const slice = shown.some((run) => run.player.slice) ? el("p", { class: "hint" }, "The picture of a three-dimensional run shows the middle of the tank's width.") : null;
+  const views = page.spaces.length ? el("p", { class: "hint" }, "In the view in three dimensions, drag or the arrow keys turn, Shift and drag move, + and − or Ctrl and the mouse wheel zoom, 0 shows the whole tank. The rectangle marks the section that is shown beside it; dashed: still water level.") : null;
   const thinnest = Math.max(...shown.map((run) => run.player.thinning));
   const thinned = thinnest > 1 ? el("p", { class: "hint" }, `One particle in ${thinnest} is shown, enlarged.`) : null;
-  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), slice, thinned,
+  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), views, thinned,
     el("p", { class: "hint" }, "Keys: space plays or pauses, ← and → step, + and − zoom, 0 shows the whole tank. Drag to move the picture; Ctrl and the mouse wheel zoom. Click in a chart to go to its time.")));
+}
+
+// The section of a run across the tank that is shown; y is null in two dimensions.
+function sectionOf(run) {
+  const all = run.player.sections, chosen = page.sections[run.label];
+  return all[chosen === undefined ? Math.floor(all.length / 2) : Math.min(chosen, all.length - 1)];
+}
+
+function sectionChoice(run, water) {
+  const all = run.player.sections, now = sectionOf(run), words = ({ y }) => `y = ${number(y)} m`;
+  if (all.length === 1) return el("p", { class: "hint" }, `Section at ${words(now)}, in the middle of the tank's width.`);
+  const choice = el("select", { onchange: () => {
+    page.sections[run.label] = +choice.value;
+    water.take({ ...run, player: { ...run.player, ...sectionOf(run) } });
+    show();
+  } }, ...all.map((one, k) => el("option", { value: k, selected: one === now }, words(one))));
+  return el("label", { class: "section" }, "Section at ", choice);
 }
 
 function readings(run) {
@@ -173,9 +202,8 @@ function legend() {
 // One scale for all players, so that colours compare.
 function drawLegend() {
   if (!page.bar || !page.players.length) return;
-  const field = page.players[0].frames.fields[page.field], context = page.bar.getContext("2d"), image = context.createImageData(256, 1);
-  for (let k = 0; k < 256; k++) image.data.set([field.colours[3 * k], field.colours[3 * k + 1], field.colours[3 * k + 2], 255], 4 * k);
-  context.putImageData(image, 0, 0);
+  const field = page.players[0].frames.fields[page.field];
+  paint(page.bar, field.colours);
   const several = page.players.length > 1 ? `, of ${page.runs.find((run) => run.player).label}` : "";
   page.scale[0].textContent = field.label + several;
   page.scale[1].textContent = number(field.low);
@@ -292,8 +320,10 @@ async function take(bytes) {
   return going;
 }
 
-async function loadLibrary() {
-  const code = await inflate(bytesOf(document.getElementById("library").textContent.trim()));
+async function loadLibrary(id) {
+  const inside = document.getElementById(id);
+  if (!inside) return;
+  const code = await inflate(bytesOf(inside.textContent.trim()));
   const address = URL.createObjectURL(new Blob([code], { type: "text/javascript" }));
   await new Promise((done, fail) => document.head.append(el("script", { src: address, onload: done, onerror: fail })));
   URL.revokeObjectURL(address);
@@ -347,8 +377,9 @@ async function begin() {
   window.addEventListener("resize", () => { if (page.players.length) show(); });
   const inside = document.getElementById("record").textContent.trim();
   try {
+    await loadLibrary("three");
     if (inside) await take(bytesOf(inside));
-    await loadLibrary();
+    await loadLibrary("library");
     await drawCharts();
     if (!inside) await follow();
   } catch (error) {
