@@ -175,7 +175,7 @@ def test_a_chamber_and_a_body_have_readings_of_their_own():
 
 
 @pytest.mark.parametrize(
-    ("dim", "force", "flow"), [(2, "N m-1, N m-1, N", "m2 s-1"), (3, "N, N, N m", "m3 s-1")]
+    ("dim", "force", "flow"), [(2, "N m-1, N m-1, N", "m2 s-1"), (3, "N, N, N, N m, N m, N m", "m3 s-1")]
 )
 def test_amounts_of_two_dimensions_are_per_metre_of_width(dim, force, flow):
     """No quantity of a device has the unit of the other number of dimensions."""
