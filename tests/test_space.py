@@ -185,7 +185,12 @@ def test_heights_are_stored_within_a_hundredth_of_a_spacing():
 # --- page
 
 
-def make_run(path, scene, frames=12, results=True, dx=DX):
+def swayed(t):
+    """Surge, heave (m) and pitch (rad) of the sphere at time t (s)."""
+    return [0.0, 0.03 * np.sin(5.0 * t), 0.1 * np.sin(4.0 * t)]
+
+
+def make_run(path, scene, frames=12, results=True, dx=DX, pose=swayed):
     """File of an artificial run of the sphere's case: waves pass the sphere, which heaves and pitches."""
     run = RunFile.create(path, BALL.to_toml(), {}, {}, scene=scene | {"dx": dx})
     rng, plane = np.random.default_rng(4), np.arange(0.5 * dx, 1.6, dx)
@@ -195,7 +200,6 @@ def make_run(path, scene, frames=12, results=True, dx=DX):
         t = 0.05 * (k + 1)
         x = rest + 0.1 * dx * rng.uniform(-1, 1, rest.shape)
         x[:, 2] *= 1.0 + 0.02 * np.sin(4.0 * x[:, 0] - 5.0 * t)
-        pose = np.array([0.0, 0.03 * np.sin(5.0 * t), 0.1 * np.sin(4.0 * t)])
         snapshot = {
             "time": t,
             "step": k,
@@ -204,9 +208,13 @@ def make_run(path, scene, frames=12, results=True, dx=DX):
             "u": 0.1 * x,
             "p": 9810 * (0.9 - x[:, 2]),
         }
-        series = {"time": np.array([t]), "heave": pose[[1]]}
+        series = {"time": np.array([t]), "heave": np.array(swayed(t)[1:2])}
         run.append(
-            series, {"heave": Variable("m", "heave")}, snapshot | {"body": pose}, {"a": np.zeros(1)}, {}
+            series,
+            {"heave": Variable("m", "heave")},
+            snapshot | {"body": np.array(pose(t))},
+            {"a": np.zeros(1)},
+            {},
         )
     if results:
         run.finish({"periods": 3.0})
@@ -243,6 +251,15 @@ def test_page_of_a_run_in_three_dimensions_has_the_view_and_is_small(run, run_pa
     # waves of 0.02 m, but no water below the sphere, which is 0.15 m deep
     assert np.count_nonzero(levels == UNSEEN) < 0.1 * size
     np.testing.assert_allclose(heights, 0.9, atol=0.03)
+
+
+def test_poses_of_six_numbers_are_shown_in_both_pictures(tmp_path, ball):
+    path = make_run(tmp_path / "run.h5", ball[1], frames=2, pose=lambda t: [0.1, 0.2, t, 0.3, 0.4, 0.5])
+    player = read(record_of([path]))["runs"][0]["player"]
+    np.testing.assert_allclose(
+        player["space"]["solids"][0]["poses"][6:], [0.1, 0.2, 0.1, 0.3, 0.4, 0.5], rtol=1e-6
+    )
+    np.testing.assert_allclose(player["tank"]["solids"][0]["poses"][3:], [0.1, 0.1, 0.4], rtol=1e-6)
 
 
 def test_sections_lie_across_the_tank_and_share_their_scales(run):

@@ -96,7 +96,7 @@ def surface_of(shape: AbstractShape, cells: int = CELLS) -> Triangles:
 
 
 def simplified(surface: Triangles, most: int = MOST_TRIANGLES) -> Triangles:
-    """The surface (m) with at most about `most` triangles, by the quadrics of Garland and Heckbert (1997)."""
+    """The surface (m) with at most about `most` triangles; edges stay where they are."""
     if len(surface.faces) <= most:
         return surface
     igl = library("igl", "geometry", "the view in three dimensions")

@@ -156,7 +156,7 @@ function sectionOf(run) {
 }
 
 function sectionChoice(run, water) {
-  const all = run.player.sections, now = sectionOf(run), words = ({ y }) => `y = ${number(y)} m`;
+  const all = run.player.sections, now = sectionOf(run), words = ({ y }) => `y = ${number(Number(y.toPrecision(3)))} m`;
   if (all.length === 1) return el("p", { class: "hint" }, `Section at ${words(now)}, in the middle of the tank's width.`);
   const choice = el("select", { onchange: () => {
     page.sections[run.label] = +choice.value;
