@@ -67,7 +67,7 @@ def _body(
         release=section.release,
         parent=section.joined_to or "",
         angle=section.incline,
-        velocity=section.velocity if dim == 2 else spatial(section.velocity),
+        velocity=_whole(section.velocity, dim),
         position=_position(section.angle, dim),
         path=() if section.motion is None else (_path(section.motion, dim, dtype),),
     )
@@ -81,6 +81,11 @@ def _body(
         rows=rows,
         name=name,
     )
+
+
+def _whole(values: Sequence[float], dim: int) -> tuple[float, ...]:
+    """Values of all motions in `dim` dimensions, from three or six values of a section."""
+    return tuple(values) if dim == 2 else spatial(values)
 
 
 def _position(angle: Any, dim: int) -> tuple[float, ...]:
@@ -180,13 +185,14 @@ def _laws(section: LinkSection, leaf: Any) -> Laws:
 
 def _path(section: MotionSection, dim: int, dtype: np.dtype) -> AbstractPath:
     """Given motion of a body in a tank of `dim` dimensions."""
-
-    def whole(values: Sequence[float]) -> tuple[float, ...]:
-        return tuple(values) if dim == 2 else spatial(values)
-
     if section.amplitude is None or section.period is None:
-        samples = np.array([whole(tuple(one)) for one in section.samples])
+        samples = np.array([_whole(one, dim) for one in section.samples])
         return SampledPath.of(np.asarray(section.t), samples, dtype)
     ramp = section.period if section.ramp is None else section.ramp
-    numbers = (whole(section.amplitude), 2.0 * np.pi / section.period, whole(section.phase), ramp)
+    numbers = (
+        _whole(section.amplitude, dim),
+        2.0 * np.pi / section.period,
+        _whole(section.phase, dim),
+        ramp,
+    )
     return HarmonicPath(*(jnp.asarray(a, dtype) for a in numbers))

@@ -26,6 +26,7 @@ from jaxsph.case.section import (
     Velocity,
 )
 from jaxsph.case.shape_sections import ShapeSection
+from jaxsph.model.rigid import PLANE, SPACE
 
 Motion = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 """Name of a motion of a body; in two dimensions only surge, heave and pitch."""
@@ -35,9 +36,9 @@ Product = Annotated[float, Field(ge=-1e15, le=1e15)]
 Tilt = Annotated[float, Field(ge=-1.6, le=1.6)]
 MOTIONS = typing.get_args(Motion)
 """Names of all motions."""
-PLANAR = ("surge", "heave", "pitch")
+PLANAR = PLANE.motions
 """Motions in the plane (x, z)."""
-ROTATIONS = ("roll", "pitch", "yaw")
+ROTATIONS = SPACE.motions[SPACE.dim :]
 """Motions about an axis."""
 
 

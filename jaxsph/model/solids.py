@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.model.part import AbstractPart
-from jaxsph.model.rigid import SPACES, AbstractSpace
+from jaxsph.model.rigid import SPACES
 from jaxsph.model.state import Particles
 
 __all__ = [
@@ -202,11 +202,6 @@ class AbstractBody(AbstractMovingSolid):
     """Pivot at rest, m: the point at which the joint is attached, and the reference point of moments."""
     centre: eqx.AbstractVar[Float[Array, " D"]]
     """Centre of mass at rest, m."""
-
-    @property
-    def space(self) -> AbstractSpace:
-        """Space in which the body moves."""
-        return SPACES[len(self.pivot)]
 
     @property
     def fixed(self) -> bool:
