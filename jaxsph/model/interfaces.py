@@ -384,7 +384,7 @@ class Model(eqx.Module):
         count, there = self.walls.images.count, images.there
         seen = images.fields({"x": columns(p.x), "V": self.scheme.volume(p)})
         x, nodes = self.walls_at(parts, stack(seen["x"]))
-        share = there * seen["V"] * self.walls.images.share(x[:count])
+        share = there.astype(p.x.dtype) * seen["V"] * self.walls.images.share(x[:count])
         x = x.at[:count].set(jnp.where(there[:, None], x[:count], self.walls.x[:count]))
         return x, nodes, self.walls.volume.at[:count].set(share)
 

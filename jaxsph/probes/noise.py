@@ -94,6 +94,7 @@ def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, B
 
 def _rms(vector: Components, counted: Bool[Array, " N"]) -> Scalar:
     """RMS of a vector field over the `counted` particles, in the field's unit; 0 for no particles."""
-    square = jnp.sum(jnp.where(counted, dot(vector, vector), 0.0)) / jnp.maximum(jnp.sum(counted), 1)
+    size2 = dot(vector, vector)
+    square = jnp.sum(jnp.where(counted, size2, 0.0)) / jnp.maximum(jnp.sum(counted), 1).astype(size2.dtype)
     moves = square > 0.0  # the root has no derivative at zero; at rest derivatives must be finite
     return jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)

@@ -103,6 +103,6 @@ def _summed(kernel: AbstractKernel, h_over_dx: Scalar, dim: int, up: Array, r2: 
     pair = Pair((), r2, kernel.slope(r2, h_over_dx, dim), kernel.value(r2, h_over_dx, dim))
     weights = laws.laplacian_weight(pair, {"V": 1.0}, (0.1 * h_over_dx) ** 2)
     full = jnp.sum(pair.W)
-    first, second = (jnp.sum(pair.F * up * (up < above)) for above in (0.5, 1.5))
-    lacks = jnp.sum(pair.W * (up > 1.5)) / full
+    first, second = (jnp.sum(jnp.where(up < above, pair.F * up, 0.0)) for above in (0.5, 1.5))
+    lacks = jnp.sum(jnp.where(up > 1.5, pair.W, 0.0)) / full
     return LatticeSums(full, jnp.sum(weights) * h_over_dx**2, lacks, (first, second))
