@@ -56,7 +56,7 @@ class HeightGrid:
         return found[0], found[1]
 
     def heights(self, x: np.ndarray, inside: Callable[[np.ndarray], np.ndarray] | None = None) -> np.ndarray:
-        """Heights `[X, Y]` (m) of the free surface at the points of `axes`; NaN where there is none.
+        """Height `[X, Y]` (m) of the free surface at every point of `axes`; NaN where there is no surface.
 
         It is half a spacing above the mean of the highest layer of particles at x `[N, 3]` (m). A single
         particle in the air is not part of the layer. `inside`: whether points `[N, 3]` (m) are inside a

@@ -213,11 +213,17 @@ function drawLegend() {
 
 function drag(canvas, water) {
   const ratio = () => canvas.width / canvas.clientWidth;
+  gestures(canvas, (px, py) => water.panBy(px * ratio(), py * ratio()),
+    (by, event) => water.zoomBy(by, event.offsetX * ratio(), event.offsetY * ratio()));
+}
+
+// Calls `move` while a pointer is dragged over a canvas, and `zoom` for the mouse wheel with Ctrl.
+function gestures(canvas, move, zoom) {
   let from = null;
   canvas.addEventListener("pointerdown", (event) => { from = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); });
   canvas.addEventListener("pointermove", (event) => {
     if (!from) return;
-    water.panBy((event.clientX - from[0]) * ratio(), (event.clientY - from[1]) * ratio());
+    move(event.clientX - from[0], event.clientY - from[1], event);
     from = [event.clientX, event.clientY];
     show();
   });
@@ -225,7 +231,7 @@ function drag(canvas, water) {
   canvas.addEventListener("wheel", (event) => {
     if (!event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
-    water.zoomBy(Math.exp(-event.deltaY * 0.004), event.offsetX * ratio(), event.offsetY * ratio());
+    zoom(Math.exp(-event.deltaY * 0.004), event);
     show();
   }, { passive: false });
 }

@@ -205,22 +205,7 @@ class Space {
 
 // Turning, zooming and moving by mouse, finger and keys, while the view has the focus.
 function steer(canvas, space) {
-  let from = null;
-  canvas.addEventListener("pointerdown", (event) => { from = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); });
-  canvas.addEventListener("pointermove", (event) => {
-    if (!from) return;
-    const [px, py] = [event.clientX - from[0], event.clientY - from[1]];
-    if (event.shiftKey) space.panBy(px, py); else space.turnBy(0.008 * px, 0.008 * py);
-    from = [event.clientX, event.clientY];
-    show();
-  });
-  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { from = null; });
-  canvas.addEventListener("wheel", (event) => {
-    if (!event.ctrlKey && !event.metaKey) return;
-    event.preventDefault();
-    space.zoomBy(Math.exp(-event.deltaY * 0.004));
-    show();
-  }, { passive: false });
+  gestures(canvas, (px, py, event) => { if (event.shiftKey) space.panBy(px, py); else space.turnBy(0.008 * px, 0.008 * py); }, (by) => space.zoomBy(by));
   canvas.addEventListener("keydown", (event) => {
     const does = {
       ArrowLeft: () => space.turnBy(-TURN, 0), ArrowRight: () => space.turnBy(TURN, 0), ArrowUp: () => space.turnBy(0, TURN),
