@@ -85,7 +85,7 @@ _ROOMS = {
     ),
     "parts.relaxation": ("BasinZone", "FlowMotion", "RelaxationZone"),
     "parts.segmented": ("SegmentedPaddle",),
-    "parts.sponge": ("Sponge",),
+    "parts.sponge": ("Sponge", "SpongeLayer"),
     "probes.default": ("default_probes",),
     "probes.energy": ("EnergyProbe",),
     "probes.gauges": ("WaveGauge",),

@@ -276,6 +276,9 @@ SMALL = {
     "waves": {"H": 0.08, "T": 1.0, "direction": 0.35, "zone": 1.0, "side_zones": 0.8},
     "output": {"sample_dt": 0.04},
 }
+STILL = {key: value for key, value in SMALL.items() if key != "waves"} | {"sponge": {"length": 0.5}}
+WAVES = {"H": 0.08, "T": 1.0}
+BUOY = {"body": {"sphere": {"centre": [2.0, 1.6, 1.0], "radius": 0.5}}, "tank": {"length": 4.0, "width": 3.2, "depth": 1.0}}
 SEA_STATE = {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "zone": 3.0, "second_order": False}
 
 
@@ -295,7 +298,7 @@ SEA_STATE = {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "zone": 3.0, "second_ord
         ({"waves.side_zones": 1.5}, r"leave less than a tenth of the width of 3.2 m"),
         (
             {"solid.post.block": {"low": [2.0, 0.5, 0.0], "high": [2.5, 1.5, 0.8]}},
-            r"waves.side_zones = 0.8 m: cover the solid post, from y = 0.5 to 1.5 m",
+            r"waves.side_zones = 0.8 m: .* from y = 0 to 0.8 m covers the solid post, from 0.5 to 1.5 m",
         ),
         ({"waves.spreading": 10.0}, r'waves.spreading belongs to waves.kind = "irregular"'),
         (
@@ -328,6 +331,38 @@ def test_a_directional_sea_is_built():
     theta = np.arctan2(*np.asarray(paddle.field.k).T[::-1])
     np.testing.assert_allclose(theta, case.waves.directions(len(theta)), atol=1e-5)
     assert np.mean(theta) == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sponge.sides": 0.4, "waves": WAVES}, r"sponge.sides = 0.4 m: would damp .* waves.side_zones, a"),
+        ({"sponge.near": 0.4, "waves": WAVES}, r"sponge.near = 0.4 m: would damp .* give waves.zone, a"),
+        ({"sponge.sides": 0.4, "tank.width": None}, r"sponge.sides = 0.4 m: needs a tank in three dim"),
+        ({"sponge.sides": 1.6}, r"sponge.sides = 1.6 m: must be less than half the width of 3.2 m"),
+        ({"sponge.near": 3.5}, r"sponge.length \+ sponge.near = 4 m: must together be shorter than .* \(4 m"),
+        ({"sponge.sides": 1.2} | BUOY, r"the zone from y = 0 to 1.2 m covers the body, from 1.1 to 2.1 m"),
+        ({"sponge.near": 1.6} | BUOY, r"the zone from x = 0 to 1.6 m covers the body, from 1.5 to 2.5 m"),
+    ],
+)
+def test_sponges_that_a_tank_cannot_have_are_refused(changes, words):
+    with pytest.raises(js.CaseError, match=words):
+        js.Case.from_dict(STILL).replace(changes)
+
+
+def test_sponge_damps_along_every_wall_it_is_given():
+    """Rates grow as the square of the distance into the layer, and the higher of two rates counts."""
+    (sponge,) = (
+        js.Case.from_dict(STILL | {"sponge": {"length": 0.5, "near": 1.0, "sides": 0.8}})
+        .problem()
+        .model.dampers
+    )
+    # in the middle, halfway into each of the layers, whose ends are a spacing (0.1 m) behind the walls
+    middle, half = (2.0, 1.6), ((0.45, 1.6), (3.8, 1.6), (2.0, 0.35), (2.0, 2.85))
+    x = np.array([(*point, 0.2) for point in (middle, *half, (0.45, 0.0))])
+    rates = (1.0 - np.asarray(sponge.factor(x, 1e-3))) / 1e-3
+    # float32 rounds 1 - dt times the rate to 6e-8, so the rates to 6e-5
+    np.testing.assert_allclose(rates, [0.0, 2.5, 2.5, 2.5, 2.5, 10.0 * (8 / 9) ** 2], atol=2e-4)
 
 
 def test_zone_and_sponge_book_the_energy_they_exchange():

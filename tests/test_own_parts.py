@@ -123,7 +123,7 @@ def tank():
 
 def test_parts_of_a_problem_are_changed_whole(tank):
     """Ledger, state and probes belong to the new parts, and the case's own probes stay."""
-    sponge = js.Sponge(0.5, 1.0, 5.0)
+    sponge = js.Sponge((js.SpongeLayer(0.5, 1.0),), 5.0)
     changed = tank.with_parts(dampers=[sponge], t1=0.25)
     assert changed.model.dampers == (sponge,) and not tank.model.dampers
     assert "sponge" in changed.state.ledger and "sponge" not in tank.state.ledger
@@ -134,7 +134,7 @@ def test_parts_of_a_problem_are_changed_whole(tank):
 
 def test_parts_that_do_not_fit_are_refused(tank):
     """Because of an unknown name, a name that two parts share, or a time step that is too long."""
-    sponge = js.Sponge(0.5, 1.0, 5.0)
+    sponge = js.Sponge((js.SpongeLayer(0.5, 1.0),), 5.0)
     with pytest.raises(CaseError, match="damper: is not a field of the model, which has scheme, walls"):
         tank.with_parts(damper=[sponge])
     with pytest.raises(CaseError, match="parts share the names sponge"):

@@ -7,7 +7,7 @@ import pytest
 from conftest import advance, coarse, enable_x64
 
 import jaxsph as js
-from jaxsph.parts.sponge import Sponge
+from jaxsph.parts.sponge import Sponge, SpongeLayer
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.regular import RegularWaves, SecondOrderPiston
 
@@ -49,7 +49,7 @@ def test_waves_and_sponge_follow_the_precision_of_their_leaves(dtype):
             waves.elevation(one, 0.3),
             absorption.velocity(waves, 0.0, 0.3, 0.0),
             absorption.filter_time(waves),
-            Sponge(one, 2.0 * one).factor(jnp.full((1, 2), 1.5, dtype), 0.01),
+            Sponge((SpongeLayer(one, 2.0 * one),)).factor(jnp.full((1, 2), 1.5, dtype), 0.01),
             jax.grad(lambda T: RegularWaves(0.04 * one, T, 0.42 * one).k)(1.2 * one),
         ]
         assert {a.dtype for a in found} == {np.dtype(dtype)}

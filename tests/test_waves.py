@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import fsolve
 
-from jaxsph.parts.sponge import Sponge
+from jaxsph.parts.sponge import Sponge, SpongeLayer
 from jaxsph.waves import theory
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.near_field import near_field_ratio
@@ -396,7 +396,7 @@ def test_residual_reflection():
 
 
 def test_sponge():
-    sponge = Sponge(6.0, 8.0)
+    sponge = Sponge((SpongeLayer(6.0, 8.0),))
     x = jnp.array([5.0, 6.0, 7.0, 8.0, 8.5])
     # Eq. 28 by hand; a few roundings.
     np.testing.assert_allclose(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxsph.case.geometry import Geometry
-from jaxsph.case.sections import ONLY_BODY, Sections
+from jaxsph.case.sections import Sections
 from jaxsph.case.settling import given_waves
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_section import AbstractWavesSection
@@ -117,7 +117,7 @@ def _key(waves: AbstractWavesSection) -> tuple[str, str]:
 
 
 def _check_sides(case: Sections, geometry: Geometry, width: float) -> None:
-    """**Raises** CaseError for zones along the side walls that are too narrow, too wide, or cover a solid."""
+    """**Raises** CaseError for zones along the side walls that are too narrow or too wide."""
     whole = _width(geometry)
     value = f"waves.side_zones = {width:g} m"
     length = 2.0 * np.pi / wavenumber(given_waves(case).period, geometry.depth, case.g)
@@ -131,17 +131,6 @@ def _check_sides(case: Sections, geometry: Geometry, width: float) -> None:
             f"{value}: leave less than a tenth of the width of {whole:g} m between them: use a "
             "larger tank.width, or narrower zones"
         )
-    named = {
-        f"the body {name}" if name != ONLY_BODY else "the body": one for name, one in geometry.bodies.items()
-    }
-    named |= {f"the solid {name}": one for name, one in geometry.solids.items()}
-    for what, shape in named.items():
-        low, high = (float(end[1]) for end in shape.bounds())
-        if low < width - 1e-9 or high > whole - width + 1e-9:
-            raise CaseError(
-                f"{value}: cover {what}, from y = {low:.4g} to {high:.4g} m: keep it between {width:g} and "
-                f"{whole - width:.4g} m, or use narrower zones"
-            )
 
 
 def _width(geometry: Geometry) -> float:

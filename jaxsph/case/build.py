@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.case.absorbing import make_sponges
 from jaxsph.case.assemble import SKIN, assemble
 from jaxsph.case.bodies import make_bodies, make_links
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
@@ -24,7 +25,6 @@ from jaxsph.case.parts import (
     make_chambers,
     make_ducts,
     make_paddle,
-    make_sponges,
     make_zones,
 )
 from jaxsph.case.scheme import make_scheme, stable_time_step

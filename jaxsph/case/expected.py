@@ -33,7 +33,7 @@ _DIRECTION = (
 )
 _SIDES = (
     "the side walls absorb with `waves.side_zones`, the width of relaxation zones along them, m, in waves "
-    "made by a relaxation zone, `waves.zone`"
+    "made by a relaxation zone, `waves.zone`; and in still water with `sponge.sides`"
 )
 _STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` makes it shorter or longer"
 _END = "the end of a run is `t1`, s"

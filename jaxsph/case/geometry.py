@@ -111,11 +111,6 @@ class Geometry:
             # the paddle needs more than half a stroke, for drift and absorption
             stroke = max(geometry.stroke, theory.largest_stroke(geometry.depth))
             geometry.withdrawal = 1.5 * stroke + 2 * case.dx
-        if case.sponge is not None and case.sponge.length >= geometry.length:
-            raise CaseError(
-                f"sponge.length = {case.sponge.length:g} m: must be shorter than the tank "
-                f"({geometry.length:g} m)"
-            )
         return geometry
 
     @property

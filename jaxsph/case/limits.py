@@ -13,12 +13,13 @@ import jax
 import numpy as np
 import shapely
 
+from jaxsph.case.absorbing import check_absorbing
 from jaxsph.case.air_sections import ChamberSection
 from jaxsph.case.basin import check_basin
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.names import check_names
 from jaxsph.case.scheme import shortest_limit, stable_time_step
-from jaxsph.case.sections import ONLY_BODY, Sections
+from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_section import AbstractWavesSection
 from jaxsph.core.points import at_points
@@ -54,7 +55,7 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
         _check_air(case, geometry, name, section)
     _check_ducts(case)
     _check_probes(case, geometry)
-    _check_zones(case, geometry)
+    check_absorbing(case, geometry)
     _check_solids(case, geometry)
     _check_coast(case, geometry)
     _check_steps(case)
@@ -369,30 +370,6 @@ def _solid_at(geometry: Geometry, point: tuple[float, ...], slack: float) -> str
         if at_points(shape.distance, np.asarray([point]))[0] < -slack:
             return name
     return None
-
-
-def _check_zones(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError if a sponge or a relaxation zone covers a device, a chamber or a body."""
-    end, zones = geometry.length, []
-    if case.sponge is not None:
-        zones.append(("sponge.length", case.sponge.length, end - case.sponge.length, end))
-    if case.waves is not None and case.waves.zone is not None:
-        zones.append(("waves.zone", case.waves.zone, 0.0, case.waves.zone))
-    solids = [
-        (f"the chamber {name}", stretch.first, stretch.last) for name, stretch in geometry.stretches.items()
-    ]
-    if geometry.plate is not None:
-        solids = [("the device", geometry.plate.x0, end)]
-    for name, shape in geometry.bodies.items():
-        low, high = shape.bounds()
-        solids.append((f"the body {name}" if name != ONLY_BODY else "the body", low[0], high[0]))
-    for key, length, first, last in zones:
-        for what, low, high in solids:
-            if first < high - 1e-9 and last > low + 1e-9:
-                raise CaseError(
-                    f"{key} = {length:g} m: the zone from {first:.4g} to {last:.4g} m covers {what}, from "
-                    f"{low:.4g} to {high:.4g} m, and would absorb its energy: shorten or remove the zone"
-                )
 
 
 def _check_solids(case: Sections, geometry: Geometry) -> None:

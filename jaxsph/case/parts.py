@@ -1,5 +1,5 @@
-"""Parts of a model from a case's sections: wavemaker, chambers, ducts, background pressure,
-relaxation zone and sponge.
+"""Parts of a model from a case's sections: wavemaker, chambers, ducts, background pressure
+and relaxation zone.
 
 `leaf` converts a number to an array of the case's precision.
 """
@@ -37,7 +37,6 @@ from jaxsph.parts.pto import (
     orifice_damping,
 )
 from jaxsph.parts.relaxation import FlowMotion, RelaxationZone
-from jaxsph.parts.sponge import Sponge
 from jaxsph.solids.walls import Ghosts
 from jaxsph.waves.absorption import ActiveAbsorption
 from jaxsph.waves.base import AbstractWaves
@@ -197,11 +196,3 @@ def make_zones(case: Sections, geometry: Geometry, leaf: Any) -> tuple[AbstractD
         for low, high in ((-geometry.withdrawal, length), (0.0, geometry.height))
     )
     return (RelaxationZone(waves, *(leaf(a) for a in (length, strength, x, z))),)
-
-
-def make_sponges(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Sponge, ...]:
-    """Sponge at the far end of a case's tank; empty if the case has none."""
-    if case.sponge is None:
-        return ()
-    end = geometry.length
-    return (Sponge(leaf(end - case.sponge.length), leaf(end + case.dx), leaf(case.sponge.strength)),)

@@ -1,4 +1,4 @@
-"""Sponge layer at the tank's far end, which absorbs waves before they are reflected there."""
+"""Sponge layers along the tank's walls, which absorb waves before they are reflected there."""
 
 from __future__ import annotations
 
@@ -11,15 +11,32 @@ from jaxsph.model.interfaces import AbstractDamper
 from jaxsph.model.meaning import Entry
 
 
-class Sponge(AbstractDamper):
-    """Sponge layer that damps the water's velocities between x0 and x1 (Zhu et al. 2020, Eq. 27 and 28)."""
+class SpongeLayer(eqx.Module):
+    """Layer along one wall, in which the damping rises from 0 at `start` to its largest rate at `end`."""
 
-    x0: Scalar = eqx.field(converter=real)
-    """Start of the layer, m."""
-    x1: Scalar = eqx.field(converter=real)
-    """End of the layer, m; greater than x0."""
+    start: Scalar = eqx.field(converter=real)
+    """Coordinate of the layer's start, in the water, m."""
+    end: Scalar = eqx.field(converter=real)
+    """Coordinate of the layer's end, at the wall or beyond, m; it may be less than `start`."""
+    axis: int = eqx.field(static=True, default=0)
+    """Axis of the coordinates: 0 along the tank, 1 across it."""
+
+    def depth(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
+        """Distance of points x (m) from the start over the layer's thickness (-); 0 outside the layer."""
+        s = (x[:, self.axis] - self.start) / (self.end - self.start)
+        return jnp.where((s >= 0.0) & (s <= 1.0), s, 0.0)
+
+
+class Sponge(AbstractDamper):
+    """Sponge that damps the water's velocities in one or several layers (Zhu et al. 2020, Eq. 27 and 28).
+
+    Where layers overlap, the one with the higher rate counts.
+    """
+
+    layers: tuple[SpongeLayer, ...]
+    """Layers along the walls."""
     strength: Scalar = eqx.field(converter=real, default=10.0)
-    """Damping rate at the end of the layer, 1/s."""
+    """Damping rate at the end of every layer, 1/s."""
 
     name: str = eqx.field(static=True, default="sponge", kw_only=True)
 
@@ -32,8 +49,7 @@ class Sponge(AbstractDamper):
         return u * self.factor(x, dt)[:, None]
 
     def factor(self, x: Float[Array, "N D"], dt: ArrayLike) -> Float[Array, " N"]:
-        """Factor on the velocities at x (m) in a step of dt (s), 0 to 1 (-), by Eq. 28; 1 outside x0..x1."""
-        s = (x[:, 0] - self.x0) / (self.x1 - self.x0)
-        inside = (s >= 0.0) & (s <= 1.0)
-        damped = jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)
-        return jnp.where(inside, damped, 1.0)
+        """Factor on the velocities at x (m) in a step of dt (s), 0 to 1 (-), by Eq. 28; 1 outside the
+        layers."""
+        s = jnp.max(jnp.stack([layer.depth(x) for layer in self.layers]), axis=0)
+        return jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)
