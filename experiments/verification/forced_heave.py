@@ -1,0 +1,151 @@
+"""Sphere and upright cylinder in forced heave, 3-D: added mass and damping against linear theory.
+
+Added mass A and damping B follow from the first harmonics of the motion and of the water's force in the last
+two periods, as in `forced_bodies`. Linear theory is that of the panels of capytaine (Ancellin and Dias 2019)
+in open water of the same depth. Sponge layers along all four walls absorb the waves; in addition the record
+ends at about the time at which waves from the start of the motion, reflected by the walls, reach the body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import Report, solved
+from experiments.verification.forced_bodies import coefficients
+from jaxsph.output.plot.style import BLUE, RED, in_style
+
+RHO, G, DEPTH, RADIUS, DRAUGHT = 1000.0, 9.81, 0.4, 0.15, 0.1
+"""Density (kg/m3), gravity (m/s2), and depth, radius of both bodies and draught of the cylinder (m)."""
+PERIODS = {0.7: 1.6, 0.85: 2.0}
+"""Periods (s), and the length and width of the tank (m) for each of them."""
+AMPLITUDE = 0.02
+"""Amplitude of the heave, m."""
+RAMP, SETTLE, TAKEN = 1, 1, 2
+"""Numbers of periods in which the motion grows, the waves settle, and the force is evaluated."""
+BARS = {"added mass": 0.05, "damping": 0.1}
+
+
+@dataclass(frozen=True)
+class Forced:
+    """A body in forced heave with the period T."""
+
+    body: str
+    """Name of the body: "sphere", half immersed, or "cylinder", upright."""
+    T: float
+    """Period, s."""
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency, rad/s."""
+        return 2.0 * np.pi / self.T
+
+    def case(self, dx: float) -> js.Case:
+        """The case with spacing dx (m)."""
+        size = PERIODS[self.T]
+        middle = 0.5 * size
+        shapes: dict[str, dict[str, Any]] = {
+            "sphere": {"sphere": {"centre": [middle, middle, DEPTH], "radius": RADIUS}},
+            "cylinder": {
+                "cylinder": {
+                    "foot": [middle, middle, DEPTH - DRAUGHT],
+                    "head": [middle, middle, DEPTH + DRAUGHT],
+                    "radius": RADIUS,
+                }
+            },
+        }
+        heave = {"amplitude": [0.0, 0.0, AMPLITUDE, 0.0, 0.0, 0.0], "period": self.T, "ramp": RAMP * self.T}
+        return js.Case.from_dict(
+            {
+                "name": "forced_heave",
+                "description": f"{self.body} in forced heave, 3-D",
+                "dx": dx,
+                "t1": (RAMP + SETTLE + TAKEN) * self.T,
+                "scheme": {"kind": "incompressible"},
+                "tank": {"length": size, "width": size, "depth": DEPTH},
+                "sponge": dict.fromkeys(("length", "near", "sides"), 0.25 * size),
+                "body": shapes[self.body] | {"motion": heave},
+                "output": {"sample_dt": 0.01, "snapshot_dt": self.T, "periods": TAKEN},
+            }
+        )
+
+    def stiffness(self) -> float:
+        """First harmonic of the hydrostatic force over the amplitude, N/m: exact for both bodies."""
+        waterplane = np.pi * RADIUS**2
+        # the displaced volume of a sphere whose centre is z above the level is pi (2 R^3/3 - R^2 z + z^3/3)
+        return RHO * G * (waterplane - (0.25 * np.pi * AMPLITUDE**2 if self.body == "sphere" else 0.0))
+
+    @cached_property
+    def theory(self) -> np.ndarray:
+        """Added mass (kg) and damping (N s/m) of linear theory.
+
+        They are extrapolated from two sizes of panels: their error is of first order at the cylinder's edge,
+        and 32 panels over a quarter of a turn give a damping that is 4 % too low.
+        """
+        return 2.0 * self._by_panels(32) - self._by_panels(16)
+
+    def _by_panels(self, fine: int) -> np.ndarray:
+        """Added mass (kg) and damping (N s/m), with `fine` panels over a quarter of a turn."""
+        import capytaine
+
+        capytaine.set_logging("ERROR")
+        if self.body == "sphere":
+            mesh = capytaine.mesh_sphere(radius=RADIUS, resolution=(2 * fine, 4 * fine))
+        else:
+            mesh = capytaine.mesh_vertical_cylinder(
+                radius=RADIUS, length=2.0 * DRAUGHT, resolution=(fine // 2, 2 * fine, fine)
+            )
+        body = capytaine.FloatingBody(mesh=mesh.immersed_part())
+        body.add_translation_dof(name="Heave")
+        problem = capytaine.RadiationProblem(
+            body=body, radiating_dof="Heave", omega=self.omega, water_depth=DEPTH, rho=RHO, g=G
+        )
+        found: Any = capytaine.BEMSolver().solve(problem)
+        return np.array([found.added_masses["Heave"], found.radiation_dampings["Heave"]], float)
+
+
+MEMBERS = tuple(Forced(body, T) for body in ("sphere", "cylinder") for T in PERIODS)
+
+
+def main(dx: float = 0.025) -> None:
+    """Runs both bodies at both periods."""
+    title = "Sphere and cylinder in forced heave, 3-D: added mass and damping, against linear theory"
+    with Report(f"forced_heave_{dx:g}", title, dx) as report:
+        report.seconds, forces = 0.0, {}
+        for one in MEMBERS:
+            file = solved(one.case(dx), f"forced_heave_{dx:g}_{one.body}_{one.T:g}")
+            report.seconds += file.results()["wall_seconds"]
+            series = file.series()
+            t, z, force = series["time"], series["heave"], series["body_force_mean"][:, 2]
+            forces[one] = t, force - np.mean(force)
+            found = coefficients(t, z, force, one.T, one.stiffness(), TAKEN)
+            units, theory = ("kg", "N s/m"), one.theory.tolist()
+            for (what, bar), unit, values, expected in zip(BARS.items(), units, found, theory, strict=True):
+                check = f"{one.body}, T = {one.T:g} s: {what}"
+                report.against(check, float(np.mean(values)), expected, unit, bar=bar)
+                apart = float(values[1] - values[0]) / expected
+                report.row("the same: second of the two periods minus the first", 100 * apart, "%")
+        report.picture(_picture(forces))
+
+
+@in_style
+def _picture(forces: dict[Forced, tuple[np.ndarray, np.ndarray]]) -> Figure:
+    """Figure of the vertical force about its mean over time; dotted: linear theory."""
+    figure = Figure(figsize=(9.0, 4.5), layout="constrained")
+    axes = figure.subplots(len(PERIODS), 2, sharey="row")
+    for (one, (t, force)), ax in zip(forces.items(), axes.T.flat, strict=True):
+        mass, damping = one.theory
+        spring, omega = one.stiffness(), one.omega
+        late = t > (RAMP + SETTLE) * one.T
+        theory = (omega**2 * mass - spring) * np.sin(omega * t) - omega * damping * np.cos(omega * t)
+        ax.plot(t, force, color=BLUE, label="here")
+        ax.plot(t[late], AMPLITUDE * theory[late], color=RED, ls=":", label="linear theory")
+        ax.set(title=f"{one.body}, T = {one.T:g} s", xlabel="time, s")
+    axes[0, 0].set_ylabel("force, N")
+    axes[0, 0].legend(fontsize="small")
+    return figure
