@@ -55,7 +55,11 @@ SMALL = {
     "section_fixed": {"dx": 0.08, "tank.length": 8.5},
     "owc": {"dx": 0.04, "tank.length": 2.4, "device.wall_thickness": 0.04, "probes": {}},
     "vessel": {"dx": 0.04, "device.wall_thickness": 0.04},
-    "sphere_decay": {"dx": 0.075, "tank.depth": 0.6, "body.sphere.centre": [0.8, 0.8, 0.63]},
+    "sphere_decay": {
+        "dx": 0.075,
+        "tank": {"length": 1.6, "width": 1.6, "depth": 0.6},
+        "body.sphere.centre": [0.8, 0.8, 0.63],
+    },
     "buoy_3d": {
         "dx": 0.1,
         "tank": {"length": 2.8, "width": 1.4, "depth": 0.6, "height": 1.2},

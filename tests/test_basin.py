@@ -278,7 +278,10 @@ SMALL = {
 }
 STILL = {key: value for key, value in SMALL.items() if key != "waves"} | {"sponge": {"length": 0.5}}
 WAVES = {"H": 0.08, "T": 1.0}
-BUOY = {"body": {"sphere": {"centre": [2.0, 1.6, 1.0], "radius": 0.5}}, "tank": {"length": 4.0, "width": 3.2, "depth": 1.0}}
+BUOY = {
+    "body": {"sphere": {"centre": [2.0, 1.6, 1.0], "radius": 0.5}},
+    "tank": {"length": 4.0, "width": 3.2, "depth": 1.0},
+}
 SEA_STATE = {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "zone": 3.0, "second_order": False}
 
 
