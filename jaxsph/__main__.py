@@ -11,6 +11,9 @@ def main() -> None:
     interrupt.end_early()
     interrupt.end_with_parent()
     from jaxsph.cli.app import app
+    from jaxsph.run.lowered import store_programs
+
+    store_programs()
 
     status: object = 0
     try:

@@ -720,7 +720,7 @@ def test_failures_have_their_remedies(hydrostatic):
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
     assert "did not converge (relative residual 0.25" in words and "raise scheme.tolerance" in words
     words = str(chunks.failure_error(model, failed, "it", {}))
-    assert "What to change: take shorter time steps" in words and "scheme." not in words
+    assert "What to change: use shorter time steps" in words and "scheme." not in words
 
 
 # --- interruptions
@@ -834,7 +834,7 @@ def test_overflow_is_regrown_and_replayed_once(whole, monkeypatch, tmp_path):
 
     monkeypatch.setattr("jaxsph.case.case.build", build)
     monkeypatch.setattr(host, "simulate_chunk", chunk)
-    monkeypatch.setattr(remembered, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(remembered, "program_folder", lambda: tmp_path)
     model, state = build(OWC)
     overflown, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     assert Failure.NEIGHBOUR_OVERFLOW in Failure(int(overflown.status.bits))

@@ -1,4 +1,4 @@
-"""Compiled programs that JAX keeps in memory."""
+"""Compiled programs that JAX keeps in memory and on disk."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def forget_programs() -> None:
     """Discards all compiled programs if the process has so many memory maps that another program may not fit.
 
     A program compiled for the CPU occupies 1500 to 6000 memory maps until it is discarded. Linux allows a
-    process 65530 maps by default, and Python terminates without an exception if the compiler gets no more.
+    process 65530 maps by default. If the compiler needs more, Python terminates without an exception.
     Programs that are needed again are read from the cache on disk. On other systems this function does
     nothing.
     """
@@ -30,3 +30,9 @@ def forget_programs() -> None:
     if count > MOST * limit:
         jax.clear_caches()
         gc.collect()
+
+
+def program_folder() -> Path | None:
+    """Folder in which JAX keeps compiled programs; None if it keeps none."""
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    return Path(folder) if folder and jax.config.values["jax_enable_compilation_cache"] else None

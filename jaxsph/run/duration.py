@@ -9,6 +9,7 @@ import jax
 
 from jaxsph.problem.sources import source_of
 from jaxsph.run.devices import everywhere, find_devices, share, usual_devices
+from jaxsph.run.lowered import key_of
 from jaxsph.run.simulate import simulate_chunk
 
 ENOUGH = 2.0
@@ -37,20 +38,22 @@ def duration(given: Any, devices: int | None = None) -> Duration:
     """Estimates the wall time of a run of a case, a problem or a function on this machine.
 
     The first steps are timed with the same compiled function as in the run; JAX caches it. The estimate may
-    be low, because the pressure solver takes fewer iterations in water at rest than in waves. `devices`: as
-    for `run`. **Raises** CaseError, as `run`.
+    be too low, because the pressure solver takes fewer iterations in water at rest than in waves.
+    `devices`: as for `run`. **Raises** CaseError, as `run`.
     """
     find_devices(devices)
     began = time.perf_counter()
-    problem = source_of(given).problem()
+    source = source_of(given)
+    problem = source.problem()
     model, state = share(problem.model, problem.state, devices or usual_devices(problem.model, problem.state))
     probes = everywhere(model.search.slabs, problem.probes)
     every, most = problem.sample_every, problem.per_chunk
+    key = key_of(source)
 
     def take(n_steps: int) -> float:
         """Wall time (s) of the first `n_steps` steps."""
         began = time.perf_counter()
-        jax.block_until_ready(simulate_chunk(model, state, probes, n_steps, every, most))
+        jax.block_until_ready(simulate_chunk(model, state, probes, n_steps, every, most, key))
         return time.perf_counter() - began
 
     take(every)

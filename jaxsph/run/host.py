@@ -32,6 +32,7 @@ from jaxsph.run.amend import amend
 from jaxsph.run.chunks import advance_chunk, sample_times, search_settings, with_settings
 from jaxsph.run.devices import everywhere, find_devices, gather, share, unshare, usual_devices
 from jaxsph.run.interrupt import hear_interrupts
+from jaxsph.run.lowered import key_of
 from jaxsph.run.processes import Processes, whole
 from jaxsph.run.recorder import (
     Recorder,
@@ -92,10 +93,10 @@ def resume(
     """Continues a run from the last checkpoint in its file, to t1 (s) or the problem's end.
 
     On one device the series are bit for bit those of an uninterrupted run. `devices`: as for `run`; the
-    number may differ from the previous number. `changes`: values of the case from here on, by dotted name,
-    such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then records the
-    time of each change. `given`: the function or the problem that was run, unless it was a case; it is needed
-    because jaxsph never imports code that is only named in a file. **Raises** FileError, as `restore`;
+    number may differ from the previous number. `changes`: new values of the case from the checkpoint on, by
+    dotted name, such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then
+    records the time of each change. `given`: the function or the problem that was run, because jaxsph never
+    imports code that is only named in a file; not needed for a case. **Raises** FileError, as `restore`;
     CaseError for a change that is not possible during a run.
     """
     file = RunFile.open(path)
@@ -172,6 +173,7 @@ def _drive(
     model, state = share(own, start.state, devices or usual_devices(own, start.state))
     probes = everywhere(model.search.slabs, start.problem.probes)
     every, last = recorder.sample_every, recorder.last
+    key = key_of(start.source)
     file = take(model.search.slabs.count)
     path = None if file is None else file.path
     recorder.file = file = file if processes.is_first else None
@@ -195,6 +197,7 @@ def _drive(
                 n_steps=n_steps,
                 sample_every=every,
                 most=recorder.per_chunk,
+                key=key,
             )
             model, state, readings = advance_chunk(
                 model, advance, bar.write, start.problem.name, start.problem.remedies

@@ -1,7 +1,7 @@
-"""Remembers the sizes of neighbour tables that a case has needed, so that its next run is compiled once.
+"""Remembers the sizes of neighbour tables that a case has needed, so that its next run is compiled only once.
 
 The sizes are kept next to the programs that JAX has compiled. Larger tables do not change results by a single
-bit. The number of steps between searches can change them, and is not remembered.
+bit. The number of steps between searches can change results, and is not remembered.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import hashlib
 import json
 from pathlib import Path
 
-import jax
-
+from jaxsph.core.programs import program_folder
 from jaxsph.model.interfaces import Model
 from jaxsph.problem.source import Source
 from jaxsph.run.chunks import search_settings, with_settings
@@ -22,7 +21,7 @@ SIZES = ("capacity", "node_capacity", "chamber_capacity")
 
 
 def with_remembered(source: Source, model: Model) -> Model:
-    """Returns the model of a source with the sizes of tables that an earlier run of it has needed."""
+    """Returns the model of a source with the table sizes that an earlier run of the source has needed."""
     known: dict[str, int] = {}
     with contextlib.suppress(OSError, ValueError):  # nothing is known, or the file is damaged
         path = _path(source, model)
@@ -44,13 +43,7 @@ def remember(source: Source, first: Model, model: Model) -> None:
 
 
 def _path(source: Source, model: Model) -> Path | None:
-    """File for the sizes of a source; None if JAX keeps no compiled programs."""
-    folder = _folder()
+    """File for the table sizes of a source; None if JAX keeps no compiled programs."""
+    folder = program_folder()
     key = hashlib.sha256(f"{source.to_toml()} {search_settings(model)}".encode()).hexdigest()
     return None if folder is None else folder / f"sizes-{key[:32]}.json"
-
-
-def _folder() -> Path | None:
-    """Folder in which JAX keeps compiled programs; None if it keeps none."""
-    folder = jax.config.values["jax_compilation_cache_dir"]
-    return Path(folder) if folder and jax.config.values["jax_enable_compilation_cache"] else None

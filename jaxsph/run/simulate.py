@@ -16,6 +16,7 @@ from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State, settle
 from jaxsph.probes.joined import measured
+from jaxsph.run import lowered
 
 
 def simulate(
@@ -105,6 +106,7 @@ def simulate_chunk(
     n_steps: int,
     sample_every: int,
     most: int | None = None,
+    key: str = "",
 ) -> tuple[State, dict[str, jax.Array]]:
     """Compiled form of `simulate`: advances a state by `n_steps` time steps.
 
@@ -114,8 +116,10 @@ def simulate_chunk(
     most = n_steps if most is None else most
     for steps in (most, n_steps):
         _check(model, steps, sample_every)
-    advance = _on_one_device if model.search.slabs.count == 1 else _on_devices
-    state, readings = advance(model, state, tuple(probes), most, sample_every, jnp.int32(n_steps))
+    arguments = (model, state, tuple(probes), most, sample_every, jnp.int32(n_steps))
+    alone = model.search.slabs.count == 1
+    found = lowered.advance(_simulate, key, *arguments) if key and alone else None
+    state, readings = found or (_on_one_device if alone else _on_devices)(*arguments)
     if n_steps < most:
         readings = jax.tree.map(lambda a: a[: n_steps // sample_every], readings)
     return state, readings
