@@ -1,4 +1,4 @@
-"""A problem of your own: a box released above its equilibrium bobs. The arguments of `box` are its keys.
+"""A problem of your own: a box released above its equilibrium bobs. The arguments of `box` are the keys.
 
 jaxsph run examples/bobbing_box.py:box --set density=400
 jaxsph sweep examples/bobbing_box.py:box --grid density=300,400,500

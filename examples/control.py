@@ -40,4 +40,4 @@ def energy(gain):  # energy that the turbine absorbs in the next 0.1 s, J/m
 
 
 value, slope = jax.jit(jax.value_and_grad(energy))(jnp.float32(0.5))
-print(f"energy of the next 0.1 s: {value:.4f} J/m, slope over the gain {slope:.4f} J/m")
+print(f"energy of the next 0.1 s: {value:.4f} J/m, slope with respect to the gain {slope:.4f} J/m")

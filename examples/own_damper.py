@@ -16,7 +16,7 @@ class Screen(js.AbstractDamper):
     name: str = eqx.field(static=True, default="screen", kw_only=True)
 
     def entries(self):
-        return {self.name: js.Entry(f"energy taken by the {self.name}")}
+        return {self.name: js.Entry(f"energy absorbed by the {self.name}")}
 
     def damp(self, x, u, t, dt):  # exact solution of du/dt = -drag |u| u over the step
         inside = (x[:, 0] > self.x0) & (x[:, 0] < self.x1)

@@ -29,4 +29,4 @@ def plunger(stroke: float = 0.02, t1: float = 1.0, dx: float = 0.04) -> js.Probl
 
 if __name__ == "__main__":
     solution = js.run(js.Program(plunger, {}), out="runs/own_solid.h5", overwrite=True)
-    print(f"the plunger gave {solution['power_paddle'].sum() * 0.02:.3f} J/m to the water in a period")
+    print(f"the plunger transferred {solution['power_paddle'].sum() * 0.02:.3f} J/m to the water in a period")

@@ -1,4 +1,4 @@
-"""A run: waves drive an oscillating water column; readings of the run are in one file and in `solution`.
+"""A run: waves drive an oscillating water column; the readings are in one file and in `solution`.
 
 The case is coarse and takes half a minute. The built-in case, without the changes, takes four minutes.
 """
@@ -21,5 +21,5 @@ solution = js.run(case, t1=6.0, out="runs/example.h5", overwrite=True)
 for name in ("chamber_level", "P_a", "flow", "power_pto"):
     reading = solution.units[name]
     print(f"{name:14s} largest {solution[name].max():9.4g} {reading.units:8s} {reading.long_name}")
-print(f"energy taken by the PTO: {solution.results['energy_pto']:.3g} J/m")
+print(f"energy absorbed by the PTO: {solution.results['energy_pto']:.3g} J/m")
 print("pictures: jaxsph plot runs/example.h5")

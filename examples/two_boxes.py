@@ -36,4 +36,4 @@ solution = js.march(model, state, 0.6, sample, js.default_probes(model, state, s
 for k, body in enumerate(bodies):
     force = solution[f"body_force_mean_{k}"][5:, 1].mean() / (9.81 * float(body.mass))
     heave = solution[f"heave_{k}"][-1]
-    print(f"box {k}: the water carries {force:.3f} of its weight; it has moved by {1e3 * heave:.2f} mm")
+    print(f"box {k}: the water carries {force:.3f} of its weight; heave {1e3 * heave:.2f} mm")

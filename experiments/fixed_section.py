@@ -1,4 +1,4 @@
-"""Linear diffraction of regular waves by a fixed section in water of finite depth, two-dimensional.
+"""Two-dimensional linear diffraction of regular waves by a fixed section in water of finite depth.
 
 The time factor is exp(-i omega t), z is upwards from the still level, and the waves come from x = -inf.
 Potentials are scaled so that the incident potential is exp(ikx) cosh k(z + h) / cosh kh. The pressure per
@@ -30,7 +30,7 @@ PER_WAVE = 80
 """Number of elements per wavelength on the surface and per depth on a vertical; with 40, R^2 + T^2 differs
 from 1 by 1 %."""
 FAR = 4.0
-"""Distance of the verticals from the section over the depth (-); local waves decay to exp(-1.6 FAR) there."""
+"""Distance from the section to the verticals over the depth (-); evanescent waves decay to exp(-1.6 FAR)."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ MULTIPOLES, POINTS = 20, 100
 DEEP = 12.0
 """Value of K h (-) above which k0 is set to K: exp(-2 K h) is below 4e-11 there."""
 FALLEN = 40.0
-"""Value of k h (-) at which integrals over the effect of the bed end; high enough for all multipoles."""
+"""Upper limit k h (-) of the integrals for the effect of the bed; high enough for all multipoles."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Cylinder:
         grown = np.exp(-2.0 * k * h)  # cosh kh and sinh kh are divided by exp(kh)/2 to avoid overflow
         kernel = (np.exp(k * at) + grown * np.exp(-k * at)) / (k * (1.0 - grown) - K * (1.0 + grown))
         wave, deep = self._wave(omega, k0, self._zeta), np.exp(K * self._zeta)
-        # kernels divided by the source's kernel, at every k and at k0; at K the multipoles' are zero
+        # kernels divided by the source's kernel, at every k and at k0; at K the multipoles' kernels are zero
         over = np.column_stack([np.ones_like(k), self._powers(k) * (k**2 - K**2)[:, None]])
         made = np.append(1.0, self._powers(np.array([k0]))[0] * (k0 - K) * (k0 + K))
         more = ((kernel - np.exp(k * at) / (k - K)) * weights) @ over
@@ -208,8 +208,8 @@ def strip_of_a_long_cylinder(
         rho=cylinder.rho,
         g=cylinder.g,
     )
-    # This solver of capytaine was chosen because it is nearest to the theory here. The default solver's added
-    # mass is above the theory by 10, 7 and 5 % with 4, 8 and 16 panels (8.8 rad/s, 4 m).
+    # This solver of capytaine was chosen because its result is nearest to the theory. The default solver's
+    # added mass is above the theory by 10, 7 and 5 % with 4, 8 and 16 panels (8.8 rad/s, 4 m).
     solver = capytaine.BEMSolver(green_function=capytaine.HAMS_GF(), method="direct")
     found = solver.solve(problem, keep_details=False)
     whole = 0.5 * length

@@ -1,7 +1,7 @@
 """Surface of the hull of the built-in case `hull`: a barge with round bilges and ends, in triangles.
 
-Below the waterline the hull is a superellipsoid, |2x/L|^4 + |2y/B|^4 + |z/T|^4 = 1. Above it the sides are
-upright, and the deck is flat.
+Below the waterline the hull is a superellipsoid, |2x/L|^4 + |2y/B|^4 + |z/T|^4 = 1. Above the waterline the
+sides are vertical, and the deck is flat.
 """
 
 from __future__ import annotations

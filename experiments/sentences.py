@@ -119,7 +119,7 @@ PROSE = (
         (TUTORIAL,),
     ),
     Sentence(
-        "The coarsest is {:.1f} % below the finest",
+        "The efficiency at the coarsest spacing is {:.1f} % below that at the finest",
         lambda r: (100 * (1 - spacings("xi")(r)[0] / spacings("xi")(r)[-1]),),
         (TUTORIAL,),
     ),
@@ -192,12 +192,13 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "It takes {:.0f} % in the built-in case at dx = 0.02 m (`owc`), and {:.0f}, {:.0f} and {:.0f} % at",
+        "It dissipates {:.0f} % in the built-in case at dx = 0.02 m (`owc`), and {:.0f}, {:.0f} and {:.0f} % "
+        "at",
         lambda r: (of_owc("hyperviscosity")(r), *spacings("hyperviscosity / paddle")(r)),
         (METHOD,),
     ),
     Sentence(
-        "The projection** takes {:.1f} % in the built-in OWC (`owc`) and up to {:.0f} % in high waves",
+        "The projection** removes {:.1f} % in the built-in OWC (`owc`) and up to {:.0f} % in high waves",
         lambda r: (
             of_owc("projection")(r),
             r("high_waves", "dx = 0.04 m, cfl = 0.25, relaxation = 1.5: projection, over the paddle's work"),
@@ -349,8 +350,8 @@ PROSE = (
         (ISPH,),
     ),
     Sentence(
-        "The efficiency differs by {:.1f} % from that of a tank four wavelengths long, and the run takes "
-        "{:.2f} of its time",
+        "The efficiency differs by {:.1f} % from that in a tank four wavelengths long, and the run takes "
+        "{:.2f} of the time",
         lambda r: (
             100
             * abs(
@@ -363,7 +364,7 @@ PROSE = (
         (WAVES,),
     ),
     Sentence(
-        "| the derivative through one run, with tangents smoothed along the way | {:.1f} times one run",
+        "| the derivative through one run, with tangents smoothed during the run | {:.1f} times one run",
         lambda r: (r("bench_slopes", "value and slope, filtered: time over the run's"),),
         (SLOPES,),
     ),

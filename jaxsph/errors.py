@@ -24,7 +24,7 @@ class DerivativeError(JaxsphError):
 
 
 class SimulationError(JaxsphError):
-    """Error of a run that had to stop; its last good checkpoint stays in the file."""
+    """Error of a run that had to stop; the run's last good checkpoint stays in the file."""
 
     step: int | None
     """Number of the step of the first failure."""

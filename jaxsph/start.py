@@ -22,7 +22,7 @@ def prepare_jax() -> None:
 
     Programs are cached in the user's cache folder, however short their compilation is. The environment
     variable JAX_COMPILATION_CACHE_DIR sets another folder, and JAX_ENABLE_COMPILATION_CACHE=0 turns the cache
-    off. A folder that a program has already set in JAX, and a set TF_CPP_MIN_LOG_LEVEL, are not changed.
+    off. A folder that a program has already set in JAX, and an existing TF_CPP_MIN_LOG_LEVEL, are kept.
     """
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
@@ -47,7 +47,7 @@ def prepare_jax() -> None:
 
 
 def remove_oldest(folder: Path, most: int) -> None:
-    """Removes the oldest files of a folder whose files together exceed `most` bytes."""
+    """Removes a folder's oldest files if all its files together exceed `most` bytes."""
     with contextlib.suppress(OSError):  # another process may remove the same files
         files = sorted(
             ((entry.stat(), entry.path) for entry in os.scandir(folder)), key=lambda file: file[0].st_mtime
@@ -63,7 +63,7 @@ def remove_oldest(folder: Path, most: int) -> None:
 
 
 def _processor() -> str:
-    """Hash of the processor type; programs for another type may use instructions that this one lacks."""
+    """Hash of the processor type; programs for another type may use instructions that this type lacks."""
     described = f"{platform.machine()} {platform.processor()}"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

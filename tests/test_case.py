@@ -229,9 +229,9 @@ def test_what_cannot_be_is_refused_before_anything_is_made(changes, message):
     [
         (
             8e3,
-            r"pto.P_a = 8000 Pa would push the chamber's level .* wall ends 0.33 m .* at most 6\d\d\d",
+            r"pto.P_a = 8000 Pa would lower the chamber's level .* wall ends 0.33 m .* at most 6\d\d\d",
         ),
-        (-8e3, r"pto.P_a = -8000 Pa would pull the chamber's level .* m up, but the walls end 0.24 m"),
+        (-8e3, r"pto.P_a = -8000 Pa would raise the chamber's level .* m, but the walls end 0.24 m"),
     ],
 )
 def test_air_that_would_leave_its_chamber_is_refused(P_a, message):

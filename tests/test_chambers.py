@@ -139,7 +139,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ({"chamber.column.between": ["front", "device"]}, "there is no wall 'device'"),
         (
             {"solid.front.polygon": [[1.0, 0.12], [1.12, 0.12], [1.12, 0.36], [1.0, 0.36]]},
-            "front does not reach through the still water surface at z = 0.4 m",
+            "front does not pierce the still water surface at z = 0.4 m",
         ),
         (
             {"solid.front.polygon": [[1.0, 0.36], [1.12, 0.36], [1.24, 0.56], [1.12, 0.56]]},
@@ -153,12 +153,12 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
             {"solid.post.block": {"low": [1.36, 0.2], "high": [1.5, 0.6]}},
             "solid.post pierces the surface in the chamber",
         ),
-        ({"chamber.column.pto": None}, "chamber.column: nothing lets its air out"),
+        ({"chamber.column.pto": None}, "chamber.column: its air has no outlet"),
         (
             {"chamber.column.pto": {"K_dm": 300.0, "P_a": 2.0}},
             "give exactly one of pto.K_dm",
         ),
-        ({"chamber.column.pto.P_a": 5e3}, r"chamber.column.pto.P_a = 5000 Pa would push .* at most"),
+        ({"chamber.column.pto.P_a": 5e3}, r"chamber.column.pto.P_a = 5000 Pa would lower .* at most"),
         ({"chamber.column.air": {"volume": 0.2}}, r"chamber.column.air: compressible air needs a turbine"),
         (
             {"chamber.other": {"between": ["front", "far"], "pto": {"K_dm": 3.0}}},

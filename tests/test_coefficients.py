@@ -179,7 +179,7 @@ def test_amplitude_is_a_tenth_of_the_draught_or_half_a_spacing():
         ),
         ({}, {"motions": ["sway"]}, "must be one of surge, heave, pitch"),
         ({}, {"motions": {"buoy": ["heave"]}}, "there is no such body; there are body"),
-        ({}, {"motions": []}, "no motion is asked for"),
+        ({}, {"motions": []}, "no motion is requested"),
         ({}, {"periods": [0.3]}, "less than 20 spacings"),
         ({}, {"periods": [4.0]}, "more than twice sponge.length"),
         ({"body.block": {"low": [0.7, 0.3], "high": [1.0, 0.5]}}, {}, "move the bodies away from the paddle"),

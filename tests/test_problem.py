@@ -186,7 +186,7 @@ WRONG = {
         r"wrong.py:\w+\(x=3.0\): raised ValueError: too wide \(wrong.py, line \d+\)",
     ),
     "x": ("pass", r"x: is missing; give it as x=VALUE"),
-    "*x": ("pass", r"x: every argument must be one passed by name"),
+    "*x": ("pass", r"x: cannot be passed by name; use named arguments only"),
     "x=object": ("pass", r"x = <class 'object'>: must be a number, a string"),
 }
 """Functions that do not make a problem, by their arguments: body, and words of the error."""

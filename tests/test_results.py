@@ -98,7 +98,7 @@ def test_results_of_the_device_come_first_and_linear_theory_behind_its_namesake(
     own = {
         "amplitude_P_a": Label("air pressure: amplitude", "Pa"),
         "energy_duct": Label("  taken by the duct", "J/m", "", Group.NUMERICS),
-        "rao_heave": Label("  heave of the buoy: over the waves' amplitude"),
+        "rao_heave": Label("  heave of the buoy: divided by the wave amplitude"),
     }
     names = ["noise", "energy_residual", "energy_duct", "linear_amplitude_P_a", "P_inc", "amplitude_P_a"]
     ordered = in_order([*names, "xi", "linear_xi", "rao_heave", "unknown"], own)

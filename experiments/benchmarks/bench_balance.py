@@ -1,4 +1,4 @@
-"""Load balance of several devices after some seconds of waves: particles, pairs and ghosts of each device."""
+"""Load balance of several devices after ten seconds of waves: particles, pairs and ghosts of each device."""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ PAPER = PAPER_SIZE / PAPER_STEP
 def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, devices: int = 1) -> None:
     """Times steps after the gate opens, searches included, on `threads` cores or the accelerator of JAX.
 
-    Times `steps` blocks, each of the steps between two searches, after a first run of as many blocks.
+    Each of the `steps` blocks contains the steps between two searches. The timing follows a first run of as
+    many blocks.
     """
     use_threads(threads)
     find_devices(devices)

@@ -1,4 +1,4 @@
-"""Size of pages for the browser, time to their first picture, pictures per second; time of a coarse run."""
+"""Size of pages for the browser, time to their first frame, frames per second; time of a coarse run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DRAW = """() => {
     for (let k = 0; k < 60; k++) seek(k % 7 * 0.41);
     return 60000 / (performance.now() - began);
 }"""
-"""Script that measures pictures per second of drawing alone, at changing times of the run."""
+"""Script that measures frames per second of drawing alone, at changing times of the run."""
 
 
 def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
@@ -63,7 +63,7 @@ def _coarse_run() -> float:
 
 
 def _seen(page: Path, seconds: float) -> dict[str, Any]:
-    """Number of particles, time to the first picture (s) and pictures per second of a page in a browser.
+    """Number of particles, time to the first frame (s) and frames per second of a page in a browser.
 
     The page shows the whole tank.
     """

@@ -1,4 +1,4 @@
-"""Time, memory and messages of a run against its particles and devices, with a model of the time.
+"""Time, memory and messages of a run by number of particles and devices, with a model of the time.
 
 Runs the built-in OWC at three spacings, in both schemes, on one device and on several. Messages between
 devices are counted in the compiled step. Every case runs in a separate process, because the number of devices

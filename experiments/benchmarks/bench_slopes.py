@@ -1,4 +1,4 @@
-"""Cost of a derivative relative to the run's, in forward mode (exact and filtered) and reverse mode."""
+"""Cost of a derivative relative to the run, in forward mode (exact and filtered) and reverse mode."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
 
 @in_style
 def _picture(damping: np.ndarray, power: np.ndarray, best: float, highest: float) -> Figure:
-    """Figure of the power over the damping."""
+    """Figure of the power against the damping."""
     figure = Figure(figsize=(6.0, 4.0), layout="constrained")
     ax = figure.subplots()
     fine = np.geomspace(*BOUNDS, 60)

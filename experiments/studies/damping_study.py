@@ -1,4 +1,4 @@
-"""Section 5.2: efficiency over damping and wave height, up to 35 runs, compared with linear theory."""
+"""Section 5.2: efficiency at up to 35 pairs of damping and wave height, compared with linear theory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effect of the draught, which the paper's text does not give: efficiency over draught and period."""
+"""Efficiency as a function of wave period and draught, which the paper's text does not give."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def fitted(case: js.Case) -> tuple[js.Sweep, Fit]:
 
 
 def slope(case: js.Case, name: str) -> dict:
-    """Efficiency of a case, its filtered slope over K_dm, and slopes of single periods; stored in
+    """Efficiency of a case, its filtered slope with respect to K_dm, and slopes of single periods; stored in
     `runs/<name>.json`."""
     kept = RUNS / f"{name}.json"
     if kept.exists():

@@ -2,7 +2,7 @@
 
 `jaxsph/cases/flap_3d.toml` states the assumptions on the depth, the mass of the flap and the tank. The
 experiment of the source (Yeylaghi et al. 2016, section 4.3), where the flap swings about 30 degrees to either
-side, has another tank and another water level, so its results are not compared here.
+side, used another tank and another water level, so its results are not compared here.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Growth of exact slopes in still water, where rows of the square lattice slide over each other on the bed.
 
-The OWC stands in a tank of 2 m, and the waves have not arrived. The slope with respect to K_dm starts as
+The OWC is in a tank of 2 m, and the waves have not arrived. The slope with respect to K_dm starts as
 a ripple in the chamber.
 """
 

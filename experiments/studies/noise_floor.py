@@ -3,7 +3,7 @@
 The noise of a particle is the difference between its velocity and a linear fit to its neighbours within three
 spacings. Around the lip of the front wall the flow turns within a few spacings, and no linear fit can follow
 it. Here the velocities of the finest run are averaged over the cells of each coarser lattice, which has no
-disorder, so that any noise measured there belongs to the flow. In both cases particles on opposite sides of
+disorder, so that any noise measured there is due to the flow. In both cases particles on opposite sides of
 the wall are not neighbours.
 """
 

@@ -64,7 +64,7 @@ def main(coarse: float = 0.01, fine: float = 0.005, t1: float = 12.8) -> None:
 def events(series: dict[str, np.ndarray], periods: int) -> dict[str, tuple[float, float]]:
     """Times of events in the cycle (periods after the lowest level), here and in the paper's Fig. 17.
 
-    They are taken from the mean cycle of level and power, represented by four harmonics.
+    The times are taken from the mean cycle of level and power, represented by four harmonics.
     """
     last = analysis.whole_periods(series["time"], PERIOD, periods)
     t = series["time"][last]

@@ -1,7 +1,7 @@
-"""Damping as a function of the phase of the waves, optimised wave by wave by reverse mode.
+"""Damping as a function of the phase of the waves, optimised wave by wave in reverse mode.
 
-The OWC stands in a tank of 1.2 m. The function has four Fourier coefficients. For every wave one filtered
-reverse pass computes the absorbed energy and its slopes over all coefficients; Adam then changes the
+The OWC is in a tank of 1.2 m. The function has four Fourier coefficients. For every wave one filtered
+reverse pass computes the absorbed energy and its slopes for all coefficients; Adam then changes the
 coefficients for the next wave. Afterwards waves with the learnt damping are compared with waves with the
 constant damping.
 

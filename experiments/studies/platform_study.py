@@ -1,6 +1,6 @@
-"""Efficiency over period and height of a platform under the OWC; the paper's text does not give the height.
+"""Efficiency as a function of the wave period and of the height of a platform under the OWC.
 
-Linear theory is valid for a flat bed only.
+The paper's text does not give the height. Linear theory is valid for a flat bed only.
 """
 
 from __future__ import annotations

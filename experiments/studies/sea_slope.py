@@ -1,5 +1,4 @@
-"""Slope of the mean power over the damping in an irregular sea: from an ensemble, against a fit to other
-runs."""
+"""Slope dP/dK_dm of the mean power in an irregular sea: from an ensemble, against a fit to other runs."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Effect of the abrupt switches between a thin wall's regions on exact slopes.
 
 The exact slope is compared with that of a parabola fitted to many runs, whose energies include every switch.
-The OWC stands in a tank of 1.2 m and runs for one and a half wave periods. With a front wall of one spacing,
+The OWC is in a tank of 1.2 m and runs for one and a half wave periods. With a front wall of one spacing,
 the ghosts and particles that interact with a particle change abruptly when the particle passes the level of
 the tip. With a wall of four spacings they hardly change.
 
@@ -25,7 +25,7 @@ TIMES = (1.5, 1.8)
 
 
 def main(dx: float = 0.02) -> None:
-    """Computes the slopes over K_dm of the energy absorbed in 1.5 and in 1.8 s."""
+    """Computes the slopes, with respect to K_dm, of the energy absorbed in 1.5 and in 1.8 s."""
     with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences", dx) as report:
         for layers in (1, 4):
             case = short_case(dx, max(TIMES)).replace({"device.wall_thickness": layers * dx})

@@ -1,4 +1,4 @@
-"""Section 5.1: efficiency over the wave period for front walls of four thicknesses, up to 24 runs."""
+"""Section 5.1: efficiency by wave period, for front walls of four thicknesses, up to 24 runs."""
 
 from __future__ import annotations
 

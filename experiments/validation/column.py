@@ -1,4 +1,4 @@
-"""Dam break on a tall square column in three dimensions, incompressible: experiment of Yeh and Petroff.
+"""Impact of a dam break on a tall square column, incompressible, 3-D: experiment of Yeh and Petroff.
 
 The times of the measured velocity start at the arrival of the bore at the probe, and those of the force
 approximately at the release. The velocities are therefore aligned at the arrival, and the forces at the

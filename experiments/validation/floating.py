@@ -1,8 +1,7 @@
 """Bodies that float, sink and fall into water: draught, positions over time, and a swinging flap.
 
 Boxes and the cylinder are free to heave. The flap is hinged at its foot and released at an angle of ten
-degrees.
-`experiments/reference/README.md` has the sources.
+degrees. `experiments/reference/README.md` has the sources.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ AMPLITUDE = "linear_amplitude_"
 def off_theory(results: dict[str, float]) -> dict[str, float]:
     """Deviations of a run's amplitudes and power from linear theory, %, by name.
 
-    Amplitudes that theory gives as less than a hundredth of the largest of their kind (surge, heave and so
-    on) are left out.
+    Amplitudes are left out if their theoretical value is less than a hundredth of the largest of their
+    kind (surge, heave and so on).
     """
     kinds: dict[str, dict[str, float]] = {}
     for key, theory in results.items():

@@ -1,4 +1,4 @@
-"""Run-up of non-breaking waves on a slope of 1:2, and their reflection, against linear long waves.
+"""Run-up of non-breaking waves on a slope of 1:2, and their reflection, against linear long-wave theory.
 
 On a plane slope whose foot is x0 from the shore, R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the
 height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); the waves are reflected

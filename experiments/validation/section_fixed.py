@@ -4,7 +4,7 @@ The compared forces are amplitudes of the first harmonic, per metre of the secti
 incident wave amplitude. Gauges in front of the section separate incident from reflected waves. In the
 experiment the section was 0.586 m long in a flume 0.6 m wide; the flow through the gaps of 7 mm at its ends
 is missing in two dimensions. Linear diffraction of the same section (`experiments/fixed_section.py`) shows
-how much of a difference is caused by the flume.
+how much of the difference from the measurement is due to the flume.
 """
 
 from __future__ import annotations

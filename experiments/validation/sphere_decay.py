@@ -1,9 +1,9 @@
-"""Sphere released in heave, in three dimensions: turning points against experiments and another code.
+"""Sphere released in heave, in three dimensions: turning points against experiments and other codes.
 
 The sphere of Kramer et al. 2021 (Energies 14, 269; diameter 0.3 m) is half immersed at its equilibrium and is
-released a tenth of its diameter above it. The basin here is smaller than that of the experiments. The waves of
-the sphere's natural period return from its walls when the record has ended, but long waves cross it within a
-tenth of a period, so that the mean level rises as the sphere sinks; this rise is reported. The four
+released a tenth of its diameter above it. The basin here is smaller than that of the experiments. Waves of
+the sphere's natural period return from the walls after the record has ended, but long waves cross the basin
+within a tenth of a period, so that the mean level rises as the sphere sinks; this rise is reported. The four
 turning points are also compared with those that Reynolds-averaged Navier-Stokes codes found for a sphere of
 radius 5 m in the sphere task of IEA OES, scaled by Froude's law.
 """

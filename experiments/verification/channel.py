@@ -1,4 +1,4 @@
-"""Start-up of plane Poiseuille and Couette flow between walls without slip, against the exact series.
+"""Start-up of plane Poiseuille and Couette flow between no-slip walls, against the exact series.
 
 Poiseuille, from rest under a body force F = 8 nu U/L^2, with y and t in units of L and L^2/nu:
     u/U = 4 y (1 - y) - sum over odd n of 32/(n pi)^3 sin(n pi y) exp(-(n pi)^2 t)

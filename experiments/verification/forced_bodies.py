@@ -7,8 +7,8 @@ the start-up,
     F = (omega^2 A - i omega B - C) x    (time factor exp(i omega t)),
 
 where -C is the first harmonic of the hydrostatic force, divided by the amplitude of the motion. The theory is
-the potential flow of `jaxsph.waves.panels` at the tank's depth. Roll is about the lowest point of the body:
-about its axis a cylinder moves no water in theory, and a box of these proportions makes almost no waves. The
+the potential flow of `jaxsph.waves.panels` at the tank's depth. Roll is about the lowest point of the body: a
+cylinder that rolls about its axis moves no water in theory, and a box of these proportions almost none. The
 cylinder also rolls about its axis once; its added inertia and damping are then given as ratios to the
 theoretical values about its lowest point.
 
@@ -43,10 +43,10 @@ from jaxsph.waves.theory import wavenumber
 DEPTH = 0.4
 """Depth of the water, m."""
 PERIODS = {"surge": (0.9, 1.1, 1.4), "heave": (0.6, 0.75, 0.9), "roll": (0.75, 0.9, 1.1)}
-"""Periods of each motion, s, at which neither coefficient contributes only a small part of the force. In
-heave with a longer period the force is mainly hydrostatic: at 1 s an error of the cylinder's hydrostatic
-stiffness of 1 % changes its added mass by 5 %. In surge with a shorter period the force is mainly damping: at
-0.6 s the damping of a box with sharp bilges is 7 times its added mass times the frequency."""
+"""Periods of each motion, s, at which both coefficients contribute an appreciable part of the force. In
+heave with a longer period the force is mainly hydrostatic: at 1 s an error of 1 % in the cylinder's
+hydrostatic stiffness changes its added mass by 5 %. In surge with a shorter period the force is mainly
+damping: at 0.6 s the damping of a box with sharp bilges is 7 times its added mass times the frequency."""
 AMPLITUDE = 0.015
 """Amplitude of surge and heave, and of the points of a body that roll moves farthest, m."""
 CLEAR = 0.75
@@ -157,7 +157,7 @@ class Forced:
         """First harmonic of the hydrostatic restoring force over the amplitude, N/m per metre (roll: N m per
         metre).
 
-        At a vanishing amplitude it is the hydrostatic stiffness.
+        At a vanishing amplitude this ratio is the hydrostatic stiffness.
         """
         if self.index == 0:
             return 0.0
@@ -246,7 +246,7 @@ def _rows(report: Report, one: Forced, found: tuple[np.ndarray, np.ndarray]) -> 
 
 @in_style
 def _picture(found: Found) -> Figure:
-    """Figure of the coefficients over the period; lines are linear theory."""
+    """Figure of the coefficients against the period; lines are linear theory."""
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     rows = figure.subplots(2, len(MOTIONS))
     for k, (motion, periods) in enumerate(PERIODS.items()):

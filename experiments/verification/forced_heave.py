@@ -1,9 +1,10 @@
 """Sphere and upright cylinder in forced heave, 3-D: added mass and damping against linear theory.
 
 Added mass A and damping B follow from the first harmonics of the motion and of the water's force in the last
-two periods, as in `forced_bodies`. Linear theory is that of the panels of capytaine (Ancellin and Dias 2019)
-in open water of the same depth. Sponge layers along all four walls absorb the waves; in addition the record
-ends at about the time at which waves from the start of the motion, reflected by the walls, reach the body.
+two periods, as in `forced_bodies`. Linear theory is computed by the panel method of capytaine (Ancellin
+and Dias 2019) in open water of the same depth. Sponge layers along all four walls absorb the waves; in
+addition the record ends at about the time at which waves from the start of the motion, reflected by the
+walls, reach the body.
 """
 
 from __future__ import annotations
@@ -84,8 +85,8 @@ class Forced:
     def theory(self) -> np.ndarray:
         """Added mass (kg) and damping (N s/m) of linear theory.
 
-        They are extrapolated from two sizes of panels: their error is of first order at the cylinder's edge,
-        and 32 panels over a quarter of a turn give a damping that is 4 % too low.
+        Both are extrapolated from two panel sizes. The error is of first order at the cylinder's edge: 32
+        panels over a quarter of a turn give a damping that is 4 % too low.
         """
         return 2.0 * self._by_panels(32) - self._by_panels(16)
 

@@ -1,7 +1,7 @@
-"""Energy losses of waves that are high for their depth, by time step, relaxation and spacing, in the case
-`flap_3d` without its flap.
+"""Energy losses of waves that are high for their depth, by time step, relaxation and spacing.
 
-The waves are 0.15 m high with T = 1.34 s in 0.36 m of water, in two dimensions, incompressible.
+The case is `flap_3d` without its flap. The waves are 0.15 m high with T = 1.34 s in 0.36 m of water, in
+two dimensions, incompressible.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Hull from an STL file, released heeled in still water: draught and period of roll against hydrostatics.
 
 The hull of the built-in case `hull` lies across the tank, so that it rolls in the x-z plane. Its hydrostatics
-and its added inertia are those of the same triangles in capytaine (Ancellin and Dias 2019), in open water of
-the same depth. The period of small free roll is 2 pi sqrt((I + A) / C), where the added inertia A is that at
-this period.
+and its added inertia are computed by capytaine (Ancellin and Dias 2019) for the same triangles, in open
+water of the same depth. The period of small free roll is 2 pi sqrt((I + A) / C), where the added inertia A
+is that at this period.
 """
 
 from __future__ import annotations

@@ -146,7 +146,7 @@ def main(dx: float = 0.01) -> None:
 
 @in_style
 def _picture(found: dict[tuple[str, float], list[float]]) -> Figure:
-    """Figure of the RAOs over the period; lines are linear theory."""
+    """Figure of the RAOs against the period; lines are linear theory."""
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(UNITS))
     fine = np.linspace(0.95 * PERIODS[0], 1.05 * PERIODS[-1], 40)

@@ -2,10 +2,10 @@
 
 The box of the case `box_moored`, which is moored by two springs, is held away from its equilibrium in one
 motion until the water has settled, and is then released. The period is the time from the release to the next
-turning point on the same side. The theory is the free motion after the same release, by the added mass and
+turning point on the same side. The theory is the free motion after the same release, with the added mass and
 damping of `jaxsph.waves.panels` at all frequencies and the stiffness of the water and the springs. The
-undamped natural periods, with the added mass at the natural frequency, are reported too; heave is damped so
-much that the time between two turning points differs from its undamped period.
+undamped natural periods, with the added mass at the natural frequency, are also reported; heave is damped
+so much that the time between two turning points differs from its undamped period.
 
 The tank is so long that no wave returns from its ends before the last turning point, even at the speed of the
 longest waves.

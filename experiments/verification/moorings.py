@@ -211,7 +211,7 @@ def periods() -> tuple[float, float]:
 
 
 def slopes() -> float:
-    """Largest relative error of exact slopes of the tension over length, weight and stiffness."""
+    """Largest relative error of exact slopes of the tension with respect to length, weight and EA."""
     worst = 0.0
     for kind, span, height, EA in STATIC.values():
 
@@ -223,7 +223,7 @@ def slopes() -> float:
         exact, steps = jax.jit(jax.grad(tension))(at), np.diag(1e-5 * np.asarray(at))
         found = jax.jit(jax.vmap(tension))(jnp.concatenate([at + steps, at - steps]))
         apart = (found[:3] - found[3:]) / (2e-5 * np.asarray(at))
-        # relative to the tension over the parameter where a slope is small or zero
+        # where a slope is small or zero, the error is relative to the tension divided by the parameter
         scale = np.abs(apart) + 0.01 * float(tension(at)) / np.asarray(at)
         worst = max(worst, float(np.max(np.abs(exact - apart) / scale)))
     return worst

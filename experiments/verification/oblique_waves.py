@@ -18,7 +18,7 @@ TRIPLES = {
 }
 """Indices of the gauges of each triangle, by the triangle's place."""
 WIRE = 0.36
-"""Fraction of the height (-) by which a wire reads too low, over the square of k dx: see `WireGauge`."""
+"""Fraction of the height (-) by which a wire reads too low, divided by (k dx)^2: see `WireGauge`."""
 BARS = (2.0, 0.05)
 """Largest allowed error of the direction, degrees, and of the height (-)."""
 

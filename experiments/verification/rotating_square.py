@@ -31,7 +31,7 @@ CENTRE = -0.147343
 
 
 def initial_pressure(x: np.ndarray, terms: int = 60) -> np.ndarray:
-    """Pressure p (Pa) at x (m, from the centre); 60 odd terms in each direction are accurate to 1e-5 of the
+    """Pressure p (Pa) at x (m, from the centre); the sum of 60 x 60 terms is accurate to 1e-5 of the
     central p."""
     odd = np.pi * (2 * np.arange(terms) + 1)
     sines = [np.sin(odd * (x[:, k : k + 1] / L + 0.5)) for k in (0, 1)]

@@ -13,7 +13,7 @@ from jaxsph.waves import second_order, spectra
 HS, TP, D = 0.04, 1.4, 0.5
 WAVES = 100
 GAUGES = (2.6, 2.8, 3.1, 3.5, 4.0)
-"""Positions of the gauges, m: in the middle of a flume of 7 m in front of its sponge."""
+"""Positions of the gauges, m: in the middle of the 7 m of flume in front of the sponge."""
 START = 15.0
 """Time at which the shortest relevant waves have reached the gauges, s."""
 BANDS = 8

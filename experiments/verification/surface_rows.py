@@ -2,7 +2,7 @@
 
 A row under a free surface lacks neighbours on one side. Pressure pushes the second row away from its
 position, and only the relaxation of crowding keeps it in place. If the row is not kept in place, single
-particles of this row rise to the surface of still water after some seconds.
+particles of this row rise to the surface of still water after a few seconds.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ MOTIONS = ("surge", "heave", "pitch")
 
 
 class Mode(NamedTuple):
-    """One motion of one body, while all other motions are held."""
+    """One motion of one body, with all other motions held fixed."""
 
     body: str
     """Name of the body."""
@@ -88,8 +88,8 @@ class Coefficients:
     X_spread: NDArray[np.float64]
     """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
-    """Force of the waves that return from the paddle, which was subtracted, divided by the radiation force
-    (-), in the run with each given motion `[W, n]`; NaN if it is unknown, and then nothing was subtracted."""
+    """Ratio of the force of the waves that return from the paddle to the radiation force (-), in the run with
+    each given motion `[W, n]`. The force of these waves was subtracted, unless the ratio is NaN (unknown)."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""
     x: float
@@ -183,8 +183,8 @@ def added_mass_and_damping(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Added mass and damping from the ratios of the water's force to the body's motion, for all periods.
 
-    `ratio` `[..., periods]`: complex amplitude of the force over that of the motion, N/m per metre of width;
-    `omega`: rad/s; `stiffness` `[...]`: hydrostatic stiffness without the contribution of the weight.
+    `ratio` `[..., periods]`: complex amplitude of the force divided by that of the motion, N/m per metre of
+    width; `omega`: rad/s; `stiffness` `[...]`: hydrostatic stiffness without the contribution of the weight.
     **Returns** A `[..., periods]` = Re(ratio + C) / omega^2 and B `[..., periods]` = -Im(ratio) / omega.
     """
     restored = ratio + np.asarray(stiffness)[..., None]
@@ -193,7 +193,7 @@ def added_mass_and_damping(
 
 def with_spread(values: NDArray) -> tuple[NDArray, NDArray[np.float64]]:
     """Mean and standard deviation over the last axis (the periods). For complex values, the deviation is
-    computed from the distances to the mean in the complex plane. It is NaN for a single period."""
+    computed from the distances to the mean in the complex plane. The deviation is NaN for a single period."""
     mean = np.mean(values, axis=-1)
     count = values.shape[-1]
     if count < 2:

@@ -44,14 +44,14 @@ def wave_direction(
     """Direction (rad), height (m) and wavenumber (rad/m) of regular waves of period T (s) from their phases.
 
     The wavenumbers along x and y follow from the differences of the phases of the fundamental by linear
-    least squares, without the dispersion relation. Waves of the reflection coefficient r change every phase
-    by up to r rad.
+    least squares, without the dispersion relation. Reflected waves with the reflection coefficient r
+    change every phase by up to r rad.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges, 2] (m); `t`:
     [times] (s), whole periods; depth `d` (m). All gauges must be within half a wavelength of the most central
     one.
 
-    **Raises** ValueError for fewer than three gauges, gauges near one line, and gauges too far apart.
+    **Raises** ValueError for fewer than three gauges, gauges nearly on one line, and gauges too far apart.
     """
     t, eta, x = _checked(eta, x, t)
     middle = _central(x, float(theory.wavenumber(2.0 * np.pi / T, d, g)))
@@ -74,8 +74,8 @@ def sea_direction(
 ) -> SeaDirection:
     """Mean direction and spread (rad) of a sea from the phases at every frequency, weighted by energy.
 
-    The directions are those at which one wave for each frequency of the record would travel. If several
-    waves share a frequency, the spread is smaller than that of the waves.
+    The method assumes that the waves of each frequency of the record have one direction. If waves of one
+    frequency have several directions, the result is smaller than their true spread.
 
     **Arguments**: as for `wave_direction`, with evenly spaced times; `f`: lowest and highest frequency of the
     sea (Hz). All gauges must be within half a wavelength, at the highest frequency, of the most central one.
@@ -100,7 +100,7 @@ def sea_direction(
 
 
 def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series, Series]:
-    """Times, elevations and positions in double precision. **Raises** ValueError if they do not fit."""
+    """Times, elevations and positions in double precision. **Raises** ValueError if these are unsuitable."""
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != (len(eta), 2):
@@ -112,14 +112,15 @@ def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series
     condition = np.linalg.cond(x - np.mean(x, axis=0))
     if not condition < _MAX_CONDITION:
         raise ValueError(
-            f"gauges at {x.tolist()} m are near one line (condition {condition:.3g}): move one to the side"
+            f"gauges at {x.tolist()} m are nearly on one line (condition {condition:.3g}): "
+            "move one to the side"
         )
     return t, eta, x
 
 
 def _central(x: NDArray[np.float64], k: float) -> int:
-    """Index of the most central gauge. **Raises** ValueError if a gauge is half a wavelength or more from it,
-    where the phase of waves of wavenumber k (rad/m) is ambiguous."""
+    """Index of the most central gauge. **Raises** ValueError if another gauge is half a wavelength or more
+    away, where the phase of waves of wavenumber k (rad/m) is ambiguous."""
     farthest = np.max(np.linalg.norm(x[:, None] - x, axis=-1), axis=1)
     middle = int(np.argmin(farthest))
     if not k * farthest[middle] < np.pi:

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
-    """Names of the parts that remove energy, without power take-offs and paddle, from the series
+    """Names of the parts, other than power take-offs and paddle, that remove energy, according to the series
     `power_<name>`.
 
     `harvested`: names of the power take-offs' series.

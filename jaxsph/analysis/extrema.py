@@ -63,9 +63,9 @@ def matched_extrema(
     """Matched extrema (reference, series) of two elevations: times [pairs, 2] (s), values [pairs, 2] (m).
 
     Each reference extremum is paired with the nearest extremum of the same kind within T / 2. A reference
-    extremum without a partner is left out if it lies within T / 2 of the start or end of the common time.
-    **Raises** ValueError if a partner is missing elsewhere (leaving the extremum out would understate the
-    error), and if no reference extremum has a partner.
+    extremum without a partner is left out if it lies within T / 2 of the start or end of the common time
+    range. **Raises** ValueError if a partner is missing elsewhere (leaving the extremum out would understate
+    the error), and if no reference extremum has a partner.
     """
     found = extrema(t, eta, window, prominence)
     reference = extrema(t_ref, eta_ref, 1, prominence)
@@ -80,7 +80,9 @@ def matched_extrema(
             values.append((y_r, found.y[j]))
         elif start <= t_r <= end:
             kind = "crest" if sign > 0 else "trough"
-            raise ValueError(f"the series has no {kind} within T/2 of the reference one at t = {t_r:.6g} s")
+            raise ValueError(
+                f"the series has no {kind} within T/2 of the reference {kind} at t = {t_r:.6g} s"
+            )
     if not times:
         raise ValueError("no extremum of the series is within T/2 of an extremum of the reference")
     return np.array(times), np.array(values)

@@ -1,4 +1,4 @@
-"""Zones of a tank that absorb waves: sponge layers, and relaxation zones, with checks of where they are."""
+"""Sponge layers and relaxation zones that absorb waves in a tank, and checks of their positions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Zone(NamedTuple):
     """Zone along a wall of the tank."""
 
     key: str
-    """Key of the case that gives its thickness."""
+    """Key of the case that gives the thickness of the zone."""
     thickness: float
     """Thickness, m."""
     axis: int
@@ -82,7 +82,7 @@ def check_absorbing(case: Sections, geometry: Geometry) -> None:
     moving |= {f"the chamber {name}": _bounds(surface) for name, surface in geometry.stretches.items()}
     solids = {f"the solid {name}": np.asarray(shape.bounds()) for name, shape in geometry.solids.items()}
     for zone in sponge_layers(case) + relaxation_zones(case):
-        # the waves of zones along the side walls are those of open water
+        # zones along the side walls relax the water towards waves that no solid disturbs
         covered = moving | (solids if zone.key == "waves.side_zones" else {})
         _check_clear(zone, covered, geometry)
 
@@ -96,7 +96,7 @@ def _check_sponge(case: Sections, geometry: Geometry) -> None:
         if case.waves is not None and getattr(sponge, key) is not None:
             raise CaseError(
                 f"sponge.{key} = {getattr(sponge, key):g} m: would damp the waves of the case: give "
-                f"waves.{instead}, a relaxation zone, which also absorbs, or remove waves"
+                f"waves.{instead}, a relaxation zone, which also absorbs waves, or remove waves"
             )
     if sponge.sides is not None:
         given, width = f"sponge.sides = {sponge.sides:g} m", geometry.width
@@ -116,7 +116,7 @@ def _check_sponge(case: Sections, geometry: Geometry) -> None:
 
 
 def _check_clear(zone: Zone, covered: Mapping[str, np.ndarray], geometry: Geometry) -> None:
-    """**Raises** CaseError if a zone overlaps the bounds of something with a name."""
+    """**Raises** CaseError if a zone overlaps one of the bounds in `covered`, which are given by name."""
     first, last = zone.ends(geometry)
     coordinate = "xy"[zone.axis]
     for what, bounds in covered.items():
@@ -132,7 +132,7 @@ def _check_clear(zone: Zone, covered: Mapping[str, np.ndarray], geometry: Geomet
 
 
 def _bounds(surface: WaterSurface) -> np.ndarray:
-    """Lower and upper ends `[2, 1 or 2]` of a chamber's water surface along x, and y if it has a plan, m."""
+    """Lower and upper ends `[2, 1 or 2]` of a chamber's water surface along x, and in 3-D along y, m."""
     if isinstance(surface, Pool):
         return np.stack([surface.corners.min(axis=0), surface.corners.max(axis=0)])
     return np.array([[surface.first], [surface.last]])

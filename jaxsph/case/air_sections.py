@@ -63,9 +63,9 @@ class PTOSection(Section):
     density: Density = 1.2
     """Density of the ambient air, kg/m3; the damping of an orifice depends on it."""
     curve: tuple[tuple[Reading, Reading], ...] | None = Field(None, min_length=2, max_length=10_000)
-    """Characteristic curve: pairs of flow (m2/s; m3/s in 3-D) and pressure (Pa), both rising and through
-    (0, 0). A curve that begins at (0, 0) is mirrored for inhalation. Alternatively, `pto.file` names a CSV
-    file."""
+    """Characteristic curve: pairs of flow (m2/s; m3/s in 3-D) and pressure (Pa), both increasing, with the
+    point (0, 0). A curve that begins at (0, 0) is mirrored for inhalation. Alternatively, `pto.file` names a
+    CSV file."""
     P_a: float | None = Field(None, ge=-1e9, le=1e9)
     """Prescribed gauge pressure, Pa."""
     ramp: Duration = 0.0
@@ -186,8 +186,8 @@ class DuctSection(Section):
     between: tuple[Name, Name]
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
-    """Smallest cross-section of the duct, m2 (per metre of width in 2-D); the air then loses its kinetic
-    energy."""
+    """Smallest cross-section of the duct, m2 (per metre of width in 2-D); behind this section the kinetic
+    energy of the air is lost."""
     discharge: Discharge = 0.6
     """Discharge coefficient of the duct's narrowest area (-)."""
     density: Density = 1.2

@@ -1,4 +1,4 @@
-"""Waves over the plan of a basin: their field, their relaxation zones and wavemaker, and checks of them.
+"""Wave field over the plan of a basin, its relaxation zones and wavemaker, and checks of their keys.
 
 A case has a basin if its waves are oblique, or if zones along the side walls absorb.
 """
@@ -39,7 +39,7 @@ def has_basin(case: Sections) -> bool:
 
 
 def make_field(case: Sections, geometry: Geometry, waves: AbstractWaves, leaf: Any) -> AbstractWaveField:
-    """Waves over the plan of a basin; `waves`: waves along the tank, with the same components."""
+    """Wave field over the plan of a basin; `waves`: waves along the tank, with the same components."""
     section, middle = given_waves(case), 0.5 * _width(geometry)
     if getattr(section, "spreading", None) is None:
         return LongCrestedWaves(waves=waves, direction=leaf(section.direction), middle=leaf(middle))
@@ -70,8 +70,8 @@ def make_basin_zone(
     """Relaxation zone of a basin; `strength`: largest rate at the near end, 1/s."""
     section, dx, width = given_waves(case), case.dx, _width(geometry)
     assert section.zone is not None, "`check_basin` has found a zone"
-    # a spacing between the points of the grid keeps the error of linear interpolation below a per cent; it
-    # begins behind the wavemaker's stroke
+    # grid points one spacing apart keep the error of linear interpolation below one per cent; the grid begins
+    # behind the wavemaker's stroke
     ends = (
         (-geometry.withdrawal, section.zone if section.side_zones is None else geometry.length),
         (0.0, width),
@@ -128,8 +128,8 @@ def _check_sides(case: Sections, geometry: Geometry, width: float) -> None:
         )
     if width > 0.45 * whole:
         raise CaseError(
-            f"{value}: leave less than a tenth of the width of {whole:g} m between them: use a "
-            "larger tank.width, or narrower zones"
+            f"{value}: the zones would leave less than a tenth of the width of {whole:g} m between them: use "
+            "a larger tank.width, or narrower zones"
         )
 
 

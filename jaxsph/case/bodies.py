@@ -144,7 +144,7 @@ def _ends(
         return AlongJoint.of(bodies[section.body], _index(bodies[section.body], section.motion))
     assert section.between is not None and section.at is not None
     first, second = ("" if one == TANK else one for one in section.between)
-    # an end at the tank has no pivot beside it
+    # an end on the tank has no pivot of its own, and uses the pivot of the other end's body
     pivots = [np.asarray(bodies[one or other].pivot) for one, other in ((first, second), (second, first))]
     for point in section.at:
         check_position(point, f"link.{name}.at", len(pivots[0]))

@@ -89,7 +89,7 @@ class LinkSection(Section):
     """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
     at: tuple[Position, Position] | None = None
     """Positions of the link's ends with all bodies at rest, m: (x, z), or in three dimensions (x, y, z);
-    without y an end is as far across the tank as the body's pivot."""
+    an end without y has the y of the body's pivot."""
     rest: Length | None = None
     """Length at which the link between two points is not extended, m; by default its length at rest."""
     stiffness: Coefficient = 0.0
@@ -112,7 +112,8 @@ class LinkSection(Section):
     latch: Duration | None = None
     """Time for which a latch holds the link whenever its motion reverses, s; needs `latch_damping`."""
     latch_damping: Coefficient = 0.0
-    """Linear damping by which the latch holds, N s/m; choose it much larger than mass over time step."""
+    """Linear damping of the latch while it holds the link, N s/m; choose it much larger than the mass divided
+    by the time step."""
     take_off: bool = False
     """Whether the link is a power take-off, whose power counts as power of the device."""
 
@@ -156,8 +157,8 @@ class MotionSection(Section):
     dimensions also sway, roll and yaw."""
 
     amplitude: Motions | None = None
-    """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion, in three dimensions also of
-    all six motions in the order of `free`."""
+    """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion, or in three dimensions of
+    surge, sway, heave (m), roll, pitch and yaw (rad)."""
     period: Time | None = None
     """Period of the harmonic motion, s."""
     phase: Motions = (0.0, 0.0, 0.0)
@@ -189,7 +190,7 @@ class MotionSection(Section):
             )
         sampled = any(getattr(self, name) for name in MOTIONS)
         if (harmonic and sampled) or (self.t and (any(self.phase) or self.ramp is not None)):
-            raise ValueError("phase and ramp belong to amplitude and period; samples of motions to t")
+            raise ValueError("phase and ramp belong to amplitude and period; samples of motions belong to t")
         if self.t:
             given = [one for one in (getattr(self, name) for name in MOTIONS) if one]
             if not given or any(len(one) != len(self.t) for one in given):
@@ -220,9 +221,9 @@ class BodySection(ShapeSection):
     """A rigid body. It has exactly one shape."""
 
     free: tuple[Motion, ...] = ()
-    """Motions that follow the forces: surge, heave and pitch for a floating body, in three dimensions also
-    sway, roll and yaw; "pitch" alone for a hinge, "surge" or "heave" alone for a slider. In its other motions
-    the body keeps its initial `velocity`."""
+    """Motions that result from the forces: surge, heave and pitch for a floating body, in three dimensions
+    also sway, roll and yaw; "pitch" alone for a hinge, "surge" or "heave" alone for a slider. In its other
+    motions the body keeps its initial `velocity`."""
     joined_to: Name | None = None
     """Name of the body to which this body is joined; by default the tank. All motions are then relative to
     that body."""
@@ -233,9 +234,9 @@ class BodySection(ShapeSection):
     mass: Inertia | None = None
     """Mass, kg (kg/m in 2-D)."""
     inertia: Inertia | Annotated[tuple[Product, ...], Field(min_length=3, max_length=6)] | None = None
-    """Moment of inertia about the pivot, kg m2 (kg m in 2-D). In three dimensions a single number is that of
-    the pitch; a body that also rolls or yaws needs [I_xx, I_yy, I_zz], or [I_xx, I_yy, I_zz, I_xy, I_xz,
-    I_yz] with the off-diagonal elements of the inertia tensor."""
+    """Moment of inertia about the pivot, kg m2 (kg m in 2-D). In three dimensions a single number is the
+    moment of inertia in pitch; a body that also rolls or yaws needs [I_xx, I_yy, I_zz], or [I_xx, I_yy, I_zz,
+    I_xy, I_xz, I_yz] with the off-diagonal elements of the inertia tensor."""
     density: Density | None = None
     """Density of the body, kg/m3; give it instead of mass and inertia, which then follow from the shape."""
     pivot: Position | None = None
@@ -243,11 +244,11 @@ class BodySection(ShapeSection):
     centre: Position | None = None
     """Centre of mass (x, z) or (x, y, z), m; by default the centroid of the shape."""
     velocity: Annotated[tuple[Velocity, ...], AfterValidator(_three_or_six)] = (0.0, 0.0, 0.0)
-    """Initial velocities in surge (m/s), heave (m/s) and pitch (rad/s), in three dimensions also of all six
-    motions in the order of `free`."""
+    """Initial velocities in surge (m/s), heave (m/s) and pitch (rad/s), or in three dimensions in surge,
+    sway, heave (m/s), roll, pitch and yaw (rad/s)."""
     angle: Tilt | tuple[Tilt, Tilt, Tilt] = 0.0
-    """Initial pitch, rad; in three dimensions also the angles of three rotations about the x-, y- and z-axis,
-    made in this order."""
+    """Initial pitch, rad; in three dimensions alternatively the angles of three rotations about the x-, y-
+    and z-axis, made in this order."""
     release: Duration = 0.0
     """Time until which the body is held at rest while the water settles around it, s."""
     pto: RotationalPTOSection | None = None

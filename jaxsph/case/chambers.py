@@ -15,7 +15,7 @@ from jaxsph.errors import CaseError
 from jaxsph.solids.shapes import AbstractShape
 
 MOST_CORNERS = 24
-"""Largest number of corners at which a wall's face is read. A face with more corners is read at this
+"""Largest number of corners at which a wall's face is sampled. A face with more corners is sampled at this
 number of evenly spaced levels instead."""
 
 
@@ -105,8 +105,8 @@ class Wall(NamedTuple):
     def face(self, side: int) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of one face of the wall, from below upwards.
 
-        `side` is 0 for the face at the first x, and 1 for the face at the last x. The face is read just above
-        and just below every corner, so that both sides of a step are included.
+        `side` is 0 for the face at the first x, and 1 for the face at the last x. The face is sampled just
+        above and just below every corner, so that both sides of a step are included.
         """
         corners = np.array(self.heights())
         if self.shape is not None:
@@ -147,7 +147,7 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
     if not hollows:
         raise CaseError(
             f"{asked}: the body has no hollow at the still water level, z = {tank.depth:g} m, with a wall on "
-            "either side: give it as a polygon with a hollow that is open below"
+            "either side: give the body as a polygon with a hollow that is open below"
         )
     places = ", ".join(f"{a:.4g} to {b:.4g} m" for a, b in hollows)
     found = hollows if at is None else [(a, b) for a, b in hollows if a < at < b]
@@ -197,8 +197,8 @@ def _at_surface(name: str, asked: str, tank: Tank) -> tuple[tuple[float, float],
     ends = wall.ends(tank.depth)
     if ends is None:
         raise CaseError(
-            f"{asked}: {name} does not reach through the still water surface at z = {tank.depth:g} m and "
-            "cannot hold air: extend it, or choose another wall"
+            f"{asked}: {name} does not pierce the still water surface at z = {tank.depth:g} m and cannot "
+            "hold air: extend the wall, or choose another one"
         )
     return ends, wall
 

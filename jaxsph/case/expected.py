@@ -32,8 +32,9 @@ _DIRECTION = (
     "`waves.zone`"
 )
 _SIDES = (
-    "the side walls absorb with `waves.side_zones`, the width of relaxation zones along them, m, in waves "
-    "made by a relaxation zone, `waves.zone`; and in still water with `sponge.sides`"
+    "absorption at the side walls: in waves made by a relaxation zone, `waves.zone`, give "
+    "`waves.side_zones`, the width of relaxation zones along these walls, m; without waves, give "
+    "`sponge.sides`"
 )
 _STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` makes it shorter or longer"
 _END = "the end of a run is `t1`, s"
@@ -63,7 +64,7 @@ EXPECTED = {
     "turbulence": "turbulence models are not available; water has the kinematic viscosity `fluid.nu`",
     "scale": "a case is computed at the scale of its lengths; there is no scale factor",
     "gauges": "give the gauges as `probes.gauges`, a list of x, m",
-    "draft": "the draught of a front wall is `device.draught`, m; that of a body follows from its mass",
+    "draft": "the draught of a front wall is `device.draught`, m; a body's draught follows from its mass",
     "orifice": "an orifice is `pto.area`, m2 per metre of width, with `pto.discharge`",
 }
 """Hints on what to use instead of a key, by the last part of the key's name in lower case."""

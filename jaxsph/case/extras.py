@@ -9,8 +9,10 @@ from jaxsph.errors import CaseError
 
 
 def library(name: str, extra: str, what: str) -> ModuleType:
-    """Imports a library of an extra. **Raises** CaseError if the library is not installed; the message begins
-    with `what` needs it, for example "a drawing"."""
+    """Imports a library of an extra, which `what` needs, for example "a drawing".
+
+    **Raises** CaseError if the library is not installed.
+    """
     try:
         return importlib.import_module(name)
     except ImportError:

@@ -309,7 +309,8 @@ class Geometry:
         """Sets the stretches of the water surface below chambers."""
         if case.pto is not None and DEVICE_CHAMBER in case.chamber:
             raise CaseError(
-                f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give it another name"
+                f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give this "
+                "section another name"
             )
         if case.air is not None and case.pto is None:
             raise CaseError("air: compressible air needs a turbine; give one in [pto], or remove [air]")
@@ -413,10 +414,10 @@ class Geometry:
                 place[axis] = there
                 self.notices.append(
                     f"{name}: {point[axis]:g} m is on {wall}, which was moved by rounding to whole spacings: "
-                    f"it becomes {there:g} m"
+                    f"the position becomes {there:g} m"
                     if on_wall
                     else f"{name}: {point[axis]:g} m is behind {wall}, which was moved by rounding to whole "
-                    f"spacings: it becomes {there:g} m"
+                    f"spacings: the position becomes {there:g} m"
                 )
         return tuple(place)
 
@@ -427,7 +428,7 @@ def walls_of(case: Sections) -> str:
 
 
 def thin_wall(device: Device | None) -> AbstractThinWall:
-    """Method that places the ghosts of thin plates: that of the device, or without a device the default."""
+    """Method that places the ghosts of thin plates: as the device specifies, or the default without one."""
     if device is None:
         return RegionalGhosts()
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()

@@ -30,8 +30,8 @@ paddle, which absorbs the radiated waves that reach it."""
 RAMP = 2.0
 """Number of periods over which the motion or the waves grow."""
 LEAST_LENGTH = 20
-"""Smallest ratio of the wavelength to the spacing. Shorter waves decay so fast that the damping is no longer
-that of radiated waves."""
+"""Smallest ratio of the wavelength to the spacing. Shorter waves decay so fast that the computed damping is
+no longer the radiation damping."""
 LEAST_SPONGE = 0.5
 """Smallest length of the sponge, in wavelengths."""
 SHARE = 0.1
@@ -63,18 +63,18 @@ class Forcing:
             if value is not None and not (value > 0.0 and math.isfinite(value)):
                 raise CaseError(f"{name} = {value}: must be a positive number, in m")
         if self.cycles < 2:
-            raise CaseError(f"cycles = {self.cycles}: must be 2 or more, because a spread needs two periods")
+            raise CaseError(f"cycles = {self.cycles}: must be 2 or more, because a scatter needs two periods")
 
 
 def find_modes(
     case: Case, asked: Mapping[str, Sequence[str]] | Sequence[str] | None = None
 ) -> tuple[Mode, ...]:
-    """Modes of a case: all motions in which bodies are free or are carried, or those asked for.
+    """Modes of a case: all motions in which bodies are free or are carried, or the requested motions.
 
-    `asked`: names of motions, for all bodies with free motions, or by the body's name. A body on an inclined
-    slider has both surge and heave. A body joined to another is carried by the other and has the motions of
-    both; a body joined to one that pitches has all three. **Raises** CaseError if the case has no such
-    motions.
+    `asked`: names of the requested motions, for all bodies with free motions, or by the body's name. A body
+    on an inclined slider has both surge and heave. A body joined to another is carried by the other and has
+    the motions of both; a body joined to a pitching body has all three. **Raises** CaseError if the case has
+    no such motions.
     """
     _check_case(case)
     free = {name: _moves(case, name) for name in case.every_body}
@@ -95,7 +95,7 @@ def find_modes(
                 raise CaseError(f"motion {motion!r}: must be one of {', '.join(MOTIONS)}")
         modes += [Mode(body, motion) for motion in MOTIONS if motion in motions]
     if not modes:
-        raise CaseError(f"no motion is asked for: give at least one of {', '.join(MOTIONS)}")
+        raise CaseError(f"no motion is requested: give at least one of {', '.join(MOTIONS)}")
     return tuple(modes)
 
 

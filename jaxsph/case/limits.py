@@ -294,7 +294,7 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
             )
     elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
         raise CaseError(
-            f"chamber.{name}: nothing lets its air out: give [chamber.{name}.pto], a duct, or "
+            f"chamber.{name}: its air has no outlet: give [chamber.{name}.pto], a duct, or "
             f"[chamber.{name}.air] for compressible air"
         )
     if section.pto is None or not section.pto.P_a:
@@ -302,7 +302,7 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
         raise CaseError(f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure")
-    # the water that leaves one side raises the other; each change of level is inverse to the side's surface
+    # the water that leaves one side raises the other; a change of level is inversely proportional to the area
     whole = geometry.length * (1.0 if geometry.width is None else geometry.width)
     front = geometry.front if of_device else whole - stretch.surface
     share = front / (front + stretch.surface)
@@ -310,12 +310,12 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     draught = geometry.depth - stretch.tip
     if fall > draught:
         raise CaseError(
-            f"{asked} would push the chamber's level {fall:.3g} m down, but its wall ends {draught:g} m "
+            f"{asked} would lower the chamber's level by {fall:.3g} m, but its wall ends {draught:g} m "
             f"below still water: use at most {section.pto.P_a * draught / fall:.4g} Pa"
         )
     if -fall > room:
         raise CaseError(
-            f"{asked} would pull the chamber's level {-fall:.3g} m up, but the walls end {room:.3g} m above "
+            f"{asked} would raise the chamber's level by {-fall:.3g} m, but the walls end {room:.3g} m above "
             f"the water: use at least {section.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
         )
 

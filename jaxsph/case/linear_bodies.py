@@ -268,7 +268,7 @@ class _Response:
         if max(abs(high - middle - linear), abs(middle - low - linear)) > BENT * linear + 1e-9:
             raise ValueError(
                 f"the elastic force of {link.name} is not linear for the amplitude that linear theory "
-                f"predicts, {abs(s):.3g} {link.ends.unit}: the link becomes slack, or meets its end stops"
+                f"predicts, {abs(s):.3g} {link.ends.unit}: the link becomes slack, or reaches its end stops"
             )
         return -(stiffness - 2j * np.pi / given_waves(self.case).period * damping) * s
 

@@ -49,7 +49,7 @@ class Triangles(NamedTuple):
     @classmethod
     @functools.lru_cache(maxsize=16)  # a case is checked again after every change
     def unpacked(cls, text: str) -> Triangles:
-        """Surface from a text made by `packed`. **Raises** ValueError if the text is not one."""
+        """Surface from a text made by `packed`. **Raises** ValueError for any other text."""
         most = 8 + 12 * 3 * MOST_TRIANGLES + 12 * MOST_TRIANGLES
         try:
             data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), most)
@@ -58,11 +58,13 @@ class Triangles(NamedTuple):
             if len(data) != ends[-1]:
                 raise ValueError
         except (ValueError, IndexError, zlib.error, binascii.Error):
-            raise ValueError("is not the packed surface of a mesh file; give its name as file") from None
+            raise ValueError(
+                "is not the packed surface of a mesh file; give the name of that file as file"
+            ) from None
         vertices = np.frombuffer(data[8 : ends[0]], "<f4").reshape(-1, 3).astype(float)
         faces = np.frombuffer(data[ends[0] :], "<u4").reshape(-1, 3).astype(int)
         if not len(faces) or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
-            raise ValueError("is not the packed surface of a mesh file; give its name as file")
+            raise ValueError("is not the packed surface of a mesh file; give the name of that file as file")
         return cls(vertices, faces)
 
 
@@ -103,7 +105,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Triangles:
 
 
 def _gaps(mesh: Any) -> str:
-    """Words on where a surface is not closed, in the units of its file."""
+    """Text that states where a surface is not closed, in the units of its file."""
     edges, count = np.unique(np.asarray(mesh.edges_sorted), axis=0, return_counts=True)
     odd = np.asarray(mesh.vertices)[edges[count != 2]]
     if not len(odd):
@@ -152,6 +154,6 @@ def thin_places(packed: str, dx: float) -> np.ndarray:
     mesh = trimesh.Trimesh(*surface, process=False)
     normals, middles = np.asarray(mesh.face_normals), np.asarray(mesh.triangles_center)
     distance, facing = nearest(surface, middles - dx * normals)
-    # the nearest wall is the opposite one, and not one beyond an edge
+    # the nearest triangle must be on the opposite side of the solid, not beyond an edge
     opposite = np.sum(normals * normals[facing], axis=1) < -0.5
     return middles[opposite & (distance > -0.99 * dx)]

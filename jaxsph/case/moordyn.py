@@ -181,8 +181,8 @@ class _File:
 
 
 def _ratio(line: dict[str, Any]) -> float:
-    """Internal damping of a segment, divided by its length times the square root of axial stiffness times
-    mass per length (-)."""
+    """Internal damping of a segment, divided by l sqrt(EA m), with the segment's length l, the axial
+    stiffness EA and the mass per length m (-)."""
     if line["damping"] <= 0.0:
         return -line["damping"]
     size = line["length"] / max(line["segments"], 1)

@@ -27,7 +27,7 @@ class MooringSection(Section):
     """Position (x, z) or (x, y, z) of the fairlead with the body at rest, m."""
     anchor: Position
     """Position (x, z) or (x, y, z) of the anchor, m; with z = 0, a part of the line may lie on the bed.
-    Without y, fairlead and anchor are as far across the tank as the body's pivot."""
+    Without y, fairlead and anchor have the y of the body's pivot."""
     length: Length
     """Length of the line without tension, m."""
     axial_stiffness: float = Field(ge=1e-3, le=1e13)
@@ -43,8 +43,8 @@ class MooringSection(Section):
     segments: int = Field(20, ge=2, le=400)
     """Number of segments of a line of lumped masses."""
     damping: float = Field(0.5, ge=0, le=10)
-    """Internal damping of a segment, divided by its length times the square root of axial stiffness times
-    mass per length (-)."""
+    """Internal damping of a segment, divided by l sqrt(EA m), with the segment's length l, the axial
+    stiffness EA and the mass per length m (-)."""
     drag: tuple[Shape, Shape] | None = None
     """Drag coefficients across and along the line (-)."""
     added_mass: tuple[Shape, Shape] = (1.0, 0.0)

@@ -43,8 +43,8 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     if geometry.plate is not None and geometry.plate.thickness < 0.99 * case.dx:
         notes.append(
             f"device.wall_thickness = {geometry.plate.thickness:.3g} m is less than a spacing (dx = "
-            f"{case.dx:g} m): water is noisy at the wall's tip, and the efficiency may be a tenth too low; "
-            "use a smaller dx, or a thicker wall"
+            f"{case.dx:g} m): the flow is noisy at the wall's tip, and the efficiency may be a tenth too "
+            "low; use a smaller dx, or a thicker wall"
         )
     notes += _sinking(case, geometry)
     notes += basin_notices(case)
@@ -98,8 +98,9 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
         spans += [] if ends is None else [(f"the {name}", *ends)]
     reach = GAUGE * case.dx - 1e-9
     return [
-        f"probes.gauges[{index}] = {x:g} m: a gauge reads the water up to {reach:.3g} m to either side, but "
-        f"{what} is there, from {low:.4g} to {high:.4g} m: the readings mix both sides, or are too low"
+        f"probes.gauges[{index}] = {x:g} m: a gauge measures the water up to {reach:.3g} m to either side, "
+        f"but {what} is in this range, from {low:.4g} to {high:.4g} m: the readings mix both sides, or are "
+        "too low"
         for index, x in enumerate(geometry.gauges)
         for what, low, high in spans
         if low - reach < x < high + reach

@@ -21,7 +21,7 @@ Corners = tuple[tuple[Coordinate, Coordinate], ...]
 
 
 class AbstractShapeSection(Section):
-    """Numbers of one shape in its position at rest."""
+    """Parameters of one shape in its position at rest."""
 
     @property
     def dim(self) -> int:
@@ -34,7 +34,7 @@ class AbstractShapeSection(Section):
 
     @abc.abstractmethod
     def shape(self, dx: float) -> AbstractShape:
-        """Shape with the numbers of this section; `dx`: spacing of the particles, m."""
+        """Shape with the parameters of this section; `dx`: spacing of the particles, m."""
 
     def turned(self, angles: Place, dx: float) -> AbstractShape:
         """Shape turned about the middle of its extent by three angles (rad); see `ShapeSection.turned`."""
@@ -104,7 +104,7 @@ class BlockSection(AbstractShapeSection):
 
 
 class AbstractPlaneSection(AbstractShapeSection):
-    """Numbers of one shape in the x-z plane, in its position at rest."""
+    """Parameters of one shape in the x-z plane, in its position at rest."""
 
     @property
     def dim(self):

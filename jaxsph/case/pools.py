@@ -18,14 +18,14 @@ from jaxsph.solids.cells import area_inside
 from jaxsph.solids.shapes import AbstractShape
 
 FINE, COARSE = 0.125, 0.5
-"""Distance between the points at which horizontal sections are read, in spacings of the particles: for the
+"""Distance between the points at which horizontal sections are sampled, in spacings of the particles: for the
 water surface, and for finding the levels of the walls' ends."""
 CLOSE = 0.01
-"""Deviation of a chamber's outline from the section through the solids, in spacings."""
+"""Largest deviation of a chamber's outline from the section through the solids, in spacings."""
 SEAM = 0.1
 """Half the width of the widest gap between two solids that counts as closed, in spacings."""
 UPRIGHT = 0.02
-"""Relative change of a chamber's area between its lower edge and still water that counts as upright walls."""
+"""Largest relative change of a chamber's area over its height at which the walls count as upright."""
 NARROW = 3.0
 """Least width of a chamber, in spacings."""
 
@@ -44,7 +44,8 @@ class Pool(NamedTuple):
     corners: np.ndarray
     """Corners `[K, 2]` (x, y) (m) of the water surface at rest."""
     tip: float
-    """Level of the upper edge of the highest opening under a wall, m. Air escapes if water falls below it."""
+    """Level of the upper edge of the highest opening under a wall, m. Air escapes if water falls
+    below this level."""
     top: float
     """Level at which the walls end or the roof begins, m."""
     surface: float
@@ -135,12 +136,12 @@ def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
     if surface is None:
         raise CaseError(
             f"{asked}: solids do not enclose this point at the still water level, z = {tank.depth:g} m: "
-            "choose a point between walls that reach through the surface, or close the gap between them"
+            "choose a point between walls that pierce the surface, or close the gap between them"
         )
     if surface.interiors:
         raise CaseError(f"{asked}: a solid pierces the surface in the chamber: move it out of the chamber")
     cut = _cuts(np.asarray(at), shapes, (low, high), tank.dx, COARSE)
-    # the section is that of solids thickened by a seam
+    # the section is taken through solids thickened by a seam
     seam = SEAM * tank.dx
     tip = _last_level(cut, tank.depth, 0.0, tank.dx) + seam
     top = _last_level(cut, tank.depth, tank.height, tank.dx)
@@ -168,12 +169,12 @@ def _cuts(
     """Function that returns the enclosed water around a point (x, y) (m) at any level; see `CutAt`.
 
     Water is connected with the waves if it reaches the lowest x of the `box` between two corners (m). The
-    section is read at points that are `fine` spacings dx (m) apart.
+    section is sampled at points that are `fine` spacings dx (m) apart.
     """
     (low, high), side = box, fine * dx
     x, y = (np.arange(a - 2.0 * side, b + 2.5 * side, side) for a, b in zip(low, high, strict=True))
-    # Beside and beyond the walls of the box the section is that of a spacing inside them, where the ends of
-    # solids that reach up to the walls do not matter. The water is then cut at the walls.
+    # At and beyond the walls of the box, the section is sampled one spacing inside the walls, so that the
+    # ends of solids that reach up to the walls have no effect. The water is then cut off at the walls.
     plane = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     plane = np.clip(plane, low + dx, high - dx)
     within, seam = shapely.box(*low, *high), SEAM * dx
@@ -235,5 +236,6 @@ def _check_apart(pools: Mapping[str, Pool]) -> None:
     for (a, one), (b, other) in itertools.combinations(pools.items(), 2):
         if shapely.Polygon(one.corners).intersection(shapely.Polygon(other.corners)).area > 0.0:
             raise CaseError(
-                f"chamber.{a} and chamber.{b}: their water surfaces overlap: change at of one of them"
+                f"chamber.{a} and chamber.{b}: their water surfaces overlap: change chamber.{a}.at or "
+                f"chamber.{b}.at"
             )

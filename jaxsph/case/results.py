@@ -33,7 +33,7 @@ from jaxsph.waves import theory
 FEW = 5
 """Number of averaged periods below which a longer run is advised, if earlier periods were left out."""
 REFLECTING = 0.2
-"""Reflection coefficient above which waves that a device sends back affect the device when they return. An
+"""Reflection coefficient above which the waves that a device reflects affect it when they return. An
 absorbing paddle reflects a twentieth of their amplitude, and the relative change of the power is then a tenth
 of the coefficient."""
 WHOLE = 0.95
@@ -80,7 +80,7 @@ class SettledPeriods(AbstractAveraging):
 
 
 def _before_the_echo(case: Sections, record: Record) -> list[str]:
-    """Notice if averaging begins before waves that the device has sent back return from the paddle."""
+    """Notice if averaging begins before the waves that the device has reflected return from the paddle."""
     waves = given_waves(case)
     echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
     begin = float(record.t[record.window.over][0])
@@ -88,9 +88,9 @@ def _before_the_echo(case: Sections, record: Record) -> list[str]:
         return []
     end = echo + case.output.periods * waves.cycle
     return [
-        f"means begin at t = {begin:.3g} s, before the waves that the device sends back return to it from "
-        f"the paddle, at t = {echo:.3g} s: xi may then change by some per cent; for its final value raise t1 "
-        f"to {end:.4g} s"
+        f"means begin at t = {begin:.3g} s, before the waves that the device reflects return to it from "
+        f"the paddle, at t = {echo:.3g} s: xi may then change by a few per cent; for its final value raise "
+        f"t1 to {end:.4g} s"
     ]
 
 

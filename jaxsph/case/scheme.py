@@ -63,7 +63,7 @@ def remedies(case: Sections) -> Remedies:
         Trouble.TOO_DENSE: 'set tank.walls = "mirror"',
         Trouble.NO_TABLES: "reduce scheme.cfl or dx",
         Trouble.TOUCHING: (
-            "give the body less density or mass, or keep it away by a [link.NAME] or a [mooring.NAME]"
+            "reduce the body's density or mass, or restrain the body by a [link.NAME] or a [mooring.NAME]"
         ),
     }
     if isinstance(case.scheme, Incompressible):

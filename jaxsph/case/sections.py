@@ -191,7 +191,7 @@ class SpongeSection(Section):
     sides: Length | None = None
     """Thickness of the layers along both side walls, in a tank with a width and without waves, m."""
     strength: float = Field(10.0, ge=1e-6, le=1e6)
-    """Damping rate at the walls, the largest, 1/s."""
+    """Largest damping rate, which applies at the walls, 1/s."""
 
 
 class Device(Section):

@@ -72,7 +72,7 @@ class ShapeSection(Section):
 
     @property
     def given(self) -> AbstractShapeSection:
-        """Numbers of the shape that the section gives."""
+        """Parameters of the shape that the section gives."""
         found = getattr(self, self.shape_key)
         return found if isinstance(found, AbstractShapeSection) else OutlineSection(outline=found)
 

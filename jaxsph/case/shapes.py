@@ -86,13 +86,13 @@ def initial_shape(shape: AbstractShape, carried_by: Sequence[BodySection]) -> Ab
 
 
 def pivot_of(body: BodySection) -> np.ndarray:
-    """Position `[D]` (m) of the joint of a body at rest; without a given one, its centre of mass."""
+    """Position `[D]` (m) of the joint of a body at rest; by default its centre of mass."""
     centroid = body.placed(math.inf).moments()[1]
     return in_tank(body.pivot or body.centre or centroid, centroid)
 
 
 def in_tank(point: Any, beside: Any) -> np.ndarray:
-    """Position `[D]` (m) of a point (x, z) or (x, y, z); without y it is as far across as the point `beside`
+    """Position `[D]` (m) of a point (x, z) or (x, y, z); a point without y has the y of the point `beside`
     `[D]` (m)."""
     if len(point) == 2 and len(beside) == 3:
         return np.array([point[0], beside[1], point[1]])
@@ -100,7 +100,7 @@ def in_tank(point: Any, beside: Any) -> np.ndarray:
 
 
 def check_dimensions(section: BodySection, key: str, dim: int) -> None:
-    """**Raises** CaseError for motions, positions or inertia of a body that `dim` dimensions lack."""
+    """**Raises** CaseError for motions, positions or inertia that a body cannot have in `dim` dimensions."""
     if dim == 3:
         return
     beyond = [one for one in section.free if one not in PLANAR]
@@ -185,7 +185,7 @@ def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> n
         beyond = [one for one in section.free if one in ("roll", "yaw")]
         if beyond:
             raise CaseError(
-                f"{key}.inertia = {given:g}: is that of the pitch, and the body is also free in "
+                f"{key}.inertia = {given:g}: is the inertia in pitch, and the body is also free in "
                 f"{', '.join(beyond)}: give [I_xx, I_yy, I_zz]"
             )
         return _about_centre(given, float(shift[1, 1]), key) * np.eye(3)

@@ -110,7 +110,7 @@ class RevolutionSection(AbstractShapeSection):
 
     def check(self, key, dx):
         """See `AbstractShapeSection.check`."""
-        # next to the axis the other half of the profile adds to its thickness
+        # the check is conservative at the axis, where the solid is twice as thick as the profile
         check_outline(self.profile, f"{key}.profile", dx)
 
     def shape(self, dx):
@@ -126,8 +126,8 @@ class ExtrusionSection(AbstractShapeSection):
     """A prism along the x-, y- or z-axis of a three-dimensional tank, in its position at rest."""
 
     outline: Corners = Field(min_length=3, max_length=MOST_CORNERS)
-    """Corners of the cross-section in order along its outline, m: (y, z), (x, z) or (x, y), the coordinates
-    other than that along the prism."""
+    """Corners of the cross-section in order along its outline, m: (y, z), (x, z) or (x, y), the two
+    coordinates across the prism."""
     x: Range | None = None
     """First and last x (m) of a prism along x; give one of x, y and z."""
     y: Range | None = None

@@ -44,7 +44,7 @@ class AbstractWavesSection(Section, abc.ABC):
     need a tank with a width, and a `zone`."""
     side_zones: Length | None = None
     """Width of relaxation zones along both side walls, m. They let oblique waves pass, and absorb waves that
-    bodies send sideways; only with `zone`."""
+    bodies reflect or radiate sideways; only with `zone`."""
 
     @field_validator("direction")
     @classmethod

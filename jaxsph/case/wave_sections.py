@@ -22,8 +22,8 @@ MOST_WAVES = 600
 STEEPEST = float(np.radians(80.0))
 """Largest angle between the waves of a directional sea and the tank's axis, rad."""
 BEYOND = 0.1
-"""Largest fraction of the energy of a directional sea that may be left out, because it would travel at more
-than this angle."""
+"""Largest fraction of the energy of a directional sea that may be left out because it would travel at a
+larger angle than `STEEPEST` (-)."""
 MOST_SAMPLES = 20_000
 """Largest number of samples of a recorded series; every run file stores the series as text."""
 

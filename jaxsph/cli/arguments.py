@@ -141,8 +141,8 @@ Program = Annotated[
     typer.Option(
         "--program",
         metavar="FILE.py:FUNCTION",
-        help="Function that defined the run, if it was not a case. It must be given again: for safety, code "
-        "that only a file names is never imported.",
+        help="Function that built the problem of the run; not needed for the run of a case. For safety, "
+        "jaxsph never imports code that is only named in a file.",
     ),
 ]
 
@@ -225,7 +225,7 @@ def bounds_of(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def match_precision(precision: str | None) -> None:
-    """Switches JAX to float64 if a case needs it; call it before the first array is created."""
+    """Switches JAX to float64 if this is the precision of a case; call it before any array is created."""
     if precision == "float64":
         import jax
 

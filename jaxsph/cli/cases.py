@@ -22,7 +22,7 @@ def check(
     ] = False,
     devices: Devices = None,
 ) -> None:
-    """Check a case, and print the particles, time step, waves and expected wall time of its run."""
+    """Check a case, and print its number of particles, time step, waves and expected wall time."""
     import jaxsph as js
 
     with messages():
@@ -32,7 +32,9 @@ def check(
         if timed:
             found = js.duration(loaded, devices)
             on = f"{found.devices} device" + ("s" if found.devices > 1 else "")
-            text = f"{in_time(found.total)} on {on} here, {in_time(found.compilation)} of it for compilation"
+            text = (
+                f"{in_time(found.total)} on {on} here, including {in_time(found.compilation)} of compilation"
+            )
             rows = [*(row for row in rows if row[0] != "wall time"), ("wall time", text)]
         print_table(rows)
         for notice in loaded.notices() if is_case else ():

@@ -13,15 +13,15 @@ from jaxsph.cli.studies import INTERRUPTED, announce, cluster, compile_as_member
 from jaxsph.cli.terminal import messages, print_notes, print_table
 
 FAR_OFF = 0.1
-"""Threshold of a damping coefficient's relative spread (-), above which the command prints a note."""
+"""Relative spread of a damping coefficient (-) above which the command prints a note."""
 
 
 Amplitude = Annotated[
     float | None,
     typer.Option(
         metavar="M",
-        help="Amplitude of the given motions, m (of a pitch: at the farthest wet point); default: a tenth of "
-        "the draught, at least half a spacing.",
+        help="Amplitude of the prescribed motions, m (for pitch, at the farthest wet point); default: a "
+        "tenth of the draught, but at least half a spacing.",
     ),
 ]
 

@@ -137,7 +137,7 @@ def _report(solution: Any, path: Path, waves: bool, wanted: tuple[bool, bool], q
 
 
 def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Rows with labels and values of results, grouped by empty rows; energies of the whole run are left out.
+    """Labels and values of results, in groups separated by empty rows, without energies of the whole run.
 
     `flat`: whether the run is two-dimensional, with results for bodies and energies per metre of width.
     """

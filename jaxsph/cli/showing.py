@@ -65,7 +65,7 @@ def write_report(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FILE", help="Page to write; default: the first FILE with .html."
+            "--out", "-o", metavar="FILE", help="Page to write; default: named after the first FILE."
         ),
     ] = None,
     overwrite: Annotated[

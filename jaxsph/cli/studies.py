@@ -166,7 +166,7 @@ def slope(  # its arguments are the options of the command
     of: Annotated[
         str,
         typer.Option(
-            "--of", help="Result: xi, P_owc or energy_pto; any result with an ensemble, e.g. amplitude_P_a."
+            "--of", help="Result: xi, P_owc or energy_pto; for an ensemble, any result, e.g. amplitude_P_a."
         ),
     ] = "xi",
     method: Method = Way.ensemble,
@@ -215,7 +215,7 @@ def optimise(  # its arguments are the options of the command
         str,
         typer.Option(
             "--of",
-            help="Result to maximise: xi, P_owc, energy_pto; any result with ensembles, e.g. amplitude_P_a.",
+            help="Result to maximise: xi, P_owc, energy_pto; for ensembles, any result, e.g. amplitude_P_a.",
         ),
     ] = "xi",
     method: Method = Way.ensemble,
@@ -312,8 +312,11 @@ def announce(
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Prints the number of runs and their expected time, from the first steps of one run. Prints nothing if
-    the file `out` exists, since the study then continues."""
+    """Prints the number of runs and their expected time, estimated from the first steps of one run.
+
+    Prints nothing if the file `out` exists, since the study then continues. `most`: words before a number
+    that is an upper limit.
+    """
     if out.exists():
         return
     import jaxsph as js
@@ -330,7 +333,7 @@ def announce(
 
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:
-    """One row per member: its parameter values, and the efficiency or, without one, another result."""
+    """One row per member: its parameter values, and the efficiency or, if there is none, another result."""
     name = done.meanings.first(done.results) or "energy_residual_share"
     if name not in done.results:
         return []

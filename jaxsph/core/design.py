@@ -25,7 +25,7 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
 
     False stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
     minimise the mean square of the false stress under random deformations plus the mean square under pure
-    strain. The minimum is subject to three constraints: the shares sum to one, the kernel decreases outwards,
+    strain. The minimisation has three constraints: the shares sum to one, the kernel decreases outwards,
     and no transverse displacement wave has a negative stiffness (`LatticeStress`).
     **Arguments**: `dim`: number of dimensions; `support`: ratio of the support radius to the spacing;
     `lowest`: lowest power; `terms`: number of powers. **Raises** ValueError if no kernel meets the

@@ -19,7 +19,7 @@ from jaxsph.core.arrays import Components
 __all__ = ["RIDGE", "moments", "monomials", "polynomials"]
 
 RIDGE = 1e-6
-"""Weight of the squared coefficients in the least squares, relative to a total weight of 1 of the neighbours.
+"""Weight of the squared coefficients in the least-squares fit, in which the neighbours' weights sum to 1.
 
 This weight makes the polynomial unique where a particle has too few neighbours to determine it, as in spray.
 The weight is ten times the rounding error of float32, and changes other polynomials by a relative amount of
@@ -49,8 +49,8 @@ def polynomials(
 
     **Arguments**: `summed`: sums of `moments`, with weights whose sum is about 1; `differences`: for every
     component of the field, the sums of w (f_j - f_i) times each of the `monomials`; `stiffness`: weight of
-    the squared coefficients of second degree in the least squares. With 0 the polynomial is of second degree,
-    and with 1 nearly of first degree.
+    the squared coefficients of second degree in the least-squares fit. A stiffness of 0 gives a polynomial of
+    second degree, and a stiffness of 1 nearly one of first degree.
     """
     rows = _axes(dim, (1, 2))
     at = dict(zip(_axes(dim, (2, 3, 4)), summed, strict=True))
@@ -72,7 +72,7 @@ def _factors(matrix: list[list[jax.Array]]) -> tuple[list[list[jax.Array]], list
             scaled.append(a - sum(s * one for s, one in zip(scaled, L[k], strict=True)))
         L.append([s / pivot for s, pivot in zip(scaled, pivots, strict=True)])
         pivot = row[-1] + RIDGE - sum(s * one for s, one in zip(scaled, L[-1], strict=True))
-        pivots.append(jnp.maximum(pivot, RIDGE))  # below only by rounding
+        pivots.append(jnp.maximum(pivot, RIDGE))  # rounding errors may make it smaller
     return L, pivots
 
 

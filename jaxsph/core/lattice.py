@@ -45,8 +45,8 @@ class LatticeStress(NamedTuple):
     """Smallest stiffness of the undeformed lattice against transverse displacement waves (-).
 
     The stiffness times 2 p/(rho dx^2) is the square of the waves' angular frequency. If the stiffness is
-    negative, waves grow under pressure and the lattice buckles. Buckling is faster if the water is deeper in
-    units of the spacing.
+    negative, waves grow under pressure and the lattice buckles. The growth rate increases with the ratio of
+    the water depth to the spacing.
     """
 
 
@@ -134,11 +134,11 @@ def false_stress(
 
 
 def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
-    """Wavenumbers of displacement waves on a lattice, `[K, D]`, in radians per spacing.
+    """Wave vectors k of displacement waves on a lattice, `[K, D]`, in radians per spacing.
 
-    The wavenumbers sample the first Brillouin zone, in which no shorter wavenumber describes the same
-    displacements. The wavenumber zero is left out. Wavenumbers with a negative last component are also left
-    out, because k and -k are equivalent.
+    The wave vectors sample the first Brillouin zone, in which no shorter wave vector describes the same
+    displacements. The zero vector is omitted. Wave vectors with a negative last component are also omitted,
+    because k and -k are equivalent.
     """
     reciprocal = 2.0 * np.pi * np.linalg.inv(_basis(lattice, dim)).T
     steps = np.linspace(-1.0, 1.0, {2: 97, 3: 41}[dim])
@@ -149,7 +149,7 @@ def shear_waves(lattice: Lattice, dim: int) -> NDArray[np.float64]:
 
 
 def transverse(waves: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrices `[K, D, D]` that project vectors onto the directions perpendicular to each wavenumber."""
+    """Matrices `[K, D, D]` that project vectors onto the directions perpendicular to each wave vector."""
     along = waves / np.linalg.norm(waves, axis=1, keepdims=True)
     return np.eye(waves.shape[1]) - along[:, :, None] * along[:, None, :]
 
@@ -177,8 +177,8 @@ def surface_stiffness(
     The waves run along the surface with the wavenumber `k`, in radians per spacing. The stiffness is
     sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 divided by rho g dx. If all rows move alike, the stiffness
     times g/dx is the square of a row's angular frequency in still water. Far below the surface the stiffness
-    is `shear_stiffness` times twice the depth in spacings. The first row is stiffer than this relation gives
-    and the second row less stiff, because the missing rows above the surface would have negative pressures.
+    is `shear_stiffness` times twice the depth in spacings. Near the surface the first row is stiffer and the
+    second row less stiff, because the missing rows above the surface would have negative pressures.
     """
     points = lattice_points("cubic", dim, kernel.reach * h_over_dx)
     near, curvature = _curvature(kernel, h_over_dx, points)

@@ -210,8 +210,8 @@ class Slabs(eqx.Module):
         return {k: jax.tree.map(lambda a, b: jnp.concatenate([a, b]), a, there[k]) for k, a in fields.items()}
 
     def _from_beside(self, last: Array, first: Array) -> tuple[Array, Array]:
-        """Last particles of the slab before, and first particles of the slab after; zeros for a missing
-        slab."""
+        """Last particles of the preceding slab, and first particles of the following slab; zeros for a
+        missing slab."""
         if self.count == 2:
             # each slab has one adjacent slab: a single message instead of one to each side
             here = jax.lax.axis_index(AXIS)

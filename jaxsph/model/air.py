@@ -85,8 +85,8 @@ class AirCoupling(NamedTuple):
     slabs: Slabs
     """Devices that share the particles."""
     reaction: dict[str, Float[Array, " V"]]
-    """Force on the body that carries the chamber per unit of P_a, opposite to that on the water, by the
-    body's name: m, m, m2 in 2-D (m2, m2, m3 in 3-D). Empty if the walls are at rest."""
+    """Force on the body that carries the chamber per unit of P_a, opposite to the force on the water, by
+    the body's name: m, m, m2 in 2-D; three of m2 and three of m3 in 3-D. Empty if the walls are at rest."""
 
     def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
         """Velocities of the water (m/s) after an `impulse` of the air, the time integral of P_a (Pa s)."""
@@ -95,8 +95,8 @@ class AirCoupling(NamedTuple):
     def flow(self, u: Float[Array, "N D"], velocities: Mapping[str, Float[Array, " V"]]) -> Scalar:
         """Flow of air out of the chamber, m3/s (m2/s in 2-D).
 
-        **Arguments**: the water's velocities u (m/s); `velocities` of the bodies' pivots and pitches by name,
-        m/s, m/s, rad/s.
+        **Arguments**: the water's velocities u (m/s); `velocities` of the bodies by name: velocity of the
+        pivot (m/s) and angular velocity (rad/s).
         """
         at = self.slabs.take(columns(u), jnp.minimum(self.index, u.shape[0] - 1))
         moved = sum(
@@ -141,7 +141,7 @@ class AbstractPTO(eqx.Module):
         """Parts of a step's `mean` flow of incompressible air, m3/s (m2/s in 2-D): through the take-off, and
         into the ducts.
 
-        `ducted`: flow into the chamber's ducts by the ducts' laws at the end of the step, in the same unit.
+        `ducted`: flow into the ducts that follows from their laws at the end of the step, in the same unit.
         """
         return mean - ducted, ducted
 

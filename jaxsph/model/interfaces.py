@@ -1,4 +1,4 @@
-"""Interfaces of schemes, tangent filters, damping zones, outlets and chambers; `Model` holds all parts.
+"""Interfaces of schemes, tangent filters, damping zones, outlets and chambers; `Model` contains all parts.
 
 A step loops over tuples of parts. An empty tuple costs nothing, because these loops run only while JAX traces
 the step. A part stores its evolving state in `state.parts` under its `name` and adds its energies to
@@ -209,8 +209,8 @@ class AbstractChamber(AbstractPart):
     pto: eqx.AbstractVar[AbstractPTO]
     """Power take-off of the chamber."""
     frame: eqx.AbstractVar[AbstractFrame]
-    """Frame in which the chamber's walls are at rest. Positions are those in this frame, with all bodies at
-    rest, unless stated otherwise."""
+    """Frame in which the chamber's walls are at rest. Unless stated otherwise, positions refer to this
+    frame, with all bodies at rest."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> Air:
@@ -220,7 +220,7 @@ class AbstractChamber(AbstractPart):
     def volume(self, x: Components, V: Float[Array, " N"], smooth: Scalar) -> Scalar:
         """Volume of the water in the chamber, m3 (m2 in 2-D), for particles with volumes V at x (m).
 
-        `smooth`: half the height (m) of the layer in which particles count in part.
+        `smooth`: half the height (m) of the layer in which particles are counted partly.
         """
 
     @abc.abstractmethod

@@ -81,7 +81,7 @@ class AbstractLaw(eqx.Module):
 
     @property
     def dissipates(self) -> bool:
-        """Whether the law has a `force` in addition to that of its stored energy."""
+        """Whether the law has a `force` in addition to the force of its stored energy."""
         return True
 
     def start(self, s: Extension) -> Any:
@@ -148,8 +148,8 @@ class Pull(NamedTuple):
         """Decrease of the generalised force per unit acceleration of the coordinates in a step of dt (s), in
         kg, kg m or kg m2.
 
-        The elastic force is that at the mean of the extensions before and after the step (midpoint rule), and
-        the damping force is that at the rate after the step.
+        The elastic force is evaluated at the mean of the extensions before and after the step (midpoint
+        rule), and the damping force at the rate after the step.
         """
         return self.way.T @ (dt * self.damping + 0.25 * dt**2 * self.stiffness) @ self.way
 
@@ -222,7 +222,7 @@ class Link(AbstractPart):
 
         softening, other = jax.jacfwd(force, has_aux=True)(rate)
         stiffness = jax.jacfwd(slope)(s.reshape(-1))
-        # a law that drives the motion would make the step unstable if it were implicit
+        # a law that drives the motion would make the step unstable if it were treated implicitly
         return Pull(
             way, rate, -slope(s.reshape(-1)), other, positive_part(stiffness), positive_part(-softening)
         )
@@ -238,8 +238,8 @@ class Link(AbstractPart):
     ) -> tuple[LinkMotion, dict[str, Scalar]]:
         """State of the link after a step of dt (s), and the energy that the link absorbed, by ledger name, J.
 
-        **Arguments**: the extension s (m) and the force `pull` at the time t (s) of the step's forces;
-        `acceleration` (m/s2 or rad/s2) of the bodies' coordinates due to all forces.
+        **Arguments**: the extension s (m) and the force `pull` at the time t (s), at which the step
+        evaluates the forces; `acceleration` (m/s2 or rad/s2) of the bodies' coordinates due to all forces.
         """
         change = dt * (pull.way @ acceleration)
         mean, other = pull.rate + 0.5 * change, pull.other - pull.damping @ change
@@ -265,8 +265,8 @@ def positive_part(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
 
 @positive_part.defjvp
 def _positive_part_jvp(primals, tangents):
-    """Derivative by divided differences of the eigenvalues, which also holds where eigenvalues are equal
-    (Higham 2008, theorem 3.11)."""
+    """Derivative of `positive_part` by divided differences of the eigenvalues, valid also for equal
+    eigenvalues (Higham 2008, theorem 3.11)."""
     (matrix,), (change,) = primals, tangents
     values, vectors = _eigen(matrix)
     kept = jnp.maximum(values, 0.0)

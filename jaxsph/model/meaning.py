@@ -1,4 +1,4 @@
-"""Meaning of what a run records: energies of the ledger, readings of probes, scalar results."""
+"""Meaning of the quantities that a run records: energies of the ledger, readings, scalar results."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class Mechanism(NamedTuple):
                 before = ", ".join(sorted(known - {""})) or "none"
                 raise ValueError(
                     f"{body.name} is joined to {body.joint.parent}, which is not among the bodies before it "
-                    f"({before}): give every body after the body that it is joined to"
+                    f"({before}): list every body after the body that it is joined to"
                 )
             known.add(body.name)
         for link in self.links:
@@ -168,7 +168,7 @@ class Mechanism(NamedTuple):
     def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, " V"]]:
         """Accelerations (m/s2, rad/s2), by name, of the bodies if no forces act on them; empty if all are 0.
 
-        These are due to given motions, the inertia of joined bodies and gyroscopic moments.
+        These accelerations are due to given motions, the inertia of joined bodies and gyroscopic moments.
         """
         if self.coasts:
             return {}
@@ -216,8 +216,8 @@ class Mechanism(NamedTuple):
     ) -> tuple[Float[Array, " n"], dict[str, tuple[Extension, Pull]]]:
         """Generalised forces on the coordinates without the water's pressure, and the pulls of links.
 
-        The forces (N or N m) are those of weight and links, and the contact forces of the water in the last
-        step.
+        The forces (N or N m) are the bodies' weights, the forces of the links, and the contact forces of the
+        water in the last step.
         **Arguments**: `parts`: states of the parts by name at the time t (s); `g`: gravity, m/s2.
         """
         weight = kinematics.mass[:, 0, 0, None] * g
@@ -297,7 +297,7 @@ class Mechanism(NamedTuple):
         return z, jnp.concatenate([*(motion.rates for motion in motions), jnp.ones_like(times)])
 
     def _regular(self, z: Array, rates: Array) -> tuple[Array, Array]:
-        """Coordinates and rates after every joint has had the chance to change to regular ones."""
+        """Coordinates and rates of all joints, changed where they are near a singularity."""
         q, q_rates = self.split(z), self.split(rates)
         both = [body.joint.regular(q[body.name][0], q_rates[body.name][0]) for body in self.bodies]
         times = len(z) - len(self.bodies)

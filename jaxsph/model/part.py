@@ -42,7 +42,7 @@ class AbstractPart(eqx.Module):
     """A part of a model: a moving solid, a body, a chamber, a damper, an outlet.
 
     The names of a part's energies and readings end with the part's name, for example `P_a_left` for a chamber
-    called "left". The ending is omitted for a part with the usual name, which is normally the only part of
+    called "left". The suffix is omitted for a part with the usual name, which is normally the only part of
     its kind.
     """
 

@@ -34,7 +34,7 @@ __all__ = [
 HYPERVISCOSITY = 1.0
 """Default strength of the hyperviscosity, in units of sqrt(g/h) (-): see `Regularisation`.
 
-In the OWC case at dx = 0.02 m, half this strength leaves a sixth more noise in the water, and dissipates 11
+In the OWC case at dx = 0.02 m, half this strength leaves a sixth more noise in the water, and dissipates 11 %
 instead of 12 % of the paddle's work.
 """
 
@@ -88,24 +88,25 @@ class Regularisation(eqx.Module):
     **Hyperviscosity** damps the part of the velocity that a local polynomial of second degree does not fit.
     Around every particle i, the polynomial P_i is fitted to the velocity differences u_j - u_i of the
     neighbours by least squares, with weights w_ij proportional to V_j (1 - r_ij^2/R^2)^2, whose sum over a
-    lattice is 1; R is the radius of the support. The velocities follow the gradient of the squared residuals,
-    du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (e_ij - e_ji), where e_ij = u_j - u_i - P_i(x_j - x_i) is
-    the residual at the neighbour. The kinetic energy therefore never grows, and velocities up to second
-    degree in space are not damped, not even beside walls and surfaces. Disorder of the particles adds noise
-    to their velocities that varies from one particle to the next. Noise with a wavelength of two spacings
-    decays at a rate of 1.3 to 1.6 times hyperviscosity sqrt(g/h); with dx = 0.02 m it falls by a factor of e
-    in less than 0.05 s. The damping of a wave with wavenumber k is much weaker, because it is proportional to
-    (kh)^6. An artificial viscosity, whose damping is proportional to (kh)^2, damps both noise and waves. In
-    spray and thin sheets, where the weights add up to less than `THIN`, the polynomial is of first degree.
+    lattice is 1; R is the radius of the support. The velocities follow the negative gradient of the squared
+    residuals, du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (e_ij - e_ji), where
+    e_ij = u_j - u_i - P_i(x_j - x_i) is the residual at the neighbour. The kinetic energy therefore never
+    grows, and velocities up to second degree in space are not damped, not even beside walls and surfaces.
+    Disorder of the particles adds noise to their velocities that varies from one particle to the next. Noise
+    with a wavelength of two spacings decays at a rate of 1.3 to 1.6 times hyperviscosity sqrt(g/h); with
+    dx = 0.02 m it falls by a factor of e in less than 0.05 s. The damping of a wave with wavenumber k is much
+    weaker, because it is proportional to (kh)^6. An artificial viscosity, whose damping is proportional to
+    (kh)^2, damps both noise and waves. In spray and thin sheets, where the weights add up to less than
+    `THIN`, the polynomial is of first degree.
 
     **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
     dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. Every particle keeps
     its velocity. Particles farther apart are not affected, either in a wave or at a surface. Separation
     therefore cannot lift a surface.
 
-    Both conserve the momentum of every pair, and the ledger contains the energies that they dissipate; that
-    of separation is only potential energy. Without gravity the rate sqrt(g/h) is zero, and neither has an
-    effect.
+    Both methods conserve the momentum of every pair. The ledger contains the energies that they dissipate;
+    separation dissipates only potential energy. Without gravity the rate sqrt(g/h) is zero, and neither
+    method has an effect.
     """
 
     hyperviscosity: Scalar = eqx.field(converter=real)
@@ -133,7 +134,7 @@ class Regularisation(eqx.Module):
         back = monomials(tuple(r / radius for r in pair.r))
         fields = zip(i["u"], j["u"], i["fit"], j["fit"], strict=True)
         jump = tuple(w * (2.0 * (b - a) - dot(P, there) + dot(Q, back)) for a, b, P, Q in fields)
-        # the guard is for r = 0, where the direction is undefined
+        # the guard avoids 0/0 at r = 0, where the direction is undefined
         r = jnp.sqrt(pair.r2 + (1e-6 * dx) ** 2)
         # particles without mass (copies that fill up a slab) are not separated, since they would jump away
         size = jnp.where(i["V"] > 0.0, laws.water_volume(j), 0.0) / dx ** len(pair.r)
@@ -145,8 +146,8 @@ class Regularisation(eqx.Module):
     ) -> Regularised:
         """Velocities (m/s) and displacements (m) after the time t (s), by two pair sums.
 
-        t is the time between two regularisations. However large t is, noise and clumping are at most removed
-        completely, and not reversed.
+        t is the time between two regularisations. Even for a large t, noise and clumping are at most removed,
+        not reversed.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         radius, unit = smoothing.radius, lattice_sum(smoothing, model.dx, dim)
@@ -169,8 +170,8 @@ class Regularisation(eqx.Module):
         smoothed = -jnp.expm1(-self.hyperviscosity * rate * t) * stack(terms.jump)
         share = -WHOLE * jnp.expm1(-self.separation * rate * t / WHOLE) * model.dx
         moved = share * stack(terms.apart)
-        # a velocity that followed the local gradient would add energy without bound to a pair in a thin sheet
-        # that gravity presses together again and again
+        # Separated particles keep their velocities. If the velocities changed with the local gradient, a pair
+        # that gravity presses together repeatedly in a thin sheet would gain energy without bound.
         lost = {
             "hyperviscosity": kinetic_loss(p, p.u, smoothed),
             "separation": jnp.sum(p.m * (moved @ model.g)),

@@ -2,8 +2,8 @@
 
 Surge, sway and heave (m) are positive along x, y and z. Roll, pitch and yaw (rad) are positive by the
 right-hand rule about x, y and z, so that a positive pitch turns z towards x. A pose is the displacement of a
-body's pivot and the body's rotation, from the position at rest. A velocity of a body is that of its pivot,
-followed by the angular velocity.
+body's pivot and the body's rotation, from the position at rest. The velocity of a body is the velocity of
+its pivot, followed by the angular velocity.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["PLANE", "SPACE", "SPACES", "AbstractSpace", "space_with"]
 class AbstractSpace(abc.ABC):
     """Space of D dimensions in which rigid bodies have V motions, and poses of P numbers.
 
-    All methods but `directions` and `centripetal` also take arrays of poses with further axes in front.
+    Arguments whose shape is marked by `*A` may have additional leading axes.
     """
 
     dim: int
@@ -153,7 +153,7 @@ class _Plane(AbstractSpace):
 
 
 SMALL = 0.04
-"""Square of the angle (rad2) below which a rotation is computed by series, which have slopes at zero."""
+"""Square of the angle (rad2) below which a rotation is computed by series, which are differentiable at 0."""
 
 
 class _Space(AbstractSpace):

@@ -21,7 +21,7 @@ class Shifting(eqx.Module):
     the largest speed. Shifting fades out near a free surface, where the support is not full and the
     concentration gradient is due to the surface. Velocities and densities stay with their particles.
     Therefore angular momentum is not conserved, and a free surface creeps outwards. Use shifting where
-    pressures are negative (`python -m experiments run rotating_square`), not where they are positive anyway
+    pressures are negative (`python -m experiments run rotating_square`), not where all pressures are positive
     (`python -m experiments run oscillating_drop`).
 
     A flow that stretches the lattice needs shifting. Without it, the Taylor-Green vortex at Re = 100 loses

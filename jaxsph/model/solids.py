@@ -180,7 +180,8 @@ class AbstractJoint(eqx.Module):
     def regular(
         self, q: Float[Array, " k"], rates: Float[Array, " k"]
     ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-        """The same pose and velocity in other coordinates, if q is near coordinates that are not regular."""
+        """Coordinates (m, rad) and rates (m/s, rad/s) of the same pose and velocity, changed if q is near a
+        singularity."""
         return q, rates
 
     @abc.abstractmethod

@@ -130,7 +130,7 @@ class Failure(enum.IntFlag):
     THROUGH_WALL = 8
     """A particle is inside a solid, or has left the tank."""
     CHAMBER_OVERFLOW = 16
-    """More particles feel a chamber's air than its table has entries for."""
+    """A chamber's air acts on more particles than the chamber's table has entries for."""
     TOO_FAST = 32
     """A particle is faster than the scheme allows."""
     NOT_CONVERGED = 64
@@ -210,7 +210,7 @@ class Search(eqx.Module):
     node_capacity: int = eqx.field(static=True)
     """Number of neighbour slots per interpolation node."""
     chamber_capacity: int = eqx.field(static=True)
-    """Largest number of particles that feel a chamber's air."""
+    """Largest number of particles on which a chamber's air acts."""
     rebuild_every: int = eqx.field(static=True)
     """Number of steps between two searches."""
     regularise_every: int = eqx.field(static=True)
@@ -266,7 +266,7 @@ class Tables(eqx.Module):
     """Particles around the ghosts of every moving wall and body, by the solid's name, for the force on the
     solid."""
     chambers: dict[str, Int[Array, " C"]]
-    """Indices of the particles that may feel a chamber's air, by the chamber's name; N marks an unused
+    """Indices of the particles on which a chamber's air may act, by the chamber's name; N marks an unused
     entry."""
     x: Float[Array, "N D"]
     """Positions of the particles at the search, m."""

@@ -41,8 +41,8 @@ class TangentFilter(AbstractTangents):
     The filter must act faster than exact tangents grow. Under pressure the rows of the square lattice slide
     over each other, and exact tangents grow. At the bed of still water 0.4 m deep, with dx = 0.02 m, they
     grow by a factor of e in 0.23 s (`python -m experiments run lattice_growth`). Higher orders preserve more
-    of the response of a chamber's flow: order 3 at every step lost a fifth of this response, while order 1 at
-    every fifth step loses half. But order 3 did not suppress slow modes of the sliding rows, which grew
+    of the response of a chamber's flow: order 3 at every step loses a fifth of this response, while order 1
+    at every fifth step loses half. But order 3 did not suppress slow modes of the sliding rows, which grew
     thirtyfold per period in a tank of 4 m. Tangents of the densities need no filter, since they follow the
     tangents of positions and velocities.
     """

@@ -81,7 +81,11 @@ class CapytaineFile(AbstractCoefficientFile):
             "added_mass_spread": (("omega", *both), found.A_spread, SPREAD),
             "radiation_damping_spread": (("omega", *both), found.B_spread, SPREAD),
             "excitation_force_spread": (one, found.X_spread[:, None, :], SPREAD),
-            "echo": (("omega", "radiating_dof"), found.echo, "share subtracted for waves from the paddle"),
+            "echo": (
+                ("omega", "radiating_dof"),
+                found.echo,
+                "ratio of the force of waves from the paddle, which was subtracted, to the radiation force",
+            ),
         }
         if found.linear is not None:
             Y = found.linear.X[:, None, :]

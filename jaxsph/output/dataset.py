@@ -60,7 +60,7 @@ def on_grid(
 
     **Arguments**: `snapshot`: as returned by `RunFile.snapshot`; `x` and `z`: coordinates of the grid, m;
     `y`: position of the grid's plane across a three-dimensional tank, m, by default mid-width of the water.
-    Points outside the water are NaN. **Raises** ValueError if there are too few particles for a linear fit.
+    Values outside the water are NaN. **Raises** ValueError if there are too few particles for a linear fit.
     """
     with wanted("js.on_grid", "xarray"):
         import xarray

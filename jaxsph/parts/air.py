@@ -1,8 +1,8 @@
 """Laws of the air between a chamber's water and its power take-off: incompressible or isentropic.
 
 Signs and flows are defined in `parts.pto`. The water does work on the air at the rate P_a q, where q is the
-flow by which the water's surface rises. The power take-off absorbs the power `head` (Pa) times
-the flow through the take-off, and the air stores the remainder.
+volume flow of the rising water surface. The power take-off absorbs the power `head` (Pa) times the flow
+through the take-off, and the air stores the remainder.
 """
 
 from __future__ import annotations

@@ -32,9 +32,9 @@ WORDS = {
     "pitch": "angle of the {}, positive landward",
     "yaw": "angle of the {} about the upright axis",
 }
-"""Descriptions of the motions of a body, with a place for its name."""
+"""Descriptions of the motions of a body, with a placeholder for its name."""
 ADRIFT = ("surge", "sway", "yaw")
-"""Motions in which a floating body drifts, because the water does not restore them."""
+"""Motions in which a floating body drifts, because the water exerts no restoring force."""
 
 
 class BodyMotion(eqx.Module):
@@ -115,7 +115,7 @@ class RigidBody(PosedSolid, AbstractBody):
         )
 
     def start(self, dtype: Any) -> BodyMotion:
-        """See `AbstractMovingSolid`: at its position at rest; `Mechanism.start` sets the pose."""
+        """See `AbstractMovingSolid`: the body in its position at rest; `Mechanism.start` sets the pose."""
         q, rates = self.joint.start(dtype)
         none, rest = jnp.zeros(len(self.space.motions), dtype), self.space.at_rest(dtype)
         return BodyMotion(q, rates, rest, none, none, none, Tally.zero(dtype, none.shape))

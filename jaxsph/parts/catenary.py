@@ -42,7 +42,7 @@ class EndForces(NamedTuple):
     up: Scalar
     """Vertical force V on the upper end of the line, upwards."""
     below: Scalar
-    """Vertical force on the line's lower end, downwards; zero if a part lies on the bed."""
+    """Vertical force on the line's lower end, downwards; zero if part of the line lies on the bed."""
 
 
 class AbstractCatenary(eqx.Module):
@@ -121,7 +121,7 @@ class HangingCatenary(AbstractCatenary):
         low, high = jnp.log(0.05 * e / STRAIN), jnp.log(STEEPEST * jnp.ones_like(e))
         q = jnp.exp(increasing_root(_hanging, low, high, (x, h, e)))
         sinh_q, tanh_q = jnp.sinh(q), jnp.tanh(q)
-        # 1 / cosh(p) from the span, because 1 - tanh(p)^2 would cancel in steep lines
+        # compute 1 / cosh(p) from the span, because 1 - tanh(p)^2 suffers from cancellation in steep lines
         sech_p, tanh_p = x * sinh_q / (q + e), h * tanh_q / (tanh_q + e)
         up = 0.5 * W * (1.0 + tanh_p / tanh_q)
         return EndForces(0.5 * W * sech_p / sinh_q, up, up - W)
@@ -199,5 +199,5 @@ def _energy_jvp(primals, tangents):
 
 
 def _span(x: Scalar, line: AbstractCatenary) -> Scalar:
-    """Horizontal distance between the ends, m; smooth in x where one end is above the other."""
+    """Horizontal distance between the ends, m; smooth in x where one end is vertically above the other."""
     return jnp.sqrt(x**2 + (SMALLEST * line.length) ** 2)

@@ -32,8 +32,8 @@ class SurfaceGrip(AbstractGrip):
     """Coupling by the pair sum of the pressure gradient, for a scheme that does not detect the surface.
 
     The surface condition p = P_a enters the gradient as (p_j - P_a chi_i) + (p_i - P_a chi_i). The term
-    with P_a cancels where the kernel is full and acts at the surface. Surface particles need not be detected,
-    unlike in Zhu et al. 2020, Eq. 15-16, and suction in the air puts no tension in the column.
+    with P_a cancels where the kernel's support is full and acts at the surface. Unlike in Zhu et al. 2020,
+    Eq. 15-16, surface particles need not be detected. Suction in the air causes no tension in the column.
     """
 
     def force(self, chamber, x, V, around):
@@ -112,7 +112,7 @@ class Chamber(AbstractChamber):
         upright, or by its corners (x, z) (m) from the bottom up; in three dimensions the three or more
         corners `[K, 2]` (x, y) (m) of the water surface between upright walls; `tip`: level of the front
         wall's tip, below which air would escape, m; `level`: still water level, m; `dx`: spacing, m; `air`:
-        for example `IsentropicAir`, by default incompressible.
+        law of the air, for example `IsentropicAir`; incompressible by default.
         """
         fade_high = tip + 0.5 * (level - tip)
         base = 0.5 * (tip + fade_high)
@@ -182,8 +182,8 @@ class Chamber(AbstractChamber):
         return self.sides.surface(self.still)
 
     def inside(self, x: Components) -> Array:
-        """Mask of points x (m) between the chamber's walls, True between them."""
-        # The sharp limit at the front wall's face cuts no particle, because none is inside the wall.
+        """Mask of points x (m), True between the chamber's walls."""
+        # The mask ends sharply at the front wall's face, which affects no particle: none is inside the wall.
         return self.sides.between(x, 1e-4, self.beyond)
 
     def weight(self, x: Components) -> Float[Array, " N"]:

@@ -71,8 +71,8 @@ class AbstractMotionsJoint(AbstractJoint):
 
     @property
     def coasts(self) -> bool:
-        """See `AbstractJoint`: True for a joint to the tank without a path that only slides, or only turns
-        about one axis."""
+        """See `AbstractJoint`: True for a joint to the tank that has no path and only slides, or only
+        turns about one axis."""
         slides, turns = self._moving
         alone = sum(turns) == 0 or (sum(turns) == 1 and not any(slides))
         return alone and not (self.parent or self.path)

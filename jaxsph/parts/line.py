@@ -3,8 +3,7 @@
 The equations are those of Hall and Goupee 2015: half of the mass, weight and forces of each segment acts on
 the node at each end. Each step of the water is divided into several short steps of the line. In each short
 step the nodes drift for half the step, the forces change the nodes' velocities, and the nodes drift for the
-other half.
-Drag and the damping of the bed are integrated implicitly.
+other half. Drag and the damping of the bed are integrated implicitly.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class AlongJoint(AbstractEnds):
     body: str = eqx.field(static=True)
     """Name of the body."""
     coordinate: int = eqx.field(static=True)
-    """Index of the coordinate; its place among the motions of `model.rigid`."""
+    """Index of the coordinate in `AbstractJoint.coordinates`."""
     coordinate_unit: str = eqx.field(static=True)
     """Unit of the coordinate, "m" or "rad"."""
 
@@ -165,7 +165,7 @@ class Friction(AbstractLaw):
     """Coulomb friction with a smoothed reversal: force -size tanh(v / scale) at the rate v."""
 
     size: Scalar
-    """Force of the friction, N."""
+    """Friction force, N."""
     scale: Scalar
     """Rate at which the friction reaches 76 % of `size`, m/s."""
 
@@ -277,7 +277,7 @@ class HydraulicTakeOff(AbstractLaw):
     def stored(self, own, s):
         """See `AbstractLaw`: the work of compressing the gas against p0."""
         squeezed, over = -jnp.log1p(-own / self.volume), self.gamma - 1.0
-        # the work over p0 V0 is (exp(over squeezed) - 1) / over, and its limit for constant temperature
+        # the work divided by p0 V0 is (exp(over squeezed) - 1) / over, and its limit for constant temperature
         warm = jnp.where(over == 0.0, 1.0, over)
         work = jnp.where(over == 0.0, squeezed, jnp.expm1(warm * squeezed) / warm)
         return self.pressure * (self.volume * work - own) + 0.0 * s

@@ -49,13 +49,13 @@ class FromAnchor(AbstractEnds):
 
 
 def span_and_height(s: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
-    """Length of the horizontal part of a vector, and its component upwards."""
-    # 1e-12 keeps the slope of the length finite for an upright vector
+    """Length of a vector's horizontal part, and the vector's upward component."""
+    # 1e-12 keeps the derivative of the length finite for a vertical vector
     return jnp.sqrt(jnp.sum(s[:-1] ** 2) + 1e-12), s[-1]
 
 
 def upright(line: Float[Array, "K 2"], s: Float[Array, " D"]) -> Float[Array, "K D"]:
-    """Points (m) of a line given by span and height, in the upright plane through the vector s (m)."""
+    """Points (m) of a line given by span and height, in the vertical plane through the vector s (m)."""
     across = s[:-1] / span_and_height(s)[0]
     return jnp.concatenate([line[:, :1] * across, line[:, 1:]], axis=1)
 
@@ -73,7 +73,7 @@ class AbstractMooringLaw(AbstractLaw):
 
 
 class QuasiStatic(AbstractMooringLaw):
-    """Law of a mooring that is in static equilibrium at every time: no inertia, no drag."""
+    """Law of a mooring that is in static equilibrium at all times: no inertia, no drag."""
 
     catenary: AbstractCatenary
     """The line."""

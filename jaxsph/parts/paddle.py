@@ -112,7 +112,7 @@ class AbsorbingMotion(AbstractMotion):
 
 
 class AbstractPaddle(AbstractWall):
-    """Wavemaker at the tank's near end: the low wall of the first axis, every point of which moves along x.
+    """Wavemaker at the tank's near end: the wall at the lower end of the x axis, which moves along x.
 
     Implement `shift` and `speed` for the wavemaker's motion.
     """
@@ -127,7 +127,7 @@ class AbstractPaddle(AbstractWall):
 
     @abc.abstractmethod
     def speed(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "..."]:
-        """Velocity of the paddle beside points x (m), m/s, in the form of `shift`."""
+        """Velocity of the paddle beside points x (m), m/s, in the same form as `shift`."""
 
     def entries(self):
         """See `AbstractPart`."""
@@ -176,7 +176,7 @@ class AbstractPaddle(AbstractWall):
 
 
 class Paddle(AbstractPaddle):
-    """Piston wavemaker at the tank's near end: the low wall of the first axis, which moves along x."""
+    """Piston wavemaker at the tank's near end: the wall at the low end of the x axis, which moves along x."""
 
     motion: AbstractMotion
     """Law of the piston's motion."""

@@ -5,7 +5,7 @@ out of the chamber, at the density of the ambient air, positive when the water c
 the power P_a q, which for a turbine is never negative.
 
 A law is solved in closed form together with the response of water and air over the step, q = q_free -
-compliance P_a, and is therefore stable for every damping.
+compliance P_a, and is therefore stable for any damping coefficient.
 """
 
 from __future__ import annotations
@@ -201,8 +201,8 @@ class ControlledPTO(AbstractPTO):
 class ReliefValve(AbstractPTO):
     """Relief valve in parallel with a turbine; the valve keeps the air pressure between two limits.
 
-    The valve lets air out or in at the rate that this requires. The ledger has separate entries
-    for the energy of the valve's flow and the energy of the turbine.
+    The valve releases or admits air at the rate that keeps the pressure within these limits. The ledger has
+    separate entries for the energy of the valve's flow and the energy of the turbine.
     """
 
     turbine: AbstractTurbine | PhasedPTO

@@ -73,9 +73,10 @@ class RelaxationZone(AbstractDamper):
 class BasinZone(AbstractDamper):
     """Relaxation zone along the near end and both side walls of a basin.
 
-    Waves that bodies send sideways are a deviation from the given waves, and are absorbed. The given waves
-    pass along the zones undisturbed. The side walls do not move with their flow, and would reflect them;
-    therefore the rate is highest there. Where two zones overlap, the higher rate counts.
+    Waves that bodies radiate sideways are a deviation from the given waves, and are absorbed. The given waves
+    pass along the zones undisturbed. The side walls do not move with the flow of the given waves, and would
+    reflect these waves; therefore the rate is highest at the walls. Where two zones overlap, the higher rate
+    applies.
     """
 
     field: AbstractWaveField
@@ -129,6 +130,6 @@ def _fall(x: Float[Array, " N"], length: Scalar) -> Float[Array, " N"]:
 def _interpolated(
     fields: Float[Array, "F ..."], nodes: tuple[Array, ...], x: Float[Array, "N D"]
 ) -> list[Float[Array, " N"]]:
-    """Values at x (m) of each of the `fields`, linear between evenly spaced `nodes` (m) of every axis."""
+    """Values of each of the `fields` at x (m), interpolated linearly between evenly spaced `nodes` (m)."""
     at = [(x[:, axis] - a[0]) / (a[1] - a[0]) for axis, a in enumerate(nodes)]
     return [jax.scipy.ndimage.map_coordinates(a, at, order=1, mode="nearest") for a in fields]

@@ -1,4 +1,4 @@
-"""Segmented wavemaker of a basin, whose face bends so that its flow varies across the basin."""
+"""Segmented wavemaker of a basin, whose displacement varies across the basin."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Segments(eqx.Module):
 class SegmentedPaddle(AbstractPaddle):
     """Wavemaker of many hinged segments, which follows the depth-averaged flow of waves.
 
-    A relaxation zone in front of it imposes the velocity profile. The slope of the face is that of the
-    displacement, a few hundredths; the mirror images of the water neglect it.
+    A relaxation zone in front of it imposes the velocity profile. The face has the slope dX/dy, a few
+    hundredths, which the mirror images of the water neglect.
     """
 
     field: AbstractWaveField
@@ -83,8 +83,8 @@ class SegmentedPaddle(AbstractPaddle):
         return self._across(motion.U, x)
 
     def _across(self, values: Float[Array, " S"], x: Float[Array, "N 3"]) -> Float[Array, " N"]:
-        """Values beside points x (m), linear between the joints; behind a side wall those of the mirrored
-        points."""
+        """Values beside points x (m), linear between the joints; behind a side wall, the values at the
+        mirrored points."""
         low, high = self.y[0], self.y[-1]
         inside = high - jnp.abs(high - (low + jnp.abs(x[:, 1] - low)))
         return jnp.interp(inside, self.y, values)

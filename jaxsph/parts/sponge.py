@@ -1,4 +1,4 @@
-"""Sponge layers along the tank's walls, which absorb waves before they are reflected there."""
+"""Sponge layers along the tank's walls, which absorb waves before the walls reflect them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SpongeLayer(eqx.Module):
     """Axis of the coordinates: 0 along the tank, 1 across it."""
 
     def depth(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of points x (m) from the start over the layer's thickness (-); 0 outside the layer."""
+        """Relative distance of points x (m) from the start, 1 at the end (-); 0 outside the layer."""
         s = (x[:, self.axis] - self.start) / (self.end - self.start)
         return jnp.where((s >= 0.0) & (s <= 1.0), s, 0.0)
 
@@ -30,7 +30,7 @@ class SpongeLayer(eqx.Module):
 class Sponge(AbstractDamper):
     """Sponge that damps the water's velocities in one or several layers (Zhu et al. 2020, Eq. 27 and 28).
 
-    Where layers overlap, the one with the higher rate counts.
+    Where layers overlap, the higher rate applies.
     """
 
     layers: tuple[SpongeLayer, ...]

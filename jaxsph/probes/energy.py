@@ -92,8 +92,10 @@ class EnergyProbe(AbstractProbe):
         given = "power given to the water by paddles, driven bodies and body forces"
         return {
             "kinetic": Reading(energy, "kinetic energy", group="energy"),
-            "potential": Reading(energy, "potential energy over the initial state", group="energy"),
-            "compression": Reading(energy, "compression energy over the initial state", group="energy"),
+            "potential": Reading(energy, "potential energy relative to the initial state", group="energy"),
+            "compression": Reading(
+                energy, "compression energy relative to the initial state", group="energy"
+            ),
             "power_paddle": Reading(power, f"{given}, {mean}", group="energy"),
             **{
                 f"power_{name}": Reading(power, f"power: {entry.long_name}, {mean}", group="energy")

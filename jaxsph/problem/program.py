@@ -127,7 +127,9 @@ def _arguments(
     known = inspect.signature(function).parameters
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     if unnamed := [name for name, one in known.items() if one.kind not in kinds]:
-        raise CaseError(f"{program.place}: {', '.join(unnamed)}: every argument must be one passed by name")
+        raise CaseError(
+            f"{program.place}: {', '.join(unnamed)}: cannot be passed by name; use named arguments only"
+        )
     for name in given:
         if name not in known:
             raise CaseError(_unknown(program, name, known))

@@ -68,7 +68,7 @@ class Result(NamedTuple):
 
 
 class RegularWave(NamedTuple):
-    """Regular waves as specified."""
+    """Period and height of regular waves, as specified."""
 
     T: float
     """Period, s."""

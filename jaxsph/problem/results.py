@@ -28,8 +28,8 @@ def energy_result(model: Model, averaged: bool) -> Result:
 def _energy(averaged: bool, record: Record) -> Scalars:
     """Energy balance over the window; with `averaged`, also over the whole record.
 
-    In regular waves the window has whole periods, because in every period a paddle takes back most of the
-    energy that it gives.
+    In regular waves the window consists of whole periods, because in every period a paddle takes back most
+    of the energy that it gives to the water.
     """
     names, series = harvested(record.solution.model), record.solution.series
     over = {name: values[record.window.over] for name, values in series.items()}
@@ -105,7 +105,7 @@ def _asked_of(
     found = {amplitude(name): (Label(f"{one.text}: amplitude", one.unit, "first harmonic"), size)}
     if one.over_waves:
         unit = "" if one.unit == "m" else f"{one.unit} per m"
-        found[f"rao_{name}"] = Label(f"  {one.text}: over the waves' amplitude", unit), size / wave
+        found[f"rao_{name}"] = Label(f"  {one.text}: divided by the wave amplitude", unit), size / wave
     if one.has_mean:
         found[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit), mean
     if one.drifts:

@@ -18,7 +18,7 @@ class Doubt(NamedTuple):
     text: str
     """The reason and what to do, for one run."""
     many: str
-    """The same for several members of a sweep; the number of the members precedes this text."""
+    """The reason and what to do, for several members of a sweep; their number precedes this text."""
 
 
 def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
@@ -40,7 +40,7 @@ def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
             f"have an energy budget that does not close within {100 * UNBOOKED:g} %.",
         ),
         (
-            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice of the run advises it
+            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice gives this advice
             f"Results are averaged over {periods:.0f} periods only: raise t1, so that more settled periods "
             "can be averaged.",
             f"are averaged over fewer than {FEW} settled periods: raise t1.",

@@ -23,7 +23,7 @@ from jaxsph.report.pack import UNSEEN, Pack, steps_in_bytes
 from jaxsph.report.space import MISSING, MOST_FRAMES, Space
 
 MOST = 1_200_000
-"""Largest product of the numbers of particles and frames in a page, which takes up about 5 MB."""
+"""Largest product of the numbers of particles and frames in a page; about 5 MB of data."""
 LEAST_FRAMES = 24
 """Smallest number of frames to which a page is reduced; if that is not enough, fewer particles are shown."""
 SECTIONS = (5, 3, 1)
@@ -155,9 +155,10 @@ class Frames:
 
 
 def _planes(x: np.ndarray, dx: float, frames: int) -> tuple[float | None, ...]:
-    """Distances y (m) of the sections from the tank's first side wall, in rising order; (None,) in 2-D.
+    """Distances y (m) of the sections from the tank's first side wall, in ascending order; (None,) in 2-D.
 
-    There are as many sections as fit beside each other and in a page of `frames` frames, an odd number.
+    The number of sections is the largest in `SECTIONS` at which the sections do not overlap and fit into a
+    page of `frames` frames, and at least one.
     """
     if x.shape[1] == 2:
         return (None,)
@@ -220,7 +221,7 @@ def _scattered(ids: np.ndarray) -> np.ndarray:
 
 
 def _field(name: str, levels: np.ndarray, limits: tuple[float, float], pack: Pack) -> dict[str, Any]:
-    """Levels `[frame, particle]` of a field, the limits between which they are, and its colours."""
+    """Levels `[frame, particle]` of a field, with its limits, label and colours."""
     colours = (255 * matplotlib.colormaps[FIELDS[name].colours](np.arange(256))[:, :3]).round()
     return {
         "label": FIELDS[name].label,

@@ -59,10 +59,10 @@ _NUMERICS = {
     "energy_projection": Label(
         "  lost in the projection",
         "J/m",
-        "numerical: work of the pressure that does not become motion of the water; negative for a gain",
+        "numerical: pressure work not converted into kinetic energy of the water; negative for a gain",
     ),
     "energy_residual": Label(
-        "  not accounted for", "J/m", "work minus all energies booked; zero in an exact budget"
+        "  not accounted for", "J/m", "work minus all other energies of the budget; zero in an exact budget"
     ),
     "energy_residual_share": Label(
         "  not accounted for, share", "", "at most a few hundredths in a good run"
@@ -94,13 +94,13 @@ PER_METRE = ("P_inc", "E_inc", "P_inc_measured")
 
 
 def in_order(results: Collection[str], own: Mapping[str, Sequence[str]] | None = None) -> list[str]:
-    """Names of results in the order of a table: by group, each followed by its value in linear theory.
+    """Names of results in the order of a table: by group, each followed by its linear-theory value.
 
     `own`: labels of results outside `LABELS`, in their order in a table.
     """
     known, own = list(LABELS), own or {}
     for name in own:
-        if name not in LABELS:  # an energy is placed with the others, before the residual
+        if name not in LABELS:  # an energy is placed with the other energies, before the residual
             whole, energy, _ = name.partition("energy_")
             rest = f"{whole}energy_residual"
             known.insert(known.index(rest) if energy and rest in known else len(known), name)

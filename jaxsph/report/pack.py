@@ -16,7 +16,7 @@ import numpy as np
 KINDS = {"f4": np.float32, "f8": np.float64, "u1": np.uint8, "u4": np.uint32}
 """Types of arrays that a page can read, by their names in the text."""
 UNSEEN = 65535
-"""Level that stands for nothing to show."""
+"""Level that marks a value that is not shown."""
 
 
 class Pack:
@@ -47,8 +47,8 @@ class Pack:
 def steps_in_bytes(levels: np.ndarray) -> np.ndarray:
     """Differences between frames of levels `[frame, K, N]` (uint16) as bytes `[frame, K, 2, N]`.
 
-    They are zigzag-coded, so that small differences of both signs are small numbers; the low bytes come
-    before the high bytes.
+    The differences are zigzag-coded, so that small differences of both signs are small numbers. The low
+    bytes come before the high bytes.
     """
     step = np.diff(levels, axis=0, prepend=np.zeros_like(levels[:1])).astype(np.int16)
     small = ((step << 1) ^ (step >> 15)).astype(np.uint16)

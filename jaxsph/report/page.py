@@ -60,7 +60,7 @@ def report(
 
 
 def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -> bytes:
-    """Contents of a page about these files, compressed; `frames`: snapshots read before, by path."""
+    """Contents of a page about these files, compressed; `frames`: snapshots already read, by path."""
     pack, runs, sweeps = Pack(), [], []
     for path in paths:
         try:
@@ -92,7 +92,7 @@ def title_of(paths: Sequence[Path]) -> str:
 
 
 def _in_space(path: Path) -> bool:
-    """Whether a file is that of a run in three dimensions with snapshots."""
+    """Whether a file contains a run in three dimensions with snapshots."""
     if SweepFile(path).is_one():
         return False
     run = RunFile.open(path)

@@ -18,9 +18,9 @@ from jaxsph.solids.shapes import AbstractShape, box_corners
 from jaxsph.solids.swept import Extrusion
 
 CELLS = 48
-"""Number of intervals along the longest side of a shape, of the grid on which its surface is found."""
+"""Number of grid intervals along the longest side of a shape, for computing the surface of the shape."""
 CREASE = 0.6
-"""Angle between two triangles (rad) above which the edge between them is drawn as a sharp one."""
+"""Angle between two triangles (rad) above which the edge between them is drawn sharp."""
 MOST_TRIANGLES = 4000
 """Largest number of triangles of a solid in a page; a larger surface is simplified."""
 
@@ -41,7 +41,7 @@ class Solid:
     """Whether the solid is a rigid body; other solids have another colour."""
 
     def distance(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Distance (m) of points x `[N, 3]` (m) from the surface in a `full_pose`, m; negative inside."""
+        """Distance (m) of points x `[N, 3]` (m) from the solid in a `full_pose`; negative inside."""
         back = (x - self.pivot - pose[:3]) @ rotation(pose[3:]) + self.pivot
         return np.asarray(at_points(self.shape.distance, back))
 
@@ -49,7 +49,7 @@ class Solid:
 def full_pose(pose: Any) -> np.ndarray:
     """Displacement of the pivot (x, y, z) (m) and rotation vector (rad) `[6]`, from a pose of a snapshot.
 
-    A snapshot has either these six numbers or surge (m), heave (m) and pitch (rad, from z towards x: this
+    A snapshot has either these six numbers or surge (m), heave (m) and pitch (rad, from z towards x, which
     is right-handed about y).
     """
     found = np.asarray(pose, float)
@@ -62,7 +62,7 @@ def full_pose(pose: Any) -> np.ndarray:
 def full_pivot(pivot: Any) -> np.ndarray:
     """Point (x, y, z) `[3]` (m) about which a solid turns, from (x, y, z) or (x, z).
 
-    A solid with the pivot (x, z) turns about the y-axis only, so that any y is right.
+    A solid with the pivot (x, z) turns about the y-axis only, so that y is arbitrary.
     """
     found = np.asarray(pivot, float)
     return found if found.shape == (3,) else np.array([found[0], 0.0, found[1]])
@@ -77,9 +77,9 @@ def rotation(vector: np.ndarray) -> np.ndarray:
 
 
 def surface_of(shape: AbstractShape, cells: int = CELLS) -> Triangles:
-    """Closed surface of a three-dimensional shape, by marching cubes on its distances; lengths in m.
+    """Closed surface of a three-dimensional shape, by marching cubes on its distance function; lengths in m.
 
-    **Arguments**: `cells`: number of grid intervals along the longest side. A shape thinner than the grid's
+    **Arguments**: `cells`: number of grid intervals along the longest side. A shape thinner than a grid
     interval has no triangles. **Raises** CaseError without the extra `geometry`.
     """
     igl = library("igl", "geometry", "the view in three dimensions")
@@ -96,7 +96,7 @@ def surface_of(shape: AbstractShape, cells: int = CELLS) -> Triangles:
 
 
 def simplified(surface: Triangles, most: int = MOST_TRIANGLES) -> Triangles:
-    """The surface (m) with at most about `most` triangles; edges stay where they are."""
+    """The surface (m) with at most about `most` triangles; sharp edges keep their positions."""
     if len(surface.faces) <= most:
         return surface
     igl = library("igl", "geometry", "the view in three dimensions")
@@ -107,7 +107,7 @@ def simplified(surface: Triangles, most: int = MOST_TRIANGLES) -> Triangles:
 
 
 def shaded(surface: Triangles) -> Triangles:
-    """The surface (m) with the corners at its sharp edges doubled, one for each side of the edge."""
+    """The surface (m) with the vertices on its sharp edges duplicated, one for each side of the edge."""
     trimesh = library("trimesh", "geometry", "the view in three dimensions")
     mesh = trimesh.Trimesh(*surface, process=False)
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -118,7 +118,7 @@ def shaded(surface: Triangles) -> Triangles:
 def solids_of(case: Case, scene: dict[str, Any]) -> tuple[Solid, ...]:
     """Solids of a case in three dimensions; `scene`: see `run.scene`.
 
-    Plates, platform and paddle are drawn in a scene by outlines in the x-z plane, and reach across the tank.
+    A scene gives plates, platform and paddle by outlines in the x-z plane; these solids span the tank.
     """
     geometry = Geometry.of(case)
     outlines = list(scene.get("solids", ()))
@@ -132,7 +132,7 @@ def solids_of(case: Case, scene: dict[str, Any]) -> tuple[Solid, ...]:
         found.append(Solid(name if moves else "", at, surface, pivot, floats=moves))
     for name, shape in geometry.solids.items():
         found.append(Solid("", shape, _surface(case.solid[name], shape), np.zeros(3)))
-    # the outlines of solids that do not move end with those of the bodies without motions
+    # of the outlines of solids that do not move, the last ones are those of bodies without motions
     fixed = sum(name not in pivots for name in geometry.shapes)
     still = [one for one in outlines if not one["name"]]
     plates = [one for one in still[: len(still) - fixed] if one["corners"]]
@@ -142,14 +142,14 @@ def solids_of(case: Case, scene: dict[str, Any]) -> tuple[Solid, ...]:
 
 
 def _surface(section: ShapeSection, shape: AbstractShape) -> Triangles:
-    """Surface (m) of the shape of a section: the triangles of its file, or else from the distances."""
+    """Surface (m) of the shape of a section: the triangles of its mesh file, or else `surface_of`."""
     if section.mesh is not None:
         return simplified(Triangles(section.corners(), Triangles.unpacked(section.mesh.packed).faces))
     return surface_of(shape)
 
 
 def _across(outline: dict[str, Any], upper: list[float]) -> Solid:
-    """Solid with an outline of a scene that reaches across a tank whose upper corner is `upper` (m)."""
+    """Solid that extends an outline of a scene across the tank; `upper`: upper corner of the tank, m."""
     length, width, height = upper
     # what is behind the paddle or above the walls is not drawn
     within = shapely.Polygon(box_corners((-0.02 * length, 0.0), (length, height)))
@@ -164,7 +164,7 @@ def _across(outline: dict[str, Any], upper: list[float]) -> Solid:
 
 
 def inside_any(solids: tuple[Solid, ...], poses: list[np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Whether points x `[N, 3]` (m) are inside a solid, `[N]`; `poses`: of each solid, see `full_pose`."""
+    """Whether points x `[N, 3]` (m) are inside a solid, `[N]`; `poses`: `full_pose` of each solid."""
     inside = np.zeros(len(x), bool)
     for one, pose in zip(solids, poses, strict=True):
         reach = np.linalg.norm(one.surface.vertices - one.pivot, axis=1).max()

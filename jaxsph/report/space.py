@@ -20,14 +20,14 @@ from jaxsph.report.surfaces import MOST, MOST_CELLS, HeightGrid, in_levels
 MISSING = "The view in three dimensions needs the extra geometry: pip install 'jaxsph[geometry]'."
 """Sentence on a page instead of the view, if its libraries are not installed."""
 MOST_FRAMES = 300
-"""Largest number of frames of a run in three dimensions, so that its surface has enough points in each."""
+"""Largest number of frames of a run in three dimensions, so that the surface has enough points in a frame."""
 COLOURS = "viridis"
 
 
 def three() -> bytes | None:
-    """Text of the library three.js, as the package `trimesh` contains it for its own viewer; None without.
+    """Text of the library three.js, which the package `trimesh` contains for its viewer; None if missing.
 
-    It is the first script of the viewer's page and begins with its licence, which stays with it.
+    The library is the first script of the viewer's page. It begins with its licence, which is kept.
     """
     try:
         packed = resources.files("trimesh") / "resources" / "templates" / "viewer.zip"

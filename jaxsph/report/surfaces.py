@@ -11,25 +11,25 @@ import numpy as np
 from jaxsph.report.pack import UNSEEN
 
 MOST = 1_500_000
-"""Largest product of the numbers of grid points and frames in a page, which takes up about 3 MB."""
+"""Largest product of the numbers of grid points and frames in a page; about 3 MB of data."""
 MOST_CELLS = 10_000
 """Largest number of cells of a grid, so that a picture is drawn quickly."""
 FINE = 2.0
-"""Smallest side of a cell of the grid, in spacings; such a cell always has one of the highest layer."""
+"""Smallest side of a grid cell, in spacings; such a cell always contains a particle of the highest layer."""
 LAYER = 0.75
 """Half the thickness of the layer of particles that make up the surface, in spacings."""
 DROP = 1.5
-"""Height above the surface around it above which a particle is a drop, in spacings."""
+"""Least height above the surrounding surface, in spacings, at which a particle counts as a drop."""
 MIDDLE = np.zeros((1, 2))
 CORNERS = 0.5 * np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-"""Points of a cell, in sides from its middle."""
+"""Points of a cell relative to its centre, in sides of the cell."""
 LEVELS = 128
-"""Number of levels to which heights are rounded, per spacing; less than the noise of the particles."""
+"""Number of levels per spacing to which heights are rounded; the steps are below the particles' noise."""
 
 
 @dataclass(frozen=True)
 class HeightGrid:
-    """Cells over a tank in the x-y plane, whose heights are those of the free surface."""
+    """Grid of cells in the x-y plane of a tank, for the heights of the free surface."""
 
     low: np.ndarray
     """Lowest corner (x, y) of the cells, m."""
@@ -49,7 +49,7 @@ class HeightGrid:
         return cls(np.asarray(low, float), extent / counts, (int(counts[0]), int(counts[1])), dx)
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates x and y (m) of the grid's points: the tank's sides, and the middles of the cells."""
+        """Coordinates x and y (m) of the grid's points: the tank's sides, and the centres of the cells."""
         found = []
         for a, side, count in zip(self.low, self.sides, self.counts, strict=True):
             found.append(a + side * np.array([0.0, *(np.arange(count) + 0.5), count]))
@@ -58,10 +58,10 @@ class HeightGrid:
     def heights(self, x: np.ndarray, inside: Callable[[np.ndarray], np.ndarray] | None = None) -> np.ndarray:
         """Height `[X, Y]` (m) of the free surface at every point of `axes`; NaN where there is no surface.
 
-        It is half a spacing above the mean of the highest layer of particles at x `[N, 3]` (m). A single
-        particle in the air is not part of the layer. `inside`: whether points `[N, 3]` (m) are inside a
-        solid. Below a solid there is no free surface, and at its side the surface continues by one cell into
-        it, so that there is no gap in a picture.
+        The surface is half a spacing above the mean of the highest layer of particles at x `[N, 3]` (m). A
+        single particle in the air is not part of the layer. `inside`: whether points `[N, 3]` (m) are inside
+        a solid. Below a solid there is no free surface. At the side of a solid the surface continues by one
+        cell into the solid, so that there is no gap in a picture.
         """
         cells = np.floor((x[:, :2] - self.low) / self.sides).astype(int)
         there = ((cells >= 0) & (cells < self.counts)).all(axis=1) & np.isfinite(x[:, 2])
@@ -71,7 +71,7 @@ class HeightGrid:
         np.maximum.at(top, index, z)
         top = np.where(np.isfinite(top), top, np.nan).reshape(self.counts)
         middle = np.where(np.isfinite(top), _around(top, np.nanmedian, 3), np.nan)
-        # a particle far above those around it is a drop, and one below them is not of the highest layer
+        # a particle far above its surroundings is a drop; a particle below them is not in the highest layer
         regular = (top < middle + DROP * self.dx) & (top > middle - 0.5 * self.dx)
         middle = np.where(regular, top, middle).ravel()
         near = np.abs(z - middle[index]) < LAYER * self.dx
@@ -82,12 +82,12 @@ class HeightGrid:
 
     def _with_solids(self, found: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Heights (m) of the cells: none inside solids, except for the first cell beside the surface."""
-        # just above water below a solid is the solid, or a gap of a spacing between them
+        # a solid over the water begins directly above the water, or after a gap of one spacing
         below = self._within(found + self.dx, inside, MIDDLE) | self._within(
             found + 2.0 * self.dx, inside, MIDDLE
         )
         free = np.where(below, np.nan, found)
-        # a cell that is partly inside may have no particle at its free part
+        # a cell that is partly inside a solid may have no particle in its free part
         sunk = free < _around(free, np.nanmedian, 1) - 2.0 * self.dx
         free = np.where(sunk & self._within(found + self.dx, inside, CORNERS), np.nan, free)
         beside = _around(free, np.nanmean, 1)
@@ -96,8 +96,8 @@ class HeightGrid:
     def _within(
         self, heights: np.ndarray, inside: Callable[[np.ndarray], np.ndarray], at: np.ndarray
     ) -> np.ndarray:
-        """Whether a cell at a height (m) is inside a solid at one of the points `at`, in sides from its
-        middle."""
+        """Whether each cell, at its height (m), is inside a solid at one of the points `at`, which are given
+        like `CORNERS`."""
         middle = np.stack(np.meshgrid(*(a[1:-1] for a in self.axes()), indexing="ij"), -1)
         found = np.zeros(self.counts, bool)
         for shift in at:
@@ -113,7 +113,7 @@ def _to_sides(heights: np.ndarray) -> np.ndarray:
 
 
 def _around(values: np.ndarray, law: Callable[..., np.ndarray], least: int) -> np.ndarray:
-    """`law` over three by three cells around each cell `[X, Y]`; NaN for fewer than `least` values."""
+    """`law` applied to three by three cells around each cell `[X, Y]`; NaN for fewer than `least` values."""
     padded = np.pad(values, 1, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(*values.shape, 9)
     with warnings.catch_warnings():
@@ -123,7 +123,7 @@ def _around(values: np.ndarray, law: Callable[..., np.ndarray], least: int) -> n
 
 
 def in_levels(heights: np.ndarray, dx: float) -> tuple[np.ndarray, float, float]:
-    """Heights (m) as whole numbers (uint16), and the height of level 0 and of a level (m); NaN is UNSEEN."""
+    """Heights (m) as levels (uint16), with the height of level 0 and the step (m); NaN becomes `UNSEEN`."""
     seen = heights[np.isfinite(heights)]
     low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
     step = max(dx / LEVELS, (high - low) / (UNSEEN - 1))

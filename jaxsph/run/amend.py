@@ -49,7 +49,7 @@ exchanged are kept. A new time step applies from the last sample on."""
 
 REASONS = {
     "dx": "it is the spacing of the existing particles",
-    "g": "the energies have been counted with it from the start",
+    "g": "the energies in the file were computed with it from the start",
     "precision": "the checkpoint's arrays have the previous precision",
     "fluid.c0": "the pressure of the water is stored as a density, with this speed of sound",
     "fluid": "the particles' masses and pressures depend on it",

@@ -84,8 +84,8 @@ def replay_chunk(
 def better_settings(model: Model, status: Status) -> dict[str, int] | None:
     """Settings of the neighbour tables with which a failed chunk may succeed; None if no setting can help.
 
-    The settings follow from the sizes that the chunk needed according to its status, which may hold a batch.
-    A reserve is added, because the step is compiled again after every change.
+    The settings follow from the sizes that the chunk needed according to `status`, which may be the status of
+    a batch. A reserve is added, because the step is compiled again after every change.
     """
     now = search_settings(model) | slab_sizes(model)
     failed = Failure(int(np.bitwise_or.reduce(np.ravel(status.bits))))

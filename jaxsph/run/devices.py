@@ -22,7 +22,7 @@ from jaxsph.model.state import Particles, State
 from jaxsph.run.processes import whole
 
 WORTHWHILE = 8000
-"""Number of particles per slab from which a further core of a CPU is worthwhile.
+"""Least number of particles per slab at which one more core of a CPU is worthwhile.
 
 With 4,100 particles, two cores are faster than one core by a factor of 1.05 (incompressible) or 1.3 (weakly
 compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m experiments run bench_devices`).
@@ -60,7 +60,7 @@ def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignor
     if count < len(found) and jax.process_count() > 1:
         raise CaseError(
             f"devices = {count}: the {jax.process_count()} processes that share the run have {len(found)} "
-            "devices and must use all of them: omit the number of devices, or give all"
+            f"devices and must use all of them: omit the number of devices, or give {len(found)}"
         )
     if len(found) < count:
         raise CaseError(
@@ -80,7 +80,7 @@ def usual_devices(model: Model, state: State) -> int:
     """Default number of devices of a run, the largest number that makes the run faster.
 
     The number is one for a case that cannot be shared. Otherwise a run uses all devices of several processes,
-    all accelerators, or as many CPU cores as have enough particles each, if the slabs are wide enough.
+    all accelerators, or as many CPU cores as can each get enough particles, if the slabs are wide enough.
     """
     found = find_devices(None)
     if jax.process_count() > 1:
@@ -160,7 +160,7 @@ def unshare(state: State, count: int) -> State:
 
 
 def _filled_up(p: Particles, more: int) -> Particles:
-    """Particles followed by `more` copies, without mass, of the last ones."""
+    """Particles, followed by massless copies of the last `more` particles."""
     if not more:
         return p
     n = p.x.shape[0]

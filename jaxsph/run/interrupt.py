@@ -50,7 +50,7 @@ _watched = False
 
 @contextlib.contextmanager
 def hear_interrupts() -> Iterator[Interrupt]:
-    """Context in which Ctrl-C is noted instead of raised; the run inside checks for the note.
+    """Context in which Ctrl-C is noted instead of raising KeyboardInterrupt; the run checks for the note.
 
     Outside the main thread no signals arrive, and nothing is noted.
     """

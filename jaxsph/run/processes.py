@@ -26,7 +26,7 @@ HEARTBEAT = 20
 """Time without a heartbeat after which a process counts as lost, s."""
 
 WIDTH = 96
-"""Length to which the name of a process is cut or filled, bytes."""
+"""Length to which the name of a process is truncated or padded, bytes."""
 
 
 def join(place: str) -> None:
@@ -42,7 +42,8 @@ def join(place: str) -> None:
         if found is None or not int(found[1]) < int(found[2]):
             raise CaseError(
                 f"process = {place!r}: must be auto (under Slurm or MPI) or K/N@HOST:PORT with K from 0 to "
-                "N - 1, such as 0/2@node1:7000 for the first of two that connect at port 7000 of node1"
+                "N - 1, such as 0/2@node1:7000 for the first of two processes that connect at port 7000 of "
+                "node1"
             )
         known = {
             "process_id": int(found[1]),

@@ -112,7 +112,7 @@ def check_end(start: Start, t1: float, ended: bool = True) -> None:
 
 
 def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) -> RunFile:
-    """Creates the file, without samples, of a run that `devices` devices share.
+    """Creates the file of a run, without samples. `devices`: number of devices that share the run.
 
     **Raises** FileError if the file exists and `overwrite` is false.
     """

@@ -72,8 +72,8 @@ def _outline(name: str, corners: np.ndarray, pivot: np.ndarray) -> dict[str, Any
 def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
     """Poses of the moving solids and points of the links, by name, for a snapshot of the state.
 
-    A pose is surge (m), heave (m) and pitch (rad), for a body in 3-D all six motions (`model.rigid`). The
-    points of a link are `[K, D]` (m).
+    A pose consists of surge (m), heave (m) and pitch (rad), or of all six motions for a body in 3-D
+    (`model.rigid`). The points of a link are `[K, D]` (m).
     """
     poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in model.movers()}
     return poses | _lines(model, state)

@@ -17,7 +17,7 @@ from jaxsph.problem.sources import Assembled, source_of
 def stored_source(file: RunFile, given: Any = None) -> Source:
     """Source of a run (case, program or problem), from the run's file.
 
-    **Arguments**: `given`: the program or the problem that was run, unless it was a case. **Raises**
+    **Arguments**: `given`: the program or the problem that was run; not needed for a case. **Raises**
     FileError if `given` is another source, if its code has changed since the run began, or if it is missing.
     """
     keys = file.case_keys()
@@ -66,7 +66,7 @@ def _with_arguments(path: Path, program: Program, arguments: dict[str, Any]) -> 
 
 def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
     """Values of a run's source by dotted name, from a file's text. **Raises** FileError if this version
-    cannot read it."""
+    cannot read the text."""
     try:
         keys = tomllib.loads(text)
         return identity(text if "program" in keys else Case.from_dict(keys).to_toml())

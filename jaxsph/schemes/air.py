@@ -1,8 +1,9 @@
 """Air of the chambers in a step: its force on the water, and the pressures required by the power take-offs.
 
-The pressures of air and water are both unknowns of a step. Both enter linearly. The water's response to a
-unit of air pressure (`Response`) therefore gives the flow out of a chamber as a linear function of the air
-pressure. For a single chamber, this function and the law of the power take-off are solved in closed form.
+The pressures of air and water are both unknowns of a step. The water's equations are linear in both. The
+water's response to a unit of air pressure (`Response`) therefore gives the flow out of a chamber as a linear
+function of the air pressure. For a single chamber, this function and the law of the power take-off are solved
+in closed form.
 """
 
 from __future__ import annotations
@@ -148,9 +149,9 @@ def correct_for_air(
     pressures: Pressures,
     u: Float[Array, "N D"],
 ) -> CorrectedForAir:
-    """Corrects a step, computed with the previous step's air pressures, to those that satisfy the laws.
+    """Corrects a step, computed with the previous step's air pressures, so that the air satisfies its laws.
 
-    **Arguments**: `started`: velocities of the bodies by name before the step's forces act, m/s, m/s, rad/s;
+    **Arguments**: `started`: velocities of the bodies by name before the step's forces act, m/s, rad/s;
     `pressures` and velocities u (m/s) of the water with the air pressures of the previous step.
     """
     dt, before = interval.dt, {name: interval.before[name].P_a for name in airs}
@@ -175,8 +176,9 @@ class _Laws(NamedTuple):
     """Equations of chambers and ducts that are coupled by the water, with an unknown flow for each.
 
     The unknown of a chamber is the flow out of the chamber if its own pressure were zero. The unknown of a
-    duct is the flow through the duct if the pressure drop were zero and the water in both chambers responded
-    to it. As functions of these unknowns, pressure and flow have bounded slopes, however steep a law is.
+    duct is the flow through the duct if the pressure drop were zero, including the response of the water in
+    both chambers. As functions of these unknowns, pressure and flow have bounded slopes, however steep a law
+    is.
     """
 
     model: Model

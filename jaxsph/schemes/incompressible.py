@@ -58,7 +58,7 @@ from jaxsph.solids.contact import spring_acceleration, stop_at_solids, touch_for
 class ISPH(AbstractParticleScheme):
     """Incompressible SPH scheme: projection onto divergence-free velocities."""
 
-    too_fast: ClassVar[str] = "a particle goes farther than 0.6 spacings in a step"
+    too_fast: ClassVar[str] = "a particle moves more than 0.6 spacings in a step"
     grip: ClassVar[AbstractGrip] = BodyForceGrip()
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""
@@ -110,7 +110,7 @@ class ISPH(AbstractParticleScheme):
         """Builds the incompressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `speed`, largest expected speed (m/s); `dim`, 2 or 3; `viscosity`,
-        by default water's; `kernel` and its smoothing length `h_over_dx` dx, by default from `KERNEL`
+        by default that of water; `kernel` and its smoothing length `h_over_dx` dx, by default from `KERNEL`
         and `usual_length`; `least`, the lowest pressure (Pa); `period`: `Box.period`; `hyperviscosity`,
         `separation`: regularisation strengths, both 0 to disable it; `options`: further fields by name.
         """
@@ -185,7 +185,7 @@ class ISPH(AbstractParticleScheme):
     def limiters(self):
         """See `AbstractScheme.limiters`."""
         return {
-            "tension": "pressure below the lowest that water bears, raised to it",
+            "tension": "pressure below the lowest allowed pressure, raised to this limit",
             "crowding": "crowding stronger than that of ordinary disorder, limited",
         }
 
@@ -211,8 +211,8 @@ class ISPH(AbstractParticleScheme):
         ghosts = self.ghost_velocity(model, state.parts, tables, ghosts.seeing(tables, u=columns(eased)))
         u_star = u + dt * (model.g + model.acceleration(p.x, interval.middle))
         u_left = LEFT_OVER * ghosts.u + dt * (model.g + model.acceleration(ghosts.x, interval.middle))
-        # The paper predicts positions a whole step ahead, where the pressures damp waves by omega^2 dt/4.
-        # With positions half a step ahead, waves lose no energy to second order.
+        # Yeylaghi et al. predict positions a whole step ahead; the pressures there damp waves at the rate
+        # omega^2 dt/4. With positions half a step ahead, waves lose no energy to second order.
         at = self._halfway(model, state, interval, p.u, u_star - later * p.u)
         ghosts = self.place_ghosts(model, at, tables)
         sources = self._sources(ghosts, u_left)
@@ -350,7 +350,7 @@ class ISPH(AbstractParticleScheme):
     def _pressed(
         self, pressures: Pressures, ghosts: GhostFields, sources: Sources, tables: Tables
     ) -> tuple[GhostFields, Sources, Float[Array, "N D"]]:
-        """Ghosts and sources with the given pressures, and the water's acceleration due to these, m/s2."""
+        """Ghosts and sources with the given pressures, and the resulting acceleration of the water, m/s2."""
         ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
         sources = ghosts.water.behind({**sources.ghosts, "p": ghosts.p})
         return ghosts, sources, stack(self._sum(laws.pressure_force, sources, tables)) / self.rho0
@@ -390,7 +390,7 @@ class ISPH(AbstractParticleScheme):
         closed = poisson.closed()
         cut = ~closed & (pressure < self.least)
         pressure = jnp.where(closed, pressure - jnp.mean(pressure), jnp.maximum(pressure, self.least))
-        # complete from the limited pressure, so that no tension acts on a body that the water cannot bear
+        # complete from the limited pressure: a tension that the water cannot bear must not act on a body
         limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
         return Projection(equation.complete(pressure), equation.couplings, residual, converged, limited)
 

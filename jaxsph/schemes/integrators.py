@@ -87,9 +87,9 @@ class AbstractIntegrator(eqx.Module):
 class SymplecticEuler(AbstractIntegrator):
     """Symplectic Euler integrator: velocity from the forces at t, then density and position from velocity.
 
-    Each step needs one evaluation. With velocities regarded as half a step before the positions, the
-    reversible part is the leapfrog scheme. This part is of second order, and stable up to twice the time step
-    of the predictor-corrector. Only the dissipative terms are of first order.
+    Each step needs one evaluation. If each velocity is assigned to the time half a step before its position,
+    the reversible part is the leapfrog scheme. This part is of second order, and stable up to twice the time
+    step of the predictor-corrector. Only the dissipative terms are of first order.
     """
 
     cfl: ClassVar[float] = 0.5
@@ -104,8 +104,8 @@ class SymplecticEuler(AbstractIntegrator):
         # the continuity equation uses the velocities of the solids after the step
         after = _with_velocities(model, state.parts, interval.after, bodies.motions)
         ghosts = scheme.ghost_velocity(model, after, tables, ghosts.seeing(tables, u=columns(u)))
-        # positions in the middle of the drift, as in the leapfrog scheme; with positions at its start, the
-        # density of water in waves would drift by dt |grad u|^2
+        # positions in the middle of the drift, as in the leapfrog scheme; with positions at the start of the
+        # drift, the density of water in waves would change at the relative rate dt |grad u|^2
         middle = eqx.tree_at(lambda a: a.x, p, p.x + 0.5 * dt * u)
         sources = scheme.sources(ghosts, ghosts.u).changing("x", columns(middle.x))
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)
@@ -248,7 +248,7 @@ def _with_bodies(
     air: dict[str, Float[Array, " V"]],
     moving: Mapping[str, Any],
 ) -> tuple[GhostFields, BodyWork]:
-    """Ghosts for the water of the state `at`, and the bodies after its pressure acted on them.
+    """Ghosts for the water of the state `at`, and the bodies after the water's pressure acted on them.
 
     **Arguments**: `air`: forces of the air on the bodies by name, N, N m (per metre in 2-D); `moving`:
     states of the parts by name, with the motions of the bodies that the forces change.

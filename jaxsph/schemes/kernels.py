@@ -30,12 +30,12 @@ KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
 """Default kernel by number of dimensions.
 
 The default kernel has half as many neighbours as a Gaussian with a smoothing length of 1.2 dx. In three
-dimensions it has as many neighbours as the paper's kernel, Wendland's with 1.5 dx (section 2). Waves lose
-less energy with the default kernel than with either of these.
+dimensions it has as many neighbours as Wendland's kernel with h = 1.5 dx (Yeylaghi et al. 2016, section 2).
+Waves lose less energy with the default kernel than with either of these kernels.
 
 In deep water the lattice buckles with the semicircle (`lattice_stress`), but not with the polynomial. In
-still water in three dimensions the particles at the surface move with the polynomial, but hardly with the
-semicircle.
+still water in three dimensions the particles at the surface are almost at rest with the semicircle, but not
+with the polynomial.
 """
 
 KernelName = Literal["gaussian", "wendland", "semicircle", "polynomial"]
@@ -65,8 +65,8 @@ In a time step a particle may move by `cfl` times this length.
 def usual_length(kernel: AbstractKernel, dim: int) -> float:
     """Ratio of the default smoothing length of a kernel to the spacing (-), in `dim` dimensions.
 
-    For Wendland's kernel the ratio is 2 in two dimensions, where it keeps a square lattice at rest. In three
-    dimensions the ratio is 1.5, as in the paper (section 2).
+    For Wendland's kernel the ratio is 2 in two dimensions, so that a square lattice stays at rest. In three
+    dimensions the ratio is 1.5 (Yeylaghi et al. 2016, section 2).
     """
     if isinstance(kernel, WendlandC2):
         return {2: 2.0, 3: 1.5}[dim]

@@ -72,7 +72,7 @@ class BiCGStab(AbstractSolver):
     """Largest number of iterations.
 
     The number needed grows with the depth of the water in spacings. For a box that sinks in water 105
-    spacings deep, most steps need 4 to 20 iterations, and the slowest step needed about 200.
+    spacings deep, most steps need 4 to 20 iterations, and the slowest step needs about 200.
     """
 
     def solve(self, operator, b, p):

@@ -47,8 +47,8 @@ class GhostFields(NamedTuple):
     u_shear: Float[Array, "G D"]
     """Velocity in the viscous force, m/s.
 
-    It differs from `u`, because these velocities of a no-slip wall would act in the continuity equation like
-    a motion of the wall.
+    At a no-slip wall this velocity differs from `u`; in the continuity equation it would act like a motion
+    of the wall.
     """
     V: Float[Array, " G"]
     """Volume, m3 (m2 in 2-D); zero for a ghost whose node is dry."""
@@ -150,8 +150,8 @@ def exchanged(
     """Energies (J; J/m in 2-D) exchanged with the dampers, by name, from their changes of velocity (m/s).
 
     The energies are positive if taken from the water. For a damper whose ledger entry is `Exchange.GIVEN`,
-    they are positive if given to the water. `mean`: mean of the velocities before and after all the changes
-    with which the changes of the dampers are balanced, m/s.
+    they are positive if given to the water. `mean`: mean of the velocities before and after all changes whose
+    energies must add up, including other changes than those of the dampers, m/s.
     """
     found = {}
     for damper in model.dampers:

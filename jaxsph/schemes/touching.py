@@ -1,4 +1,4 @@
-"""Bodies that come too near to other solids."""
+"""Detection of bodies that are too near to other solids."""
 
 from __future__ import annotations
 

@@ -87,8 +87,8 @@ class DeltaSPH(AbstractRateScheme):
         """Builds the weakly compressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), at least ten times the largest
-        speed; `viscosity`, by default water's; `kernel`, by default the Gaussian; `h_over_dx`: ratio of
-        a Gaussian's smoothing length to dx; another kernel gets the same width (`AbstractKernel.width`);
+        speed; `viscosity`, by default that of water; `kernel`, by default the Gaussian; `h_over_dx`: ratio of
+        a Gaussian's smoothing length to dx; another kernel has the same width (`AbstractKernel.width`);
         `period`: `Box.period`; `hyperviscosity`, `separation`: regularisation strengths, both 0 to disable
         it; `options`: further fields by name.
         """
@@ -166,7 +166,7 @@ class DeltaSPH(AbstractRateScheme):
         return Sources(water | {"rho": p.rho, "over": self._over_background(p.x, water["p"])}, {})
 
     def level_pressure(self, model, state):
-        """See `AbstractParticleScheme.level_pressure`: the pressure in excess of the air's."""
+        """See `AbstractParticleScheme.level_pressure`: the pressure in excess of the air pressure."""
         if not (model.chambers and model.walls.dummies):
             return {}
         p = self.pressure(state.particles)

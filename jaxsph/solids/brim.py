@@ -58,7 +58,7 @@ class Full:
     def finer(self) -> Full:
         """Returns this water at half the spacing in 2-D, and unchanged in 3-D.
 
-        The finer lattice resolves better where a level cuts the cells next to a slanting wall.
+        The finer lattice resolves better where a level cuts the cells next to an inclined wall.
         """
         return replace(self, side=0.5 * self.side) if len(self.box.low) == 2 else self
 
@@ -131,8 +131,8 @@ class Brim(eqx.Module):
         """Share of each node's cell that is below the level of the water that the node sees, 0 to 1.
 
         A ghost above that level is behind a dry wall, even if its kernel reaches the water below. The level
-        is found from the mean height of the water, the quantity that the particles give most accurately. Two
-        exceptions are nodes under a roof, where more water could not raise the mean height, and nodes far
+        is found from the mean height of the water, the quantity that the particles determine most accurately.
+        Two exceptions are nodes under a roof, where more water could not raise the mean height, and nodes far
         below the level, where the mean height scatters. At these nodes the level is found from the pressure
         head.
 
@@ -193,7 +193,7 @@ def _weights(
     for start in range(0, len(points), rows):
         some = KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
-        # a pair at the very edge of the support gets no weight, however its distance is rounded
+        # a pair at the very edge of the support has no weight, however its distance is rounded
         inside = pairs["v"] < (1.0 - 1e-6) * reach * h
         value = at_points(law, pairs["v"] ** 2, float)
         yield pairs["i"] + start, pairs["j"], volume[pairs["j"]] * np.where(inside, value, 0.0)

@@ -19,10 +19,10 @@ PARTS = 6
 """Number of subdivisions of a lattice cell along every axis, where the surface of a shape cuts the cell."""
 
 LEAST = 0.15
-"""Share of a lattice cell below which its part of a shape is added to the nearest larger part (-)."""
+"""Fraction of a lattice cell (-); a smaller part of a shape is added to the nearest larger part."""
 
 SLIVER = 1e-4
-"""Share of a cell below which a part of a shape counts as a rounding error and gets no dummy particle."""
+"""Fraction of a cell (-); a smaller part of a shape is a rounding error and has no dummy particle."""
 
 Distance = Callable[[Any], Any]
 """Distance (m) of points `[N, 3]` (m) from a surface, negative inside."""
@@ -67,7 +67,7 @@ def cell_dummies(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[B, 3]` (m) and volumes `[B]` (m3) of dummy particles: the lattice cells inside a surface.
 
-    A cell that the surface cuts has the volume of its part inside, and its particle stands at the centroid of
+    A cell that the surface cuts has the volume of its part inside, and its particle lies at the centroid of
     this part. All cells together have exactly the volume `total` (m3); cells deeper than `layers` spacings dx
     (m) are left out.
     """

@@ -131,9 +131,9 @@ class Regions(eqx.Module):
     The dividers are the plates and the platform. Every plate divides the water by `division`; a platform
     divides the water into the part above its top and the part in front. A region is one combination of these
     parts. Two regions see each other if the divisions of all plates allow this. Whether a region sees
-    the ghosts of a face depends only on the region's part with respect to the divider of that face. A
-    platform does not separate water from water, but only the water in front of a face sees the ghosts of that
-    face.
+    the ghosts of a face depends only on the region's part with respect to the divider of that face. The
+    water above a platform and the water in front of it interact, but only the water in front of a face sees
+    the ghosts of that face.
 
     **Raises** ValueError if the regions and ghost sets need more bits than an integer has.
     """

@@ -106,8 +106,9 @@ class MirrorNodes(AbstractFilling):
         covariance = tuple(s * norm - p for s, p in zip(second, product, strict=True))
         determinant, inverse = _flat_inverse(covariance)
         ratio = zeroth / brim.full
-        # A fully supported Gaussian has a covariance of 1/2 per axis. Below a tenth of that determinant, or
-        # where a node is farther from the water than the water is wide, a gradient would extrapolate noise.
+        # A fully supported Gaussian has a covariance of 1/2 per axis. A gradient would extrapolate noise if
+        # the determinant is below a tenth of this Gaussian's, or if the node is farther from the water's
+        # centre than the water is wide.
         slope = symmetric_product(inverse, mean)
         sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
         a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))

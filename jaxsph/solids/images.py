@@ -7,7 +7,7 @@ a plane wall moves as in a tank twice as long without the wall. In a corner, par
 all walls of the corner together. At the end of a wall, an image is weighted with the fraction of its cell of
 side dx that lies within the wall's extent.
 
-Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water turns
+Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water flows
 round an edge; in the OWC such images made the noise two to four times as large.
 """
 

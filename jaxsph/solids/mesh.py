@@ -17,7 +17,7 @@ MARGIN = 4
 
 
 class Mesh(AbstractShape):
-    """Inside of a closed surface of triangles, given by the distances on a grid of points.
+    """Shape inside a closed surface of triangles, given by the distances of grid points from the surface.
 
     Between the points the distance is linear, so that a wall thinner than two grid intervals is not resolved
     and sharp edges are rounded by about an interval. Outside the grid the distance is that of the nearest

@@ -24,7 +24,7 @@ class Sphere(AbstractBall):
 
 
 class AbstractBar(AbstractShape):
-    """Circular cylinder in any direction, whose subclasses give its ends their form."""
+    """Circular cylinder in any direction; the subclasses define the form of the ends."""
 
     foot: Float[Array, "3"] = eqx.field(converter=plain_numbers)
     """Middle (x, y, z) of one end of the cylinder, m."""

@@ -1,4 +1,4 @@
-"""Ghost particles of all walls, and their pressure and velocity, which are computed from the water's.
+"""Ghost particles of all walls, and their pressure and velocity, computed from those of the water.
 
 A ghost lies inside a wall. Either it is the mirror image of a particle near a plane wall, or its values are
 interpolated from the water at its node. The node is the ghost's mirror image in the water, or the ghost's own
@@ -56,7 +56,7 @@ from jaxsph.solids.placement import (
 from jaxsph.solids.shapes import AbstractShape
 
 AT_WALL = 1e-5
-"""Distance (m) between a solid and a wall below which they count as in contact; a few float32 roundings."""
+"""Distance (m) between a solid and a wall below which they count as in contact: a few rounding errors."""
 
 
 class Ghosts(eqx.Module):
@@ -246,7 +246,7 @@ class Ghosts(eqx.Module):
     ) -> Callable[[Sources], Float[Array, " G"]]:
         """Linear function that interpolates one field "f" of the water to all ghosts, as `carried` does.
 
-        A dry ghost gets 0.
+        The value at a dry ghost is 0.
         """
         rows, wet = self.at_nodes, jnp.where(fit.wet > 0, 1.0, 0.0).astype(fit.wet.dtype)
 
@@ -359,7 +359,7 @@ def _of_solids(
 def _with_walls_behind(
     parts: list[GhostSet], box: Box, fixed_shapes: Sequence[AbstractShape]
 ) -> list[GhostSet]:
-    """Assigns the tank's ghosts behind a fixed solid that touches a wall to that solid.
+    """Assigns to every fixed solid that touches a wall the tank's ghosts behind the solid.
 
     `parts`: ghosts of the tank, of the solids that may move, and of the `fixed_shapes`, in this order.
     """
@@ -383,7 +383,7 @@ def _in_the_tank(
     """
     for platform in regions.platforms:
         yield platform_ghosts(box, platform, regions, dx, layers)
-        if imaged:  # images in these corners would mirror the platform's ghosts, which stand on a lattice
+        if imaged:  # images in these corners would mirror the platform's ghosts, which lie on a lattice
             whole = cut_by_platform(box_ghosts(box, dx, layers), box, platform, regions, dx, layers)
             behind = (whole.x[:, 0] > platform.start) & (whole.x[:, -1] < platform.height)
             yield GhostSet(*(a[behind] for a in whole))

@@ -1,5 +1,5 @@
-"""`coefficients`: added mass, damping and excitation of a case's bodies, from runs with given motions and in
-waves."""
+"""`coefficients`: added mass, damping and excitation of a case's bodies, from runs with prescribed motions
+and runs in waves."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ class _Study(NamedTuple):
     def _at_period(self, T: float, runs: Sequence[_Run | None], found: Mapping[str, NDArray]) -> None:
         """Sets the coefficients `found` of one period T (s) from its `runs`; a failed run is None.
 
-        In a run with a given motion, waves that return from the paddle act on the bodies as incident waves.
+        In a run with prescribed motion, waves that return from the paddle act on bodies as incident waves.
         Their force is computed from the excitation and subtracted.
         """
         *moving, waves = runs
@@ -240,7 +240,7 @@ class _Run(NamedTuple):
         return np.stack([found[mode.body][MOTIONS.index(mode.motion)] for mode in self.study.modes])
 
     def motion(self, mode: Mode) -> NDArray[np.complex128]:
-        """Complex amplitudes `[periods]` of a given motion, m or rad."""
+        """Complex amplitudes `[periods]` of a prescribed motion, m or rad."""
         return self._harmonics(self.series[_called(mode.motion, mode.body)])
 
     def incident(self) -> NDArray[np.complex128]:

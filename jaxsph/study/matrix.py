@@ -155,7 +155,7 @@ def power_matrix(
     state is not possible in the tank.
     """
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
-        raise CaseError('a power matrix needs waves.kind = "irregular": it varies their Hs, Tp and seed')
+        raise CaseError('a power matrix needs waves.kind = "irregular": it varies waves.Hs, Tp and seed')
     if not 1 <= seeds <= MOST_MEMBERS:
         raise CaseError(f"seeds = {seeds}: must be from 1 to {MOST_MEMBERS}")
     axes = {"Hs": np.asarray(Hs, float), "Tp": np.asarray(Tp, float)}

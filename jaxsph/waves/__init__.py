@@ -1,2 +1,2 @@
-"""Water waves: theory, their generation and absorption by a piston, and a linear oscillating water
-column."""
+"""Water waves: theory, their generation and absorption by a piston, and linear theory of oscillating
+water columns and floating bodies."""

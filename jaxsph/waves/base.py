@@ -54,7 +54,7 @@ class AbstractWaves(eqx.Module):
 
     @abc.abstractmethod
     def near_field(self, x: float) -> Float[Array, "..."]:
-        """Ratio of evanescent elevation at x (m) to paddle displacement, for every wave (-); on the host."""
+        """Ratio of evanescent elevation at x (m) to paddle displacement, for every wave (-); host numpy."""
 
     @abc.abstractmethod
     def near_elevation(self, ratio: Float[Array, "..."], t: ArrayLike) -> Float[Array, "..."]:
@@ -62,7 +62,7 @@ class AbstractWaves(eqx.Module):
 
     @abc.abstractmethod
     def at_peak(self, values: Float[Array, "..."]) -> Scalar:
-        """Value at the frequency `omega`; `values` has one value per wave."""
+        """Element at the frequency `omega` of `values`, which has one value per wave."""
 
     @abc.abstractmethod
     def mean_displacement(self, t: ArrayLike, x: ArrayLike = 0.0) -> Float[Array, "..."]:

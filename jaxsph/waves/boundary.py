@@ -131,7 +131,7 @@ def _order(length: float, largest: float, nodes: int) -> int:
 
 
 def _breaks(edge: Edge, largest: float, resolution: Resolution) -> NDArray:
-    """Ends of an edge's panels from 0 to 1, in geometric progression towards corners."""
+    """Ends of an edge's panels, from 0 to 1 along the edge, in geometric progression towards corners."""
     first, last = (
         resolution.levels if sharp else CORNER_LEVELS if corner else 0
         for sharp, corner in zip(edge.sharp, edge.corner, strict=True)
@@ -150,7 +150,7 @@ def _breaks(edge: Edge, largest: float, resolution: Resolution) -> NDArray:
 
 
 def _upright(edge: Edge, k: float, resolution: Resolution) -> NDArray:
-    """Ends of the panels of a radiating end from 0 to 1; they resolve the decay of the wave with depth."""
+    """Ends of a radiating end's panels, from 0 to 1; the panels resolve the wave's decay with depth."""
     at = np.linspace(0.0, 1.0, int(np.ceil(UPRIGHT / resolution.largest)) + 1)
     top = 1.0 - at[-2]
     fine = 1.0 - top * 0.5 ** np.arange(1.0, max(1.0, np.log2(0.5 * k * top * edge.length) + 1.0))
@@ -159,7 +159,7 @@ def _upright(edge: Edge, k: float, resolution: Resolution) -> NDArray:
 
 
 def _apart(edge: Edge, at: NDArray, hulls: NDArray, solid: bool, resolution: Resolution) -> NDArray:
-    """Ends of an edge's panels from 0 to 1, divided further where hulls are near (see `APART`).
+    """Ends of an edge's panels, from 0 to 1, with further divisions where hulls are near (see `APART`).
 
     `hulls`: beginnings and ends of all edges of hulls, `[K, 2, 2]`, m.
     """
@@ -195,7 +195,7 @@ def _distance(point: NDArray, a: NDArray, b: NDArray) -> float:
 
 @functools.cache
 def _gauss(nodes: int) -> tuple[NDArray, NDArray, NDArray]:
-    """Gauss points and weights on [-1, 1], and the matrix `[n, node]` from values to Legendre series."""
+    """Gauss points and weights on [-1, 1], and the matrix `[n, node]` from values to Legendre terms."""
     t, w = np.polynomial.legendre.leggauss(nodes)
     n = np.arange(nodes)[:, None]
     return t, w, (n + 0.5) * w * eval_legendre(n, t)
@@ -233,7 +233,7 @@ def _integrals(panels: list[Panel], x: NDArray, section: Section) -> tuple[NDArr
 
 
 def _potentials(points: NDArray, ends: NDArray, nodes: int) -> tuple[NDArray, NDArray]:
-    """Integrals `[N, P, node]` of ln r (m) and of its normal derivative over P panels with the same `nodes`.
+    """Integrals `[N, P, node]` of ln r (m) and of its normal derivative over P panels of `nodes` nodes.
 
     `points` `[N]` and `ends` `[P, 2]` (m) are complex numbers x + iz.
     """
@@ -256,7 +256,7 @@ def _legendre_integrals(z: NDArray, nodes: int) -> tuple[NDArray, NDArray]:
     On the panel itself the second integral is set to zero, the mean of its values on both sides.
     """
     above, below = np.log(z + 1.0), np.log(z - 1.0)
-    # the difference of the logarithms would have a cut at z < -1
+    # the difference of the logarithms would have a branch cut at z < -1
     first: NDArray = np.log((z + 1.0) / (z - 1.0))
     q = [first, z * first - 2.0]
     for n in range(1, nodes):

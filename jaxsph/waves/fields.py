@@ -85,7 +85,7 @@ class LongCrestedWaves(AbstractWaveField):
     def _start(self, t):
         """Start-up factor over one period, 0 to 1 (-).
 
-        The ramp of the waves travels with them, and begins before t = 0 on the side that they meet first.
+        The waves' ramp travels with them, and begins before t = 0 on the side that the waves reach first.
         """
         return ramp_factor(real(t), 2.0 * jnp.pi / self.waves.omega)
 
@@ -141,7 +141,8 @@ class DirectionalSea(AbstractWaveField):
         return cos @ self.real - sin @ self.imag
 
     def mean_displacement(self, y, t):
-        """See `AbstractWaveField.mean_displacement`: the elevation times the phase speed is the flow."""
+        """See `AbstractWaveField.mean_displacement`: the flow rate is the elevation times the phase
+        speed."""
         cos, sin = self._phases(jnp.zeros_like(y), y, t)
         share = self.k[:, 0] / (jnp.sum(self.k**2, axis=1) * self.d)
         return ramp_factor(real(t), self.ramp) * (cos @ (share * self.imag) + sin @ (share * self.real))

@@ -34,7 +34,7 @@ PHASES = 256
 MOST = 500
 """Largest number of iterations of the equivalent linearisation."""
 EXACT = 1e-8
-"""Relative change of the amplitudes at which the iteration ends."""
+"""Relative change of the amplitudes below which the iteration ends."""
 
 Real = NDArray[Any]
 """Array of real numbers."""
@@ -96,7 +96,7 @@ class SmallMotion:
 
 @dataclass(frozen=True, eq=False)
 class LinearBodies:
-    """Linear response of bodies to a regular wave, in complex amplitudes."""
+    """Linear response of bodies to a regular wave, as complex amplitudes."""
 
     water: Hydrodynamics
     """Radiation and diffraction at the wave's frequency."""

@@ -110,7 +110,7 @@ def hydrodynamics(
 ) -> Hydrodynamics:
     """Radiation and diffraction of waves by a section at the angular frequency `omega` (rad/s, > 0).
 
-    A call takes some tenths of a second; results are cached. `rho`: density, kg/m3; `g`: gravity, m/s2.
+    A call takes a few tenths of a second; results are cached. `rho`: density, kg/m3; `g`: gravity, m/s2.
     **Raises** ValueError if a number is not positive, and as `waves.section.edges` does.
     """
     if not (omega > 0.0 and rho > 0.0 and g > 0.0):
@@ -190,7 +190,7 @@ def _radiating(section: Section, boundary: Boundary, omega: float, k: float, g: 
 
 
 def _wave(z: NDArray, k: float, h: float) -> NDArray[np.floating]:
-    """Mode cosh k(z + h) of the propagating wave at z (m), with the mean square 1 over the depth h (m)."""
+    """Mode cosh k(z + h) of the propagating wave at z (m), with a mean square of 1 over the depth h (m)."""
     norm = 0.5 * (np.exp(-2.0 * k * h) - np.expm1(-4.0 * k * h) / (4.0 * k * h))
     return 0.5 * (np.exp(k * z) + np.exp(-k * (z + 2.0 * h))) / np.sqrt(norm)
 
@@ -240,7 +240,7 @@ def _motions(section: Section, boundary: Boundary) -> NDArray[np.floating]:
 def _carried(section: Section) -> NDArray[np.floating]:
     """Force `[m, c]` on the hull that carries a chamber per unit pressure, m (m2 for pitch).
 
-    It is minus the force of the air on the water surface.
+    This force is the negative of the air's force on the water surface.
     """
     found = np.zeros((3 * len(section.hulls), len(section.chambers)))
     names = [hull.name for hull in section.hulls]

@@ -6,8 +6,8 @@ chamber's surface. The module uses numpy on the host in double precision; no fun
 
 The time factor is exp(-i omega t), z = 0 is the still water level and K = omega^2 / g. The potential is
 phi_S + (i omega p / (rho g)) phi_R. Here phi_S is the incident wave and its scattering by the open chamber,
-and phi_R, the radiation, has phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of the
-chamber per unit width, b times the rate at which the column rises:
+and phi_R, the radiation, satisfies phi_z - K phi = 1 on the chamber's surface. q is the flow of AIR OUT of
+the chamber per unit width, b times the rate at which the column rises:
 
     q = q_S - Z p,    Z = B - iA = -(i omega / (rho g)) q_R
 
@@ -148,7 +148,7 @@ def radiation_and_scattering(
 ) -> RadiationAndScattering:
     """Radiation and scattering by a chamber at the angular frequency `omega` (rad/s, > 0).
 
-    A call takes some milliseconds, or some tens of milliseconds for the first frequency of a geometry;
+    A call takes a few milliseconds, or some tens of milliseconds for the first frequency of a geometry;
     results are cached. Up to Kh = 3 the error is below 1e-6 of |q_R| for a thin wall and for a thickness of
     at least 1/50 of the gap under the wall. The error grows to 3e-5 at 1/300, and to 4e-4 for walls so
     thin that the thickness has no effect.
@@ -244,7 +244,7 @@ def _under(slender: float, order: float, functions: int) -> tuple[Matrix, Matrix
     kappa = j pi; `slender` is t / (h - a). The sums do not depend on the frequency.
     """
     whole, W = _static(1.0, order, functions)
-    # coth - 1 and 1 / sinh are below rounding from x = 37 on. For a wall so thin that 5000 modes do not reach
+    # coth - 1 and 1 / sinh are below rounding for x > 37. For a wall so thin that 5000 modes do not reach
     # x = 37, the edge functions do not resolve the modes that are left out.
     count = min(int(37.0 / (np.pi * slender)) + 1, 5000)
     j = np.arange(1, count + 1)
@@ -277,7 +277,7 @@ def _transform(kappa: NDArray[np.floating], order: float, functions: int) -> Mat
 
 
 def _mean(order: float, functions: int) -> NDArray[np.floating]:
-    """Cosine transforms of the edge functions at kappa = 0: only the first function carries a flow."""
+    """Cosine transforms of the edge functions at kappa = 0: only the first function carries flow."""
     e = np.zeros(functions)
     e[0] = 0.5**order / gamma(1.0 + order)
     return e
@@ -312,7 +312,7 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
 def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
     """Sum of 2 / (n pi) times the products of the transforms over the modes for K = 0; the transforms [n, m].
 
-    n starts at 1, and kappa = n pi ratio. From kappa = `_FAR` on the product is
+    n starts at 1, and kappa = n pi ratio. For kappa above `_FAR` the product is
     (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)). The first part sums to Hurwitz's zeta
     function. Under the wall, where 2 kappa is a multiple of 2 pi, the second part sums to the same function;
     elsewhere the second part is summed by parts.

@@ -136,7 +136,8 @@ class Sea(AbstractWaves):
         return values[self.peak]
 
     def paddle_displacement(self, t):
-        """See `AbstractWaves.paddle_displacement`: the second-order part has the squared ramp factor."""
+        """See `AbstractWaves.paddle_displacement`: the squared ramp factor multiplies the second-order
+        part."""
         ramp = self.ramp_factor(t)
         return ramp * self.displacement.at(0.0, t) + ramp**2 * self.correction.at(0.0, t)
 

@@ -36,8 +36,8 @@ For T = 1.2 s and a depth of 0.5 m the error of 16 modes is 8 %. Extrapolation f
 reduces the error to 0.1 %.
 """
 MANY = 100
-"""Number of waves above which half of the modes are used. In a sea of 160 waves the error is then 0.3 %, and
-the sum is four times as fast."""
+"""Number of waves above which only half as many modes are used. In a sea of 160 waves the error is then
+0.3 %, and the sum is four times as fast."""
 
 
 class Harmonics(NamedTuple):
@@ -160,7 +160,7 @@ def second_order_elevation(
         Omega = np.real(one.omega + other.omega)
         K = one.k + other.k
         stiffness = g * K * np.tanh(K * d) - Omega**2
-        # zero for the difference of a wave with itself, a mean level that is left out
+        # zero for the difference of a wave with itself, which is a mean level and is left out
         stiffness = np.where(stiffness == 0.0, 1.0, stiffness)
         total = 0.0
         for f, s in ((one, other), (other, one)):

@@ -110,16 +110,16 @@ def spread_directions(count: int, exponent: float, seed: int, within: tuple[floa
 
     Their density is proportional to cos^2s(theta/2) with the `exponent` s (Longuet-Higgins, Cartwright and
     Smith 1963), between the two limits `within`. The directions are the quantiles of this distribution, and
-    only their order is random, so that a sea of few waves has the right mean and spread, too.
+    only their order is random, so that even a sea of few waves has the correct mean and spread.
     """
     theta, share = _spread(exponent, within)
     found = np.interp((np.arange(count) + 0.5) / count, share / share[-1], theta)
-    # a stream of its own: the phases of the sea do not depend on its spreading
+    # a separate random stream, so that the phases of the sea do not depend on its directions
     return np.random.default_rng([seed, 1]).permutation(found)
 
 
 def spread_beyond(exponent: float, within: tuple[float, float]) -> float:
-    """Fraction (-) of the energy of a spread sea whose direction (rad from the mean) is not between two
+    """Fraction (-) of the energy of a spread sea whose direction (rad from the mean) is outside two
     limits."""
     return 1.0 - float(_spread(exponent, within)[1][-1] / _spread(exponent, (-np.pi, np.pi))[1][-1])
 

@@ -25,7 +25,7 @@ _URSELL_LIMIT = 8.0 * np.pi**2 / 3.0
 
 
 def _sech2(x: Array) -> Array:
-    """Square of the hyperbolic secant of x (-); 1 - tanh^2 x loses digits from about x = 4 on."""
+    """Square of the hyperbolic secant of x (-); 1 - tanh^2 x loses digits above about x = 4."""
     e = jnp.exp(-2.0 * x)
     return 4.0 * e / (1.0 + e) ** 2
 
@@ -35,7 +35,7 @@ def _solve_dispersion(omega: Array, d: Array, g: Array) -> Array:
     """Wavenumber k (rad/m) of the dispersion relation omega^2 = g k tanh kd.
 
     The explicit first value (Guo 2002) has an error below 0.8 %. Each Newton step squares the
-    error, so that three steps reach the rounding of float32 and nearly that of float64.
+    error, so that three steps reach the rounding error of float32 and nearly that of float64.
     """
     y = omega**2 * d / g
     kd = y / (-jnp.expm1(-(y**1.25))) ** 0.4
@@ -201,7 +201,7 @@ def largest_stroke(d: float) -> float:
     """Largest peak-to-peak stroke of a piston for waves within `theory_limits` in depth `d` (m), m.
 
     With the limits H/d = min(8 pi^2/3 (kd/2 pi)^2, 0.142 (2 pi/kd) tanh kd, 0.78) the stroke H/Phi is largest
-    where the first two limits are equal, at kd = 1.007. There it is 0.684 d; the function returns 0.685 d.
+    where the first two limits are equal: 0.684 d at kd = 1.007. The function returns 0.685 d.
     """
     return 0.685 * d
 

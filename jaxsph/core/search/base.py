@@ -18,17 +18,17 @@ from jaxsph.core.arrays import Array, Bool, Float, Int
 from jaxsph.core.pairs import SPARE, Period
 
 WIDTH = 2
-"""Number of cells per search radius (-). Five lines of cells of half the radius hold 30 % fewer candidates
+"""Number of cells per search radius (-). Five lines of cells of half the radius contain 30 % fewer candidates
 than three lines of cells of the full radius."""
 
 SPREADING = 1.3
 """Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
 
-Water that spreads comes near more points, and every change of `Slabs.points` recompiles the step.
+As the water spreads, more points are near it, and every change of `Slabs.points` recompiles the step.
 """
 SPREADS_ON = 2.0
-"""Safety factor (-) that replaces `SPREADING` after the water has come near more points than
-`Slabs.points`."""
+"""Safety factor (-) that replaces `SPREADING` after more than `Slabs.points` points have been near the water
+of one slab."""
 
 
 class Grid(eqx.Module):
@@ -84,7 +84,7 @@ class AbstractSearch(eqx.Module):
 
         **Arguments**: `grid`: cells that cover the walls at rest, and set the search radius; `water`:
         positions `[N, D]` (m) of targets and sources together, for the search around the water's particles;
-        `nodes`: the same for the search around other points.
+        `nodes`: positions of targets and sources for the search around other points.
         **Raises** ValueError if the search does not support the grid, ImportError if its package is missing.
         """
 

@@ -1,4 +1,4 @@
-"""Neighbour search by jax-md (Schoenholz & Cubuk 2020), selected by `search = "jax_md"`; it needs
+"""Neighbour search by jax-md (Schoenholz & Cubuk 2020), selected by `search = "jax_md"`; requires
 the extra `jaxsph[jax-md]`.
 
 jax-md lists the neighbours of every particle within one set of particles. jax-md has no masks, and wraps

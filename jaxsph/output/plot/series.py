@@ -216,7 +216,7 @@ LOSSES = {
 }
 """Labels and colours of the energies lost by the water, by the names of their powers without "power_"."""
 LEAST = 3.0e-3
-"""Ratio of an energy to the largest in a budget (-), below which the energy is drawn in "the rest"."""
+"""Ratio of an energy to the largest energy in a budget (-), below which the energy is drawn in "the rest"."""
 
 
 def harvested(variables: Mapping[str, Variable]) -> list[str]:

@@ -86,7 +86,7 @@ def _over_grid(axes: dict[str, np.ndarray], values: np.ndarray, of: str) -> Figu
     ax.plot(*(a.ravel() for a in np.meshgrid(x, y)), ".", color="k", ms=3)
     best = np.unravel_index(np.nanargmax(values), values.shape)
     ax.plot(x[best[0]], y[best[1]], "*", color=ORANGE, ms=14)
-    ax.set(xlabel=x_name, ylabel=y_name, title=f"{of}: the star is the largest value, {values[best]:.3g}")
+    ax.set(xlabel=x_name, ylabel=y_name, title=f"{of}: the star marks the largest value, {values[best]:.3g}")
     ax.grid(visible=False)
     return figure
 
