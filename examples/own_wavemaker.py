@@ -1,6 +1,6 @@
 """A wavemaker of your own: a piston that pushes once and makes a single hump instead of regular waves.
 
-A given motion defines the displacement as a function of time; the velocity is its time derivative.
+A prescribed motion defines the displacement as a function of time; the velocity is its time derivative.
 jaxsph run examples/own_wavemaker.py:hump --set stroke=0.03
 """
 

@@ -24,7 +24,7 @@ TALL = FORE | {"block": {"low": [1.2, 0.2], "high": [1.4, 0.9]}}
 
 
 def moved(**motion):
-    """Sections of one body with a given motion."""
+    """Sections of one body with a prescribed motion."""
     return {"bodies": {"plunger": box(1.0, 1.4, motion=motion)}}
 
 

@@ -1,4 +1,4 @@
-"""Cases with links: what is refused, and runs with take-offs, springs, joints and given motions."""
+"""Cases with links: what is refused, and runs with take-offs, springs, joints and prescribed motions."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_names_that_mean_something_else_are_refused(sections, message):
 
 
 def devices():
-    """A hinged pair of boxes on a rope, beside a plunger with a given motion."""
+    """A hinged pair of boxes on a rope, beside a plunger with a prescribed motion."""
     bodies = {
         "fore": BODY | {"block": {"low": [0.6, 0.4], "high": [0.9, 0.6]}},
         "aft": {

@@ -1,4 +1,4 @@
-"""Joined bodies without water: pendulums and a crank against independent solutions, energy, given motions."""
+"""Joined bodies without water: pendulums and a crank against independent solutions, energy, drives."""
 
 import equinox as eqx
 import jax
@@ -42,7 +42,7 @@ def test_a_closed_chain_in_closed_form_follows_lagrange_s_equation():
 
 
 def test_a_drive_gives_what_the_bodies_gain():
-    """A pendulum on a carriage with a given motion: work of the drive against the energy of both."""
+    """A pendulum on a carriage with a prescribed motion: work of the drive against the energy of both."""
     with enable_x64():
         work, gained = joints.work_and_gain()
     assert np.ptp(gained) > 10.0

@@ -239,9 +239,9 @@ def test_every_loss_of_size_is_drawn(tmp_path):
     for name, share in (("hyperviscosity", 0.5), ("friction_of_the_bed", 0.2), ("separation", 1e-4)):
         series[f"power_{name}"] = share * np.abs(series["power_pto"])
     terms = {label: values[-1] for label, values, _ in energy_terms(series)}
-    assert terms["lost by hyperviscosity"] == pytest.approx(0.5 * terms["taken by the PTO"])
-    assert terms["friction of the bed"] == pytest.approx(0.2 * terms["taken by the PTO"])
-    assert terms["the rest"] == pytest.approx(1e-4 * terms["taken by the PTO"])
+    assert terms["lost by hyperviscosity"] == pytest.approx(0.5 * terms["absorbed by the PTO"])
+    assert terms["friction of the bed"] == pytest.approx(0.2 * terms["absorbed by the PTO"])
+    assert terms["the rest"] == pytest.approx(1e-4 * terms["absorbed by the PTO"])
 
 
 def test_energy_where_the_device_does_work_on_the_water(tmp_path, monkeypatch):

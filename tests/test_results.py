@@ -97,7 +97,7 @@ def test_parts_of_built_in_cases_say_what_swings():
 def test_results_of_the_device_come_first_and_linear_theory_behind_its_namesake():
     own = {
         "amplitude_P_a": Label("air pressure: amplitude", "Pa"),
-        "energy_duct": Label("  taken by the duct", "J/m", "", Group.NUMERICS),
+        "energy_duct": Label("  absorbed by the duct", "J/m", "", Group.NUMERICS),
         "rao_heave": Label("  heave of the buoy: divided by the wave amplitude"),
     }
     names = ["noise", "energy_residual", "energy_duct", "linear_amplitude_P_a", "P_inc", "amplitude_P_a"]

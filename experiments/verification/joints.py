@@ -90,7 +90,7 @@ def change_of_energy() -> np.ndarray:
 
 
 def work_and_gain() -> tuple[np.ndarray, np.ndarray]:
-    """Work of the drive and energy gained, J/m, of a carriage with a given motion and a bar hanging from
+    """Work of the drive and energy gained, J/m, of a carriage with a prescribed motion and a bar hanging from
     it."""
     given = ([0.2, 0.05, 0.1], 7.0, [0.0, 0.5, 1.0], 0.5)
     path = HarmonicPath(*(jnp.asarray(value, F64) for value in given))

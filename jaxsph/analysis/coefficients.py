@@ -89,7 +89,8 @@ class Coefficients:
     """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
     """Ratio of the force of the waves that return from the paddle to the radiation force (-), in the run with
-    each given motion `[W, n]`. The force of these waves was subtracted, unless the ratio is NaN (unknown)."""
+    each prescribed motion `[W, n]`. The force of these waves was subtracted, unless the ratio is NaN
+    (unknown)."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""
     x: float

@@ -1,4 +1,4 @@
-"""Rigid bodies of a model with their joints, given motions and links, from a case's sections."""
+"""Rigid bodies of a model with their joints, prescribed motions and links, from a case's sections."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def _laws(section: LinkSection, leaf: Any) -> Laws:
 
 
 def _path(section: MotionSection, dim: int, dtype: np.dtype) -> AbstractPath:
-    """Given motion of a body in a tank of `dim` dimensions."""
+    """Prescribed motion of a body in a tank of `dim` dimensions."""
     if section.amplitude is None or section.period is None:
         samples = np.array([_whole(one, dim) for one in section.samples])
         return SampledPath.of(np.asarray(section.t), samples, dtype)

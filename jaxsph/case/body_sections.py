@@ -1,4 +1,4 @@
-"""Sections of rigid bodies with their links, take-offs and given motions."""
+"""Sections of rigid bodies with their links, take-offs and prescribed motions."""
 
 from __future__ import annotations
 
@@ -153,8 +153,8 @@ class LinkSection(Section):
 
 
 class MotionSection(Section):
-    """A given motion of a body: harmonic, or the columns t, surge, heave and pitch of a CSV file, in three
-    dimensions also sway, roll and yaw."""
+    """A prescribed motion of a body: harmonic, or the columns t, surge, heave and pitch of a CSV file, in
+    three dimensions also sway, roll and yaw."""
 
     amplitude: Motions | None = None
     """Amplitudes of surge (m), heave (m) and pitch (rad) of a harmonic motion, or in three dimensions of
@@ -230,7 +230,7 @@ class BodySection(ShapeSection):
     incline: float = Field(0.0, ge=-1.6, le=1.6)
     """Upward inclination of the axis of surge, rad; heave is at right angles to it."""
     motion: MotionSection | None = None
-    """Given motion, which is added to the free motions."""
+    """Prescribed motion, which is added to the free motions."""
     mass: Inertia | None = None
     """Mass, kg (kg/m in 2-D)."""
     inertia: Inertia | Annotated[tuple[Product, ...], Field(min_length=3, max_length=6)] | None = None

@@ -113,7 +113,7 @@ def _read_curve(path: Path) -> dict[str, Any]:
 
 
 def _read_motion(path: Path) -> dict[str, Any]:
-    """Reads the given motion of a body from the column t (s) and columns of motions (m, rad)."""
+    """Reads the prescribed motion of a body from the column t (s) and columns of motions (m, rad)."""
     units = {"t": "s"} | {name: "rad" if name in ROTATIONS else "m" for name in (*PLANAR, *MOTIONS)}
     motions = [name for name in units if name != "t"]
     counts = range(1, len(motions) + 1)

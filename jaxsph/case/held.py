@@ -25,7 +25,7 @@ from jaxsph.waves import theory
 SAMPLES = 50
 """Number of samples in a period."""
 STILL = 1e-6
-"""Height of the waves in runs with a given motion, m. It is negligible, but a case with waves has a
+"""Height of the waves in runs with a prescribed motion, m. It is negligible, but a case with waves has a
 paddle, which absorbs the radiated waves that reach it."""
 RAMP = 2.0
 """Number of periods over which the motion or the waves grow."""
@@ -35,7 +35,7 @@ no longer the radiation damping."""
 LEAST_SPONGE = 0.5
 """Smallest length of the sponge, in wavelengths."""
 SHARE = 0.1
-"""Ratio of a given motion's amplitude to the draught, or to the height of the wet part of the body."""
+"""Ratio of a prescribed motion's amplitude to the draught, or to the height of the wet part of the body."""
 PLACES = (0.0, 0.13, 0.31, 0.58, 1.0)
 """Positions of the gauges, as fractions of their row's length; uneven, to separate waves of all lengths."""
 LARGEST_CONDITION = 10.0
@@ -48,11 +48,11 @@ class Forcing:
     """Amplitude, wave height and duration of the runs from which coefficients are found."""
 
     amplitude: float | None = None
-    """Amplitude of a given motion, m; for pitch, the amplitude of the wet point farthest from the pivot. By
-    default a tenth of the draught (or of the height of the wet part), but at least half a spacing."""
+    """Amplitude of a prescribed motion, m; for pitch, the amplitude of the wet point farthest from the pivot.
+    By default a tenth of the draught (or of the height of the wet part), but at least half a spacing."""
     height: float | None = None
     """Height of the waves in runs with all bodies held, m. By default `waves.H`; without regular waves in
-    the case, twice the default amplitude of a given motion."""
+    the case, twice the default amplitude of a prescribed motion."""
     cycles: int = 5
     """Number of periods that are averaged."""
 
@@ -138,7 +138,7 @@ def reference(case: Case, modes: Sequence[Mode]) -> float:
 
 
 def usual_amplitude(case: Case, geometry: Geometry, body: str) -> float:
-    """Default amplitude of the given motions of a body, m."""
+    """Default amplitude of the prescribed motions of a body, m."""
     wet = submerged(geometry.bodies[body].region(), geometry.depth)
     _, low, _, high = wet.bounds
     return max(0.5 * case.dx, SHARE * (high - low))

@@ -162,7 +162,7 @@ def _not_covered(case: Sections) -> str:
         if body.motion is not None or any(
             v and motion not in body.free for v, motion in zip(body.velocity, MOTIONS, strict=True)
         ):
-            return f"{case.body_key(name)} has a given motion"
+            return f"{case.body_key(name)} has a prescribed motion"
     if case.duct:
         return f"duct.{next(iter(case.duct))} is between chambers"
     for name, chamber in case.chambers.items():

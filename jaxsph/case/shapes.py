@@ -142,7 +142,7 @@ class Inertia(NamedTuple):
     """Inertia of a body."""
 
     mass: float
-    """Mass, kg (kg/m in 2-D); 0 for a body that only follows a given motion."""
+    """Mass, kg (kg/m in 2-D); 0 for a body that only follows a prescribed motion."""
     about_centre: Any
     """Inertia about the centre of mass: a number (kg m) in 2-D, a tensor `[3, 3]` (kg m2) in 3-D."""
     centre: np.ndarray

@@ -33,7 +33,7 @@ def speed_scale(case: Sections) -> float:
 
 
 def _driven_speed(case: Sections) -> float:
-    """Largest expected speed of water near bodies with a given motion, m/s: twice the speed of the bodies."""
+    """Largest expected speed of water near bodies with a prescribed motion, m/s: twice that of the bodies."""
     speeds = [0.0]
     for section in case.every_body.values():
         if section.motion is not None:

@@ -183,7 +183,7 @@ class Link(AbstractPart):
             return {}
         if self.harvests:
             return {self.name: Entry(f"power take-off {self.name}", Exchange.HARVESTED)}
-        return {self.name: Entry(f"energy taken by the link {self.name}")}
+        return {self.name: Entry(f"energy absorbed by the link {self.name}")}
 
     def readings(self, dim):
         """See `AbstractPart`."""

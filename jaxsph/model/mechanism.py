@@ -1,8 +1,8 @@
 """Motion of rigid bodies that are joined to the tank and to each other, as one multibody system.
 
 The generalised coordinates are the coordinates of all joints, followed by one time coordinate per joint. A
-time coordinate has the constant rate 1, and given motions are functions of it. A joint's coordinate that is
-not free also has a constant rate. The equations of motion are
+time coordinate has the constant rate 1, and prescribed motions are functions of it. A joint's coordinate that
+is not free also has a constant rate. The equations of motion are
 
     M q'' + c = sum over bodies of J^T F + forces along the joints,
 
@@ -168,7 +168,7 @@ class Mechanism(NamedTuple):
     def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, " V"]]:
         """Accelerations (m/s2, rad/s2), by name, of the bodies if no forces act on them; empty if all are 0.
 
-        These accelerations are due to given motions, the inertia of joined bodies and gyroscopic moments.
+        They are due to prescribed motions, the inertia of joined bodies and gyroscopic moments.
         """
         if self.coasts:
             return {}

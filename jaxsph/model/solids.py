@@ -1,4 +1,4 @@
-"""Interfaces of solids that bound the water: at rest, with a given motion, or rigid bodies.
+"""Interfaces of solids that bound the water: at rest, with a prescribed motion, or rigid bodies.
 
 A moving solid stores its motion in `state.parts` under its `name`. In two dimensions all quantities are per
 metre of width.
@@ -86,7 +86,7 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
 
 
 class AbstractWall(AbstractMovingSolid):
-    """A moving solid with a given motion: a piston, a rocking bed."""
+    """A moving solid with a prescribed motion: a piston, a rocking bed."""
 
     @abc.abstractmethod
     def move(
@@ -152,7 +152,7 @@ class AbstractJoint(eqx.Module):
     @property
     @abc.abstractmethod
     def driven(self) -> bool:
-        """Whether the joint has a given motion, whose drive does work."""
+        """Whether the joint has a prescribed motion, whose drive does work."""
 
     @abc.abstractmethod
     def start(self, dtype: Any) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
@@ -163,7 +163,7 @@ class AbstractJoint(eqx.Module):
         """Pose of the body (`model.rigid`) relative to the parent, along axes that turn with the parent.
 
         In 2-D the pose is the displacement of the pivot along x and z (m), and the pitch (rad).
-        **Arguments**: `q`: coordinates; `t`: time, s, for given motions.
+        **Arguments**: `q`: coordinates; `t`: time, s, for prescribed motions.
         """
 
     def place(

@@ -23,7 +23,8 @@ class AbstractMotionsJoint(AbstractJoint):
 
     With all motions free the body floats, with one rotation alone it is hinged, with one displacement alone
     it slides, and with none it is fixed. The displacements are along the parent's axes, rotated by `angle`. A
-    coordinate that is not free keeps its velocity. The coordinates are added to the `path`, a given motion.
+    coordinate that is not free keeps its velocity. The coordinates are added to the `path`, a prescribed
+    motion.
     """
 
     space: ClassVar[AbstractSpace]
@@ -40,7 +41,7 @@ class AbstractMotionsJoint(AbstractJoint):
     position: tuple[float, ...] = eqx.field(static=True, default=())
     """Coordinates at t = 0, m, rad; zero by default."""
     path: tuple[AbstractPath, ...] = ()
-    """Given motion of the body relative to its parent: one path, or an empty tuple for none."""
+    """Prescribed motion of the body relative to its parent: one path, or an empty tuple for none."""
 
     @classmethod
     def of(cls, free: Sequence[str] = (), *, dtype: Any = jnp.float32, **options: Any):

@@ -115,7 +115,8 @@ class Mooring(Link):
 
     def entries(self):
         """See `AbstractPart`."""
-        return {self.name: Entry(f"energy taken by the mooring {self.name}")} if self.law.dissipates else {}
+        what = f"energy absorbed by the mooring {self.name}"
+        return {self.name: Entry(what)} if self.law.dissipates else {}
 
     def readings(self, dim):
         """See `AbstractPart`."""

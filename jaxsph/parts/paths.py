@@ -1,4 +1,4 @@
-"""Given motions of solids as functions of time: harmonic, and interpolated between samples."""
+"""Prescribed motions of solids as functions of time: harmonic, and interpolated between samples."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class Sponge(AbstractDamper):
 
     def entries(self):
         """See `AbstractPart`."""
-        return {self.name: Entry(f"energy taken by the {self.name}")}
+        return {self.name: Entry(f"energy absorbed by the {self.name}")}
 
     def damp(self, x, u, t, dt):
         """See `AbstractDamper`."""

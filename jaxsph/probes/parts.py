@@ -43,6 +43,6 @@ class PartProbe(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe.describe`."""
-        what = "power taken by the PTO, mean since the last sample"
+        what = "power absorbed by the PTO, mean since the last sample"
         power = Reading(per_metre("W", self.dim), what)
         return {**dict(self.meanings), **{f"power_{name}": power for name in self.harvest}}

@@ -38,7 +38,7 @@ PANELS = {
     "chamber_level": "Level in the chamber",
     "flow": "Air flow, positive out of the chamber",
     "P_a": "Air pressure, positive when compressed",
-    "power_pto": "Power taken by the PTO",
+    "power_pto": "Power absorbed by the PTO",
     "surge": "Surge of the body",
     "sway": "Sway of the body",
     "heave": "Heave of the body",

@@ -45,8 +45,8 @@ _NUMERICS = {
         "work of the paddle", "J/m", "energy given to the water by the wavemaker while results were averaged"
     ),
     "energy_stored": Label("  stored in the water", "J/m", "kinetic, potential and compression energy"),
-    "energy_pto": Label("  taken by the PTO", "J/m"),
-    "energy_sponge": Label("  taken by the sponge", "J/m"),
+    "energy_pto": Label("  absorbed by the PTO", "J/m"),
+    "energy_sponge": Label("  absorbed by the sponge", "J/m"),
     "energy_viscous": Label("  viscous loss", "J/m"),
     "energy_diffusive": Label(
         "  loss by density diffusion", "J/m", "numerical loss that keeps the density smooth"

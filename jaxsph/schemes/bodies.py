@@ -204,7 +204,7 @@ class BodyWork(NamedTuple):
     motions: dict[str, Any]
     """Motions of the bodies, with the water's impulse added, and states of the links, by name."""
     amounts: dict[str, Scalar]
-    """Energies taken by links and given by drives, by ledger name, J (J/m in 2-D)."""
+    """Energies absorbed by links and given by drives, by ledger name, J (J/m in 2-D)."""
     by_pressure: Scalar
     """Work of the water's pressure on the bodies, J (J/m in 2-D)."""
     by_touch: Scalar

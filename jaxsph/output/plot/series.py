@@ -74,7 +74,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
         ("chamber_level", "level (m)", "mean level above still water, positive when risen", BLUE),
         ("flow", "flow (m$^2$/s)", "air flow per metre width, positive out of the chamber", GREEN),
         ("P_a", "pressure (Pa)", "air pressure above atmospheric, positive when compressed", RED),
-        ("power_pto", "power (W/m)", "power taken by the PTO per metre width", PURPLE),
+        ("power_pto", "power (W/m)", "power absorbed by the PTO per metre width", PURPLE),
     ]
     series = run.series()
     ends = [name.removeprefix("P_a") for name in series if name == "P_a" or name.startswith("P_a_")]
@@ -121,7 +121,7 @@ def body(run: RunFile) -> Figure | None:
         (values, _symbol(name), f"the water's {words} (N, N m; N/m, N in two dimensions)", RED)
         for (name, words), values in zip(space.loads.items(), force.T, strict=True)
     ]
-    power = "power taken by the PTO (W; W/m in two dimensions)"
+    power = "power absorbed by the PTO (W; W/m in two dimensions)"
     panels += [(series[name], "power", power, PURPLE) for name in harvested(run.variables())]
     panels = [panel for panel in panels if np.ptp(panel[0]) > 0.0]
     if not panels:
@@ -209,7 +209,7 @@ def energy(run: RunFile) -> Figure | None:
 
 
 LOSSES = {
-    "sponge": ("taken by the sponge", PURPLE),
+    "sponge": ("absorbed by the sponge", PURPLE),
     "hyperviscosity": ("lost by hyperviscosity", OLIVE),
     "contact": ("lost in contact with solids", BLUE),
     "projection": ("lost in the projection", RED),
@@ -233,7 +233,7 @@ def energy_terms(
     """
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
-        ("taken by the PTO", _of_every_pto(series, from_ptos), GREEN),
+        ("absorbed by the PTO", _of_every_pto(series, from_ptos), GREEN),
         ("viscous loss", _integral(series, "loss_viscous"), ORANGE),
         ("density diffusion", _integral(series, "loss_diffusive"), RED),
     ]
