@@ -11,7 +11,8 @@ from pathlib import Path
 from experiments.prose import Results, Sentence, renewed
 
 ROOT = Path(__file__).parents[1]
-README, TUTORIAL, METHOD = "README.md", "docs/tutorial.md", "docs/method.md"
+README, TUTORIAL = "README.md", "docs/tutorial.md"
+METHOD, MEASURED = "docs/method.md", "docs/measurements.md"
 WAVES, SLOPES = "docs/how-to/own-waves.md", "docs/how-to/slopes.md"
 ISPH, WCSPH = "docs/theory/incompressible.md", "docs/theory/weakly-compressible.md"
 SPACINGS = (20, 10, 5)
@@ -38,6 +39,13 @@ def over_theory(r: Results, name: str, beginning: str) -> tuple[float, float]:
 def too_low(r: Results, *names: str) -> tuple[float, float]:
     """Smallest and largest shortfall of efficiencies in low waves below linear theory, % of theory."""
     return ends(100 * (1 - ratio) for name in names for ratio in over_theory(r, name, "xi at "))
+
+
+def missing(name: str) -> Callable[[Results], tuple[float, ...]]:
+    """Shortfalls of the efficiency at K_dm = 960 in low waves below linear theory, %, longest waves first."""
+    return lambda r: tuple(
+        100 * (1 - row["here"] / row["theory"]) for row in reversed(list(r.rows(name, "xi at K_dm = 960")))
+    )
 
 
 def lost_in_filter(r: Results) -> tuple[float, float]:
@@ -216,6 +224,37 @@ PROSE = (
         "the OWC's efficiency is {:.0f} to {:.0f} % below linear theory",
         lambda r: too_low(r, "small_waves_0.01", "small_waves_0.02"),
         (METHOD,),
+    ),
+    *(
+        Sentence(
+            f"| dx = {dx:g} m ({words}) | {{:.0f}} % | {{:.0f}} % | {{:.0f}} % | {{:.0f}} % |",
+            of,
+            (MEASURED,),
+        )
+        for dx, words, of in (
+            (0.02, "waves 0.42 spacings high", missing("small_waves_0.02")),
+            (0.01, "0.84 spacings", missing("small_waves_0.01")),
+        )
+    ),
+    Sentence(
+        "The projection now removes {:.1f} % of this work (`still_tank`)",
+        lambda r: (
+            r("still_tank_0.02", "wave_tank, whole run: energy of the projection over the paddle's work"),
+        ),
+        (MEASURED,),
+    ),
+    Sentence(
+        "{:.2f} % of the air's work is not accounted for, and the mean level falls by {:.2f} % of the depth",
+        lambda r: (
+            r("vessel_0.01", "energy not accounted for / work of the air"),
+            -r("vessel_0.01", "mean level's change / depth"),
+        ),
+        (MEASURED,),
+    ),
+    Sentence(
+        "particles keep moving at {:.2f} m/s at dx = 0.02 m",
+        lambda r: (r("thin_wall", "incompressible, wall of 1 spacings, after all of it"),),
+        (MEASURED,),
     ),
     Sentence(
         "lose {:.0f} % in the projection and {:.0f} % to hyperviscosity. With `scheme.cfl` = 0.12 instead of "
